@@ -6,7 +6,16 @@ Checking imports no library of a bus; building imports those of its kind.
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from drivers import can, canopen, micro_epsilon, modbus, mqtt, opcua  # buses and devices: loaded where they are named
+from drivers import (
+    agent,
+    can,
+    canopen,
+    micro_epsilon,
+    modbus,
+    mqtt,
+    opcua,
+)  # buses and devices: loaded where they are named
+from drivers.agent import AgentBusSettings, AgentProfile
 from drivers.base import Bus, Clock, Driver, SetupError
 from drivers.can import CanDbcProfile, CanSettings
 from drivers.canopen import CanOpenProfile, CanOpenSettings, Cia404Options, Cia404Profile, NodeOptions
@@ -48,6 +57,7 @@ AnyBusSettings = (
     | MeEthernetSettings
     | OpcUaBusSettings
     | MqttBusSettings
+    | AgentBusSettings
 )
 
 BUS_KINDS: Mapping[str, type[AnyBusSettings]] = {
@@ -60,6 +70,7 @@ BUS_KINDS: Mapping[str, type[AnyBusSettings]] = {
     "me_ethernet": MeEthernetSettings,
     "opcua": OpcUaBusSettings,
     "mqtt": MqttBusSettings,
+    "agent": AgentBusSettings,
 }
 
 
@@ -82,7 +93,7 @@ def make_bus(name: str, kind: str, options: Mapping[str, object], tap: Tap | Non
     return bus_from_settings(name, read_settings(BUS_KINDS[kind], options, bus=name), tap)
 
 
-def bus_from_settings(name: str, settings: AnyBusSettings, tap: Tap | None = None) -> Bus:
+def bus_from_settings(name: str, settings: AnyBusSettings, tap: Tap | None = None) -> Bus:  # noqa: C901 - one case a kind
     """The bus that these settings describe. Imports the libraries of its kind."""
     match settings:
         case ModbusRtuSettings():
@@ -103,6 +114,8 @@ def bus_from_settings(name: str, settings: AnyBusSettings, tap: Tap | None = Non
             return opcua.OpcUaBus(name, settings, tap)
         case MqttBusSettings():
             return mqtt.MqttBus(name, settings, tap)
+        case AgentBusSettings():
+            return agent.AgentBus(name, settings, tap)
 
 
 def check_device(
@@ -158,6 +171,8 @@ def make_device(
             return opcua.OpcUaDevice(device_name, bus, profile, channels, clock)
         case MqttProfile(), mqtt.MqttBus(), NoOptions():
             return mqtt.MqttDevice(device_name, bus, profile, channels, clock)
+        case AgentProfile(), agent.AgentBus(), NoOptions():
+            return agent.AgentDevice(device_name, bus, profile, channels, clock)
         case _:
             raise SetupError(f"{type(bus).__name__} was not made by make_bus", bus=bus.name, device=device_name)
 
@@ -188,7 +203,7 @@ class _SettingsCheck:
                 return self._cia404(profile, options)
             case CanOpenProfile():
                 return read_settings(NodeOptions, options, bus=self.bus, device=self.device)
-            case CanDbcProfile() | OpcUaProfile() | MqttProfile():
+            case CanDbcProfile() | OpcUaProfile() | MqttProfile() | AgentProfile():
                 return read_settings(NoOptions, options, bus=self.bus, device=self.device)
             case MeRs485Profile() | MeEthernetProfile():
                 return read_settings(DisplacementOptions, options, bus=self.bus, device=self.device)

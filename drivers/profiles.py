@@ -6,6 +6,7 @@ from hashlib import sha256
 from importlib.resources import files
 from pathlib import Path
 
+from drivers.agent import AgentProfile
 from drivers.base import SetupError
 from drivers.can import CanDbcProfile
 from drivers.canopen import CanOpenProfile, Cia404Profile
@@ -25,6 +26,7 @@ Profile = (
     | MeEthernetProfile
     | OpcUaProfile
     | MqttProfile
+    | AgentProfile
 )
 
 _PROTOCOLS: Mapping[object, type[Profile]] = {
@@ -36,6 +38,7 @@ _PROTOCOLS: Mapping[object, type[Profile]] = {
     "me_ethernet": MeEthernetProfile,
     "opcua": OpcUaProfile,
     "mqtt": MqttProfile,
+    "agent": AgentProfile,
 }
 _SUPPLIED = files("drivers") / "profiles"
 

@@ -1,20 +1,40 @@
-"""Controls with an agent that speaks the protocol of docs/agent.md."""
+"""Controls with an agent that speaks the protocol of docs/agent.md, and their values as channels."""
 
 from typing import TYPE_CHECKING
 
 from drivers.first_use import on_first_use
 
 if TYPE_CHECKING:
+    from drivers.agent.bus import AgentBus
     from drivers.agent.control import AgentControl
+    from drivers.agent.device import AgentDevice
     from drivers.agent.greeting import VERSION, Capability, Greeting, greeting_of
-    from drivers.agent.settings import DEFAULT_PORT, LARGEST_UM, STATES, AgentAddress, AgentSettings
+    from drivers.agent.profile import AgentProfile
+    from drivers.agent.settings import (
+        DEFAULT_PORT,
+        LARGEST_UM,
+        STATES,
+        AgentAddress,
+        AgentBusSettings,
+        AgentSettings,
+    )
 else:
     __getattr__ = on_first_use(
         __name__,
         {
+            ".bus": ("AgentBus",),
             ".control": ("AgentControl",),
+            ".device": ("AgentDevice",),
             ".greeting": ("VERSION", "Capability", "Greeting", "greeting_of"),
-            ".settings": ("DEFAULT_PORT", "LARGEST_UM", "STATES", "AgentAddress", "AgentSettings"),
+            ".profile": ("AgentProfile",),
+            ".settings": (
+                "DEFAULT_PORT",
+                "LARGEST_UM",
+                "STATES",
+                "AgentAddress",
+                "AgentBusSettings",
+                "AgentSettings",
+            ),
         },
     )
 
@@ -24,7 +44,11 @@ __all__ = [
     "STATES",
     "VERSION",
     "AgentAddress",
+    "AgentBus",
+    "AgentBusSettings",
     "AgentControl",
+    "AgentDevice",
+    "AgentProfile",
     "AgentSettings",
     "Capability",
     "Greeting",

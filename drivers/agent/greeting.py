@@ -21,6 +21,7 @@ class Capability(StrEnum):
     SHIFT = "shift"
     SLOPES = "slopes"
     ERRORS = "errors"
+    VALUES = "values"
 
 
 @dataclass(frozen=True, slots=True)

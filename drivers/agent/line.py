@@ -29,8 +29,10 @@ class AgentLine:
         """Whether anything can be asked."""
         return self._stream.is_open
 
-    async def connect(self) -> Json:
+    async def connect(self, *, reads: bool = False) -> Json:
         """Open the connection; each side proves that it holds the key. Returns what the agent says of itself.
+
+        reads: as a client that only reads, beside the one that writes
 
         Raises ConnectError, NoAnswer, Refused.
         """
@@ -45,7 +47,7 @@ class AgentLine:
                     raise self._stranger()
                 nonce = secrets.token_hex(32)
                 self._session = session_key(key, challenge, nonce)
-                return await self._exchange({"nonce": nonce})
+                return await self._exchange({"nonce": nonce, **({"reads": True} if reads else {})})
             except BaseException:
                 await self._stream.close()
                 raise

@@ -1,6 +1,6 @@
 """Settings of the connection to an agent on a control: address and shared key. No network."""
 
-from typing import Final
+from typing import ClassVar, Final
 
 from drivers.base import SetupError
 from drivers.nc import AXES
@@ -24,6 +24,18 @@ class AgentAddress(Section):
     """File with the key shared with the agent: a copy of the agent's."""
     timeout_s: Positive = 2.0
     """How long one answer may take."""
+
+
+class AgentBusSettings(AgentAddress):
+    """A control whose agent reports values that are channels."""
+
+    units: ClassVar[tuple[int, int]] = (1, 127)
+    """First and last address on the bus."""
+
+    @property
+    def place(self) -> str:
+        """Host and port, which no two buses may share."""
+        return f"{self.host}:{self.port}"
 
 
 class AgentSettings(AgentAddress):

@@ -11,8 +11,9 @@ from gateway.agent_test.follow import FOLLOW
 from gateway.agent_test.line import AgentUnderTest, Broken, Told, Unreachable, connected
 from gateway.agent_test.login import LOGIN
 from gateway.agent_test.offsets import OFFSET
+from gateway.agent_test.values import VALUES
 
-CLAUSES: tuple[Clause, ...] = (*LOGIN, *OFFSET, *FOLLOW, *CYCLE)
+CLAUSES: tuple[Clause, ...] = (*LOGIN, *VALUES, *OFFSET, *FOLLOW, *CYCLE)
 
 
 async def run_clauses(

@@ -53,16 +53,16 @@ class BareLine:
         self.challenge = told["challenge"]
         return told
 
-    def login_line(self, key: bytes) -> bytes:
-        """The first line of a client with this key."""
+    def login_line(self, key: bytes, *, reads: bool = False) -> bytes:
+        """The first line of a client with this key. reads: of one that only reads"""
         nonce = secrets.token_hex(32)
         self._session, self._count = hmac.digest(key, f"{self.challenge} {nonce}".encode(), "sha256"), 0
-        self.first = self.signed(json.dumps({"nonce": nonce}).encode())
+        self.first = self.signed(json.dumps({"nonce": nonce, **({"reads": True} if reads else {})}).encode())
         return self.first
 
-    async def login(self) -> Any:
+    async def login(self, *, reads: bool = False) -> Any:
         """The greeting. Raises Told for a refusal, Broken for an answer that is not signed with the key."""
-        await self.say(self.login_line(self.target.key))
+        await self.say(self.login_line(self.target.key, reads=reads))
         return await self.hear_answer()
 
     async def ask(self, do: str, **arguments: object) -> Any:

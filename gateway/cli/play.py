@@ -16,6 +16,7 @@ from drivers.bus_settings import SerialSettings
 from gateway.cli.signals import stop_on_signals
 from gateway.cli.terminal import terminal
 from gateway.config import (
+    AgentSection,
     BusSection,
     CanOpenSection,
     CanSection,
@@ -47,7 +48,7 @@ from simulators.devices import (
 
 _CAN_LOGS = (".asc", ".blf", ".csv", ".log", ".trc")
 """Formats of other programs that python-can reads; .log is candump's."""
-_NEVER = ("opcua",)
+_NEVER = ("opcua", "agent")
 """Kinds of bus whose traffic is not in a recording."""
 
 
@@ -240,6 +241,8 @@ def _nowhere(bus: BusSection, folder: Path) -> dict[str, object]:
             return {"url": "opc.tcp://127.0.0.1:1"}
         case MqttSection():
             return _broker_at(1)
+        case AgentSection():  # its lines are signed
+            return {"host": "127.0.0.1", "port": 1, "key_file": absent}
         case _:
             return {"port": absent}
 

@@ -6,6 +6,7 @@ from drivers.first_use import on_first_use
 
 if TYPE_CHECKING:
     from gateway.config.buses import (
+        AgentSection,
         BusSection,
         CanOpenSection,
         CanSection,
@@ -40,6 +41,7 @@ else:
         __name__,
         {
             ".buses": (
+                "AgentSection",
                 "BusSection",
                 "CanOpenSection",
                 "CanSection",
@@ -75,6 +77,7 @@ else:
 __all__ = [
     "NAME_FORM",
     "AgentNc",
+    "AgentSection",
     "BusSection",
     "CanOpenSection",
     "CanSection",

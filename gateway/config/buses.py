@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field
 
+from drivers.agent import AgentBusSettings
 from drivers.can import CanSettings
 from drivers.canopen import CanOpenSettings
 from drivers.micro_epsilon import MeEthernetSettings, MeRs485Settings
@@ -84,6 +85,13 @@ class MqttSection(MqttBusSettings, Polled):
     """`mqtt`."""
 
 
+class AgentSection(AgentBusSettings, Polled):
+    """A control with an agent whose values are channels, such as LinuxCNC's HAL pins; see docs/agent.md."""
+
+    kind: Literal["agent"]
+    """`agent`."""
+
+
 _Own = (
     ModbusRtuSection
     | ModbusRtuTcpSection
@@ -94,6 +102,7 @@ _Own = (
     | MeEthernetSection
     | OpcUaSection
     | MqttSection
+    | AgentSection
 )
 if TYPE_CHECKING:
     BusSection = _Own | OtherBus

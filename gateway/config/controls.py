@@ -14,7 +14,7 @@ from drivers.mtconnect import MtConnectSettings
 from drivers.problems import settings_of
 from drivers.section import NotNegative, Positive
 from drivers.sinumerik import SinumerikControl, SinumerikSettings, StateNode, default_states
-from gateway.config.credentials import secret_cautions
+from gateway.config.credentials import agent_cautions
 from gateway.config.extensions import ControlSection, Poses
 from gateway.config.fields import Name
 from gateway.config.opcua_cautions import server_cautions
@@ -105,12 +105,7 @@ class AgentConnection(AgentAddress):
 
     def cautions(self) -> Iterator[tuple[str, str]]:
         """Field, and why it may fail or is less safe than it could be. Reads files."""
-        if not is_loopback(self.host):
-            yield (
-                "host",
-                f"'{self.host}' is another computer: use a tunnel, lines are signed but not encrypted",
-            )
-        yield from (("key_file", text) for text in secret_cautions(self.key_file))
+        return agent_cautions(self)
 
 
 class LinuxCncNc(AgentConnection):

@@ -6,6 +6,9 @@ from datetime import timedelta
 from pathlib import Path
 from typing import Final
 
+from drivers.agent import AgentAddress
+from drivers.bus_settings import is_loopback
+
 ENDS_SOON: Final = timedelta(days=30)
 """A certificate that ends within this time is reported."""
 
@@ -19,3 +22,10 @@ def secret_cautions(path: Path) -> Iterator[str]:
     else:
         if mode & (stat.S_IRGRP | stat.S_IROTH):
             yield f"'{path}' can be read by other users; chmod 600"
+
+
+def agent_cautions(agent: AgentAddress) -> Iterator[tuple[str, str]]:
+    """Field of the connection to an agent, and why it is less safe than it could be. Reads files."""
+    if not is_loopback(agent.host):
+        yield "host", f"'{agent.host}' is another computer: use a tunnel, lines are signed but not encrypted"
+    yield from (("key_file", text) for text in secret_cautions(agent.key_file))

@@ -12,6 +12,7 @@ from drivers.build import check_device
 from drivers.mqtt import MqttProfile
 from drivers.profiles import load_profile, profile_names
 from gateway.config.buses import (
+    AgentSection,
     BusSection,
     CanOpenSection,
     CanSection,
@@ -22,6 +23,7 @@ from gateway.config.buses import (
     OpcUaSection,
 )
 from gateway.config.controls import SinumerikNc
+from gateway.config.credentials import agent_cautions
 from gateway.config.extensions import OtherBus, asked
 from gateway.config.metrics import metrics_problems
 from gateway.config.model import GatewayConfig
@@ -82,6 +84,8 @@ def cautions(config: GatewayConfig) -> list[Problem]:
         if isinstance(bus, OpcUaSection):
             exposed = "the password" if bus.password_file is not None else ""
             found += [Problem(f"bus '{bus.name}', {f}", text) for f, text in server_cautions(bus, in_the_clear=exposed)]
+        if isinstance(bus, AgentSection):
+            found += [Problem(f"bus '{bus.name}', {f}", text) for f, text in agent_cautions(bus)]
     if config.prior is not None and config.talc.method != "learner":
         found.append(Problem("[talc] prior", f"has no effect with method = '{config.talc.method}'"))
     if config.nc is not None:

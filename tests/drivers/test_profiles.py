@@ -75,6 +75,7 @@ def test_examples_of_the_documentation_are_right(tmp_path: Path) -> None:
         channels[profile.title] = profile.channels
     assert channels == {
         "sensors of the hall": 2,
+        "temperatures in LinuxCNC": 2,
         "drives of the control": 2,
         "Somebody's pump": 2,
         "Somebody's logger": 1,

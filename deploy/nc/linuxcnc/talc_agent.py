@@ -24,7 +24,7 @@ AXES = "xyz"
 ERRORS = ("ey0a", "ez0a", "ex0c", "ey0c", "ez0t", "er0t", "ea0c", "eb0c", "ec0c")
 """Of the gateway's nine, in its order."""
 COUNTS = {3: "three", 9: "nine"}
-VERSION, CAPABILITIES = 3, ("probe", "shift", "errors")
+VERSION, CAPABILITIES = 3, ("probe", "shift", "errors", "values")
 MODES = {linuxcnc.MODE_MANUAL: "jog", linuxcnc.MODE_AUTO: "auto", linuxcnc.MODE_MDI: "mda"}
 SECONDS, FROZEN_S = 42, 2.0
 """Analog input with the seconds of real time, see talc_agent.hal; unchanged for this long, it is stale."""
@@ -118,7 +118,7 @@ class Control:
             name: getattr(self, name)
             for name in (
                 *("status", "read", "write", "errors", "write_errors", "claim", "heartbeat", "release"),
-                *("probe", "probing", "withdraw"),
+                *("probe", "probing", "withdraw", "values"),
             )
         }
 
@@ -230,6 +230,16 @@ class Control:
     def withdraw(self, command: dict[str, Any]) -> None:
         self._cycle.withdraw(whole(command, "number"))
 
+    def values(self, command: dict[str, Any]) -> dict[str, Any]:
+        """Of HAL pins, signals and parameters: a number, None without one of this name, or a text that is no number.
+
+        None of them has a time: they are as old as LinuxCNC's real-time seconds."""
+        names = command.get("names")
+        if not isinstance(names, list) or not names or not all(isinstance(name, str) and name for name in names):
+            raise Refusal(f"names = {names!r}: expected a list of names of HAL pins, signals or parameters")
+        stale = "" if self._poll() is not None else "LinuxCNC does not run, or its state stands still"
+        return {"values": [hal_value(name) for name in names], "stale": stale}
+
     def _beat(self) -> None:
         if not self._pins["watching"]:
             self._want(
@@ -256,6 +266,16 @@ class Control:
         if self._nc.ain[SECONDS] != self._seconds:
             self._seconds, self._moved_s = self._nc.ain[SECONDS], time.monotonic()
         return self._nc if time.monotonic() - self._moved_s < FROZEN_S else None
+
+
+def hal_value(name: str) -> float | str | None:
+    try:
+        value = hal.get_value(name)
+    except (RuntimeError, ValueError):
+        return None
+    if not isinstance(value, (bool, int, float)):
+        return f"a {type(value).__name__}"
+    return float(value) if math.isfinite(value) else str(value)
 
 
 def number(value: object, name: str) -> float:
@@ -324,7 +344,7 @@ def main() -> None:
     listener = socket.socket(fileno=int(handed)) if handed else socket.create_server((settings.host, settings.port))
     pins = component()
     control = Control(settings, pins)
-    server = Server(listener, key, control.verbs, settings.greeting)
+    server = Server(listener, key, control.verbs, settings.greeting, reading=("values",))
     ended = False
 
     def end(*_: object) -> None:

@@ -7,7 +7,7 @@ import selectors
 import socket
 import stat
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,8 @@ LONGEST_LINE = 4096
 MOST_STRANGERS = 16
 """Connections that have not logged in; one more replaces the one that has waited longest. A holder of the key proves it
 within milliseconds, so that idle connections cannot lock it out."""
+MOST_READERS = 4
+"""Clients that only read; one more replaces the one that was heard longest ago."""
 
 Verb = Callable[[dict[str, Any]], Any]
 
@@ -30,16 +32,23 @@ class Client:
     def __init__(self, line: socket.socket) -> None:
         self.line, self.challenge, self.heard_s = line, secrets.token_hex(32), time.monotonic()
         self.session: bytes | None = None
+        self.reads = False
+        """Whether it only reads, beside the gateway that writes."""
         self.rest, self.heard, self.said = b"", 0, 0
 
 
 class Server:
-    """Serves while `turn` is called."""
+    """Serves while `turn` is called. reading: the verbs of a client that only reads."""
 
     def __init__(
-        self, listener: socket.socket, key: bytes, verbs: Mapping[str, Verb], greeting: Mapping[str, Any]
+        self,
+        listener: socket.socket,
+        key: bytes,
+        verbs: Mapping[str, Verb],
+        greeting: Mapping[str, Any],
+        reading: Collection[str] = (),
     ) -> None:
-        self._key, self._verbs, self._listener = key, verbs, listener
+        self._key, self._verbs, self._listener, self._reading = key, verbs, listener, reading
         self._greeting = {"commands": sorted(verbs), **greeting}
         self._clients: list[Client] = []
         self._selector = selectors.DefaultSelector()
@@ -112,29 +121,43 @@ class Server:
                 self._login(client, command, mac, text)
                 answer: Any = self._greeting
             else:
-                answer = self._obey(command)
+                answer = self._obey(client, command)
             self._say(client, {"answer": answer})
         except (Refusal, ValueError, RecursionError) as error:
             self._say(client, {"error": str(error)})
             if client.session is None:
                 self._drop(client)
 
-    def _obey(self, command: dict[str, Any]) -> Any:
-        verb = self._verbs.get(str(command.get("do")))
-        if verb is None:
-            raise Refusal(f"do = {command.get('do')!r}: expected one of {', '.join(self._verbs)}")
-        return verb(command)
+    def _obey(self, client: Client, command: dict[str, Any]) -> Any:
+        wanted, known = str(command.get("do")), self._reading if client.reads else self._verbs
+        if wanted not in known:
+            only = " of a client that only reads" if client.reads else ""
+            raise Refusal(f"do = {command.get('do')!r}: expected one of {', '.join(known)}{only}")
+        return self._verbs[wanted](command)
 
     def _login(self, client: Client, command: dict[str, Any], mac: bytes, text: bytes) -> None:
         """The session's key comes of the shared one and of a number from each side: nothing can be played again."""
         session = hmac.digest(self._key, f"{client.challenge} {command.get('nonce')}".encode(), "sha256")
         if not _fits(session, "client", 0, text, mac):
             raise Refusal("the proof does not fit: is it the same key on both sides?")
-        for other in [c for c in self._clients if c.session is not None]:
+        client.reads = bool(self._reading) and command.get("reads") is True
+        if client.reads:
+            self._make_room()
+        else:
+            self._make_way()
+        client.session, client.heard, client.heard_s = session, 1, time.monotonic()
+
+    def _make_room(self) -> None:
+        readers = [c for c in self._clients if c.session is not None and c.reads]
+        if len(readers) >= MOST_READERS:
+            self._drop(min(readers, key=lambda c: c.heard_s))
+
+    def _make_way(self) -> None:
+        """For the only client that may write."""
+        for other in [c for c in self._clients if c.session is not None and not c.reads]:
             if time.monotonic() - other.heard_s < QUIET_S:
                 raise Refusal("another client is connected")
             self._drop(other)  # its computer has lost power, perhaps, and comes back here
-        client.session, client.heard, client.heard_s = session, 1, time.monotonic()
 
     def _say(self, client: Client, message: dict[str, Any]) -> None:
         text = json.dumps(message).encode()

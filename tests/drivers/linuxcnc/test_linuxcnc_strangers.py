@@ -4,13 +4,13 @@ import socket
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import AsyncExitStack, ExitStack, contextmanager, suppress
 from pathlib import Path
 
 import pytest
 
 from drivers.agent.line import AgentLine
-from drivers.base import Refused
+from drivers.base import ConnectError, Refused
 from drivers.linuxcnc import LinuxCncSettings
 from tests.benches.linuxcnc_module import linuxcnc_module
 
@@ -26,7 +26,8 @@ class Serving:
         self.module = linuxcnc_module("talc_server")
         listener = socket.create_server(("127.0.0.1", 0), backlog=128)
         self.address = listener.getsockname()
-        self._server = self.module.Server(listener, KEY, {"say": lambda command: command["what"]}, {})
+        verbs = {"say": lambda command: command["what"], "values": lambda _: [1.0]}
+        self._server = self.module.Server(listener, KEY, verbs, {}, reading=("values",))
         (folder / "talc.key").write_bytes(KEY)
         self._settings = LinuxCncSettings(key_file=folder / "talc.key", port=self.address[1], timeout_s=5.0)
         self._ending = threading.Event()
@@ -118,3 +119,36 @@ def test_an_unauthenticated_client_that_is_silent_or_slow_is_disconnected(agent:
                 time.sleep(0.1)  # the pace of who is slow
         assert time.monotonic() - began < 6.0
         assert silent.recv(4096) == b""
+
+
+async def test_clients_that_only_read_are_served_beside_the_gateway_and_can_do_nothing_else(agent: Serving) -> None:
+    async with AsyncExitStack() as stack:
+
+        def line() -> AgentLine:
+            one = agent.gateway()
+            stack.push_async_callback(one.close)
+            return one
+
+        first, gateway = line(), line()
+        await first.connect(reads=True)
+        await gateway.connect()
+        assert await first.ask("values") == [1.0]
+        with pytest.raises(Refused, match="do = 'say': expected one of values of a client that only reads"):
+            await first.ask("say", what="harm")
+        with pytest.raises(Refused, match="another client is connected"):
+            await line().connect()
+        others = [line() for _ in range(agent.module.MOST_READERS)]
+        for other in others:
+            await other.connect(reads=True)
+            assert await other.ask("values") == [1.0]
+        with pytest.raises(ConnectError):
+            await first.ask("values")  # heard longest ago, it made room
+        for other in others:
+            assert await other.ask("values") == [1.0]
+        assert await gateway.ask("say", what="still here") == "still here"
+
+
+async def test_a_client_that_only_reads_needs_the_key_too(agent: Serving, tmp_path: Path) -> None:
+    (tmp_path / "talc.key").write_bytes(b"x" * 32)
+    with pytest.raises(Refused, match="the proof does not fit"):
+        await agent.gateway().connect(reads=True)

@@ -32,8 +32,10 @@ async def test_the_reference_agent_passes_every_clause_that_it_offers() -> None:
         "errors-become-the-shift-at-the-tool",
         "a-bound-limits-the-shift-and-not-the-errors",
         "slopes-come-into-force",
+        "serves-clients-that-only-read",
+        "names-the-values-that-it-does-not-have",
     }
-    assert len(outcomes) == len(CLAUSES) == 44
+    assert len(outcomes) == len(CLAUSES) == 46
 
 
 @pytest.mark.slow
@@ -206,6 +208,7 @@ def test_every_clause_is_tried_by_a_wrong_agent() -> None:
         "a-bound-limits-the-shift-and-not-the-errors",
         "slopes-come-into-force",
     }
+    tables |= {"serves-clients-that-only-read", "names-the-values-that-it-does-not-have"}  # test_agent_test_values
     assert tables == {clause.name for clause in CLAUSES}
 
 

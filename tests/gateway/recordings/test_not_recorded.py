@@ -24,6 +24,18 @@ profile = "hall.toml"
 unit = 1
 channels = { north = 0 }
 """
+AGENT = """[[bus]]
+name = "nc1"
+kind = "agent"
+key_file = "talc.key"
+[[device]]
+name = "drives"
+bus = "nc1"
+profile = "drives.toml"
+unit = 1
+channels = { motor_x = 0 }
+"""
+VALUES = 'protocol = "agent"\ntitle = "drives"\nunit = "degC"\n[[value]]\nname = "drive-x.temperature"\n'
 PROFILE = 'protocol = "opcua"\ntitle = "hall"\nunit = "degC"\n[[node]]\nnode = "ns=1;s=north"\n'
 LINE = """[[bus]]
 name = "rtu1"
@@ -40,6 +52,7 @@ channels = { bed = 0 }
 
 def config(folder: Path, text: str) -> Path:
     (folder / "hall.toml").write_text(PROFILE)
+    (folder / "drives.toml").write_text(VALUES)
     path = folder / "gateway.toml"
     path.write_text(text)
     return path
@@ -58,16 +71,18 @@ def test_a_configuration_with_nothing_to_record_is_refused(tmp_path: Path) -> No
 
 
 def test_beside_other_buses_they_are_named(tmp_path: Path) -> None:
-    (told,) = not_recorded(load(config(tmp_path, SERVER + LINE)))
-    assert "bus 'hall' (opcua)" in told
-    assert "db export" in told
+    hall, drives = not_recorded(load(config(tmp_path, SERVER + LINE + AGENT)))
+    assert "bus 'hall' (opcua)" in hall
+    assert "db export" in hall
+    assert "bus 'nc1' (agent): the traffic of a control's agent, which is signed, is not recorded; db export" in drives
 
 
 def test_play_says_why_they_are_absent(tmp_path: Path) -> None:
-    packed, path = packed_toml(load(config(tmp_path, SERVER + LINE))), tmp_path / "field.wire"
+    packed, path = packed_toml(load(config(tmp_path, SERVER + LINE + AGENT))), tmp_path / "field.wire"
     with WireLogWriter(path, packed, datetime.now(UTC), most_bytes=1_000_000):
         pass
     answer = run("play", path, "--seconds", 0.1)
     assert answer.exit_code == 0, answer.output
     assert "hall (opcua): is never recorded, so it is absent now" in answer.output
+    assert "nc1 (agent): is never recorded, so it is absent now" in answer.output
     assert "rtu1 (modbus_rtu): did not open while recording, so it is absent now" in answer.output

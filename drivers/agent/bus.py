@@ -1,0 +1,120 @@
+"""A control's agent as a bus: a connection of its own that only reads. See docs/agent.md, `values`."""
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from itertools import pairwise
+
+from drivers.agent.greeting import Capability, greeting_of
+from drivers.agent.line import AgentLine, Json
+from drivers.agent.numbers import finite_number, json_object
+from drivers.agent.settings import AgentBusSettings, AgentSettings
+from drivers.base import BadAnswer, DriverError, WrongDevice
+from drivers.tap import Tap
+
+_MOST_NAMES = 3000
+"""Characters of all names in one question: an agent's longest line has 4096."""
+
+
+@dataclass(frozen=True, slots=True)
+class ToldValues:
+    """What an agent says of some of its control's values."""
+
+    values: tuple[float | str | None, ...]
+    """In the order of the names: a finite number; a text for what is no number; None: the control has no such name."""
+    stale: str
+    """Why all of them may be old; empty: they are not."""
+
+
+class AgentBus:
+    """One connection to an agent, beside the one that writes offsets, which it can neither end nor displace."""
+
+    kind = "agent"
+    units = AgentBusSettings.units
+
+    def __init__(self, name: str, settings: AgentBusSettings, tap: Tap | None = None) -> None:  # noqa: ARG002
+        """`tap`: receives nothing, as signed lines cannot be played again."""
+        self._name, self._settings = name, settings
+        self._line = AgentLine(
+            AgentSettings(
+                host=settings.host,
+                port=settings.port,
+                key_file=settings.key_file,
+                timeout_s=settings.timeout_s,
+                device="",
+            )
+        )
+
+    @property
+    def name(self) -> str:
+        return self._name
+
+    @property
+    def timeout_s(self) -> float:
+        return self._settings.timeout_s
+
+    async def connect(self) -> None:
+        """Log in as a client that only reads, unless connected.
+
+        Raises ConnectError, NoAnswer, BadAnswer, Refused (the key differs), SetupError (there is no key) and
+        WrongDevice for an agent that reports no values.
+        """
+        if self._line.is_open:
+            return
+        with self._placed():
+            greeting = greeting_of(await self._line.connect(reads=True), "")
+            if Capability.VALUES not in greeting.can:
+                await self._line.close()
+                raise WrongDevice(
+                    "the agent reports no values of its control",
+                    hint="it needs the capability `values`; on LinuxCNC copy the files of deploy/nc/linuxcnc again",
+                )
+
+    async def close(self) -> None:
+        await self._line.close()
+
+    async def values(self, device: str, names: Sequence[str]) -> ToldValues:
+        """What the control has under these names now.
+
+        Raises ConnectError, NoAnswer or BadAnswer, after which the connection is closed, and Refused.
+        """
+        found: list[float | str | None] = []
+        stale = ""
+        with self._placed(device):
+            for start, end in pairwise(_parts(names)):
+                told = json_object(await self._line.ask("values", names=list(names[start:end])), "values", "")
+                found += _listed(told.get("values"), names[start:end])
+                stale = stale or _why(told.get("stale"))
+        return ToldValues(tuple(found), stale)
+
+    @contextmanager
+    def _placed(self, device: str = "") -> Iterator[None]:
+        """The line's errors name neither bus nor device."""
+        try:
+            yield
+        except DriverError as error:
+            raise type(error)(error.what, bus=self._name, device=device, hint=error.hint) from error
+
+
+def _parts(names: Sequence[str]) -> list[int]:
+    """Where the names of each question begin, and the end."""
+    parts, length = [0], 0
+    for i, name in enumerate(names):
+        length += len(name) + 4
+        if length > _MOST_NAMES and i > parts[-1]:
+            parts.append(i)
+            length = len(name) + 4
+    return [*parts, len(names)]
+
+
+def _listed(told: Json, names: Sequence[str]) -> list[float | str | None]:
+    if not isinstance(told, list) or len(told) != len(names):
+        raise BadAnswer(f"values: expected a list of {len(names)}", hint="is the agent of another version?")
+    pairs = zip(told, names, strict=True)
+    return [v if v is None or isinstance(v, str) else finite_number(v, f"value {name}", "") for v, name in pairs]
+
+
+def _why(told: Json) -> str:
+    if not isinstance(told, str):
+        raise BadAnswer(f"stale = {told!r}: expected a text", hint="is the agent of another version?")
+    return told
