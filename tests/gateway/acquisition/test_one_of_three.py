@@ -32,7 +32,7 @@ BAUD = 9600
 
 
 @dataclass
-class Wire:
+class ThreeDevices:
     """Three emulated devices, and the fields by which a configuration finds them."""
 
     fields: Mapping[str, object]
@@ -41,34 +41,34 @@ class Wire:
     faults: Mapping[int, Faults]
 
 
-StartWire = Callable[[AsyncExitStack], Awaitable[Wire]]
+StartThree = Callable[[AsyncExitStack], Awaitable[ThreeDevices]]
 
 
-async def rtu(stack: AsyncExitStack) -> Wire:
+async def rtu(stack: AsyncExitStack) -> ThreeDevices:
     units = {unit: M7015(lambda: [21.0] * 6) for unit in UNITS}
     line = RtuLine(units, baud=BAUD)
     stack.push_async_callback(line.stop)
     fields = {"kind": "modbus_rtu", "port": await line.start()}
-    return Wire(fields, "icpdas_m7015", "", {unit: it.faults for unit, it in units.items()})
+    return ThreeDevices(fields, "icpdas_m7015", "", {unit: it.faults for unit, it in units.items()})
 
 
-async def rtu_tcp(stack: AsyncExitStack) -> Wire:
+async def rtu_tcp(stack: AsyncExitStack) -> ThreeDevices:
     units = {unit: M7015(lambda: [21.0] * 6) for unit in UNITS}
     server = DeviceServer(units)
     stack.push_async_callback(server.stop)
     fields = {"kind": "modbus_rtu_tcp", "host": "127.0.0.1", "port": await server.start()}
-    return Wire(fields, "icpdas_m7015", "", {unit: it.faults for unit, it in units.items()})
+    return ThreeDevices(fields, "icpdas_m7015", "", {unit: it.faults for unit, it in units.items()})
 
 
-async def tcp(stack: AsyncExitStack) -> Wire:
+async def tcp(stack: AsyncExitStack) -> ThreeDevices:
     units = {unit: Adam6015(lambda: [21.0] * 7) for unit in UNITS}
     host = TcpHost(units)
     stack.push_async_callback(host.stop)
     fields = {"kind": "modbus_tcp", "host": "127.0.0.1", "port": await host.start()}
-    return Wire(fields, "advantech_adam6015", "", {unit: it.faults for unit, it in units.items()})
+    return ThreeDevices(fields, "advantech_adam6015", "", {unit: it.faults for unit, it in units.items()})
 
 
-async def canopen(stack: AsyncExitStack) -> Wire:
+async def canopen(stack: AsyncExitStack) -> ThreeDevices:
     nodes = {unit: Cia404Node(unit, lambda: [21.0] * 4, inputs=4) for unit in UNITS}
     adapter = SlcanAdapter(list(nodes.values()))
     path = await adapter.start()
@@ -77,14 +77,16 @@ async def canopen(stack: AsyncExitStack) -> Wire:
         node.start(adapter.send)
         stack.callback(node.stop)
     fields = {"kind": "canopen", "interface": "slcan", "channel": path}
-    return Wire(fields, "cia404", 'options = { vendor = "jumo" }', {unit: node.faults for unit, node in nodes.items()})
+    return ThreeDevices(
+        fields, "cia404", 'options = { vendor = "jumo" }', {unit: node.faults for unit, node in nodes.items()}
+    )
 
 
-WIRES: dict[str, StartWire] = {"modbus_rtu": rtu, "modbus_rtu_tcp": rtu_tcp, "modbus_tcp": tcp, "canopen": canopen}
+WIRES: dict[str, StartThree] = {"modbus_rtu": rtu, "modbus_rtu_tcp": rtu_tcp, "modbus_tcp": tcp, "canopen": canopen}
 
 
 @asynccontextmanager
-async def polled(wire: Wire, folder: Path, readings: list[Reading]) -> AsyncIterator[None]:
+async def polled(wire: ThreeDevices, folder: Path, readings: list[Reading]) -> AsyncIterator[None]:
     """Inside, the gateway polls the three."""
     bus = "\n".join(f"{key} = {value!r}" for key, value in wire.fields.items())
     devices = "".join(
@@ -152,7 +154,7 @@ async def test_units_that_are_slow_but_in_time_are_read_from_the_first_period_on
     fields = {"kind": "modbus_rtu", "port": await line.start()}
     line.spoil = lambda _unit, frame: ((0.25, frame),)
     try:
-        async with polled(Wire(fields, "eletechsup_pta8d08", "", {}), tmp_path, readings):
+        async with polled(ThreeDevices(fields, "eletechsup_pta8d08", "", {}), tmp_path, readings):
             await asyncio.sleep(PERIODS * PERIOD_S)
     finally:
         await line.stop()
