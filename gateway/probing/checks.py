@@ -2,7 +2,8 @@
 
 In this order: do repeated touches agree, do the centres fit a rigid body that moved (a chip under one touch does not),
 does the result agree with what was expected. A surprise that is not absurd may be the machine's new state: a second
-cycle, for which the probe was changed again, must confirm it.
+cycle, for which the probe was changed again, must confirm it. Between the two the machine goes on warming, so the
+second may have moved by anything up to what the prediction moved by.
 """
 
 from dataclasses import dataclass
@@ -39,7 +40,8 @@ class MeasurementChecks:
 
     def __init__(self, settings: Probing, radius_m: float) -> None:
         self._settings, self._radius = settings, radius_m
-        self._candidate: Measurement | None = None
+        self._candidate: tuple[Measurement, FloatArray] | None = None
+        """A surprise, and what was expected instead."""
 
     def repeats(self, spread_um: float | None) -> None:
         """Raises Rejected when repeated touches of a point differ by too much. None: the control does not report it."""
@@ -82,10 +84,10 @@ class MeasurementChecks:
         if i is None:
             return
         if before is not None:
-            again = self._settings.surprise_sigmas * np.hypot(before.sigma, found.sigma)
-            if _worst(np.abs(found.errors - before.errors), again) is None:
+            again = self._settings.surprise_sigmas * np.hypot(before[0].sigma, found.sigma)
+            if _worst(_unexplained(found.errors - before[0].errors, expected.errors - before[1]), again) is None:
                 return
-        self._candidate = found
+        self._candidate = found, expected.errors
         raise Rejected(f"{_said(i, difference)} from the prediction: a second cycle must give the same result")
 
     def _largest(self) -> FloatArray:
@@ -98,6 +100,12 @@ def _worst(difference: FloatArray, limit: FloatArray) -> int | None:
     share = np.nan_to_num(difference / limit, nan=0.0)
     i = int(np.argmax(share))
     return i if share[i] > 1.0 else None
+
+
+def _unexplained(change: FloatArray, predicted: FloatArray) -> FloatArray:
+    """(9,) magnitude of a change beyond no change, or beyond the whole of a predicted one; NaN predicts none."""
+    predicted = np.nan_to_num(predicted, nan=0.0)
+    return np.abs(change - np.clip(change, np.fmin(predicted, 0.0), np.fmax(predicted, 0.0)))
 
 
 def _said(i: int, difference: FloatArray) -> str:
