@@ -3,14 +3,12 @@
 import asyncio
 import logging
 import math
-from collections import deque
 from collections.abc import Awaitable, Callable, Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from gateway.apart import WorkError, apart
 from gateway.clock import ServiceClock
+from gateway.control.last_rows import LastRows
 from gateway.events import EventReported, SensorsJudged, Sink
 from gateway.polling import Notice, Problems
 from talc.frame import BoolArray, Event, EventKind, FloatArray, Frame, Frames
@@ -99,7 +97,7 @@ class SensorWatch:
     ) -> None:
         self._names, self._settings, self._is_temperature = tuple(input_names), settings, is_temperature
         self._sink, self._clock, self._learn, self._is_load = sink, clock, learn, is_load
-        self._rows: deque[tuple[FloatArray, BoolArray]] = deque(maxlen=settings.learn_steps + settings.window_steps)
+        self._rows = LastRows(len(self._names), settings.learn_steps + settings.window_steps)
         self._last_k: int | None = None
         self._model: SensorModel | None = None
         self._learnt_k: int | None = None
@@ -155,22 +153,16 @@ class SensorWatch:
 
     def _append(self, k: int, inputs: FloatArray, valid: BoolArray) -> None:
         if self._last_k is not None:
-            nothing = np.full(len(self._names), np.nan), np.zeros(len(self._names), dtype=np.bool_)
-            gap = min(k - self._last_k - 1, self._rows.maxlen or 0)
-            self._rows.extend([nothing] * gap)
-        self._rows.append((inputs, valid))
+            self._rows.append_gap(k - self._last_k - 1)
+        self._rows.append(inputs, valid)
         self._last_k = k
-
-    def _record(self, rows: slice) -> tuple[FloatArray, BoolArray]:
-        chosen = list(self._rows)[rows]
-        return np.array([inputs for inputs, _ in chosen]), np.array([valid for _, valid in chosen], dtype=np.bool_)
 
     async def _judge(self) -> bool:
         """Whether the window was judged; that of an idle machine is not."""
         k, model = self._last_k, self._model
         if model is None or k is None:
             return False
-        inputs, valid = self._record(slice(-rows_needed(model, self._settings), None))
+        inputs, valid = self._rows.part(slice(-rows_needed(model, self._settings), None))
         given = model, self._names, inputs, valid, self._settings
         if len(model.names) <= _MOST_IN_A_THREAD:
             judgement = await asyncio.to_thread(judge, *given)
@@ -234,7 +226,7 @@ class SensorWatch:
         columns = [i for i, name in enumerate(self._names) if self._is_temperature(name)]
         if len(columns) < _LEAST_TEMPERATURES:
             return False
-        inputs, valid = self._record(slice(max(0, end - self._settings.learn_steps), end))
+        inputs, valid = self._rows.part(slice(max(0, end - self._settings.learn_steps), end))
         loads = [i for i, name in enumerate(self._names) if i not in columns and self._is_load(name)]
         both = columns + loads
         names, told = [self._names[i] for i in both], [self._names[i] for i in loads]

@@ -273,7 +273,8 @@ class Store:
         """
         slot = "coalesce((SELECT 1 - slot FROM snapshot ORDER BY k DESC LIMIT 1), 0)"
         row = snapshot.k, self._clock.utc().isoformat(), snapshot
-        self._writer.put(f"INSERT OR REPLACE INTO snapshot VALUES ({slot}, ?, ?, ?)", [row], kind=WaitingKind.SNAPSHOTS)
+        statement = f"INSERT OR REPLACE INTO snapshot SELECT {slot}, ?1, ?2, ?3 WHERE ?1 IS NOT NULL"
+        self._writer.put(statement, [row], kind=WaitingKind.SNAPSHOTS)
 
     def _mend(self, why: str) -> str:
         return mend(self._path, why, self._clock.utc(), self._known)

@@ -362,6 +362,10 @@ class DatabaseWriter:
     def _execute(self, connection: sqlite3.Connection, item: Item) -> None:
         try:
             connection.executemany(item.statement, item.rows)
+            if item.kind is WaitingKind.SNAPSHOTS:
+                # Python keeps the statement, and SQLite with it a copy of what was bound last: megabytes, until the
+                # next day's. `Store.keep` states that a row of NULLs stores nothing.
+                connection.execute(item.statement, [None] * len(item.rows[0]))
         except _REFUSED as error:
             if not self._refused:
                 # Pages that contradict each other may refuse any row.
