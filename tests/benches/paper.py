@@ -3,6 +3,8 @@
 import html
 import re
 import subprocess
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,6 +12,9 @@ from playwright.sync_api import Page
 
 _SHEET = re.compile(r'<page width="([\d.]+)" height="([\d.]+)">(.*?)</page>', re.DOTALL)
 _WORD = re.compile(r'<word xMin="([-\d.]+)" yMin="([-\d.]+)" xMax="([-\d.]+)" yMax="([-\d.]+)">(.*?)</word>')
+
+MARGIN = 12.0 / 25.4 * 72.0 - 1.0
+"""Points; the least margin that the pages ask for, less what a letter may protrude."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,6 +68,35 @@ def printed(page: Page, folder: Path, paper: str) -> list[Sheet]:
     ]
 
 
-def squeezed(text: str) -> str:
+def printed_texts(page: Page, selector: str) -> list[str]:
+    """Of what a browser prints; its medium must be `print`."""
+    told = "all => all.filter((one) => one.checkVisibility()).map((one) => one.innerText)"
+    found: list[str] = page.locator(selector).evaluate_all(told)
+    return found
+
+
+def cut_off(sheets: Sequence[Sheet]) -> list[tuple[int, PrintedWord]]:
+    """Words that reach into a margin, and their sheet, from 1."""
+    return [
+        (n, word)
+        for n, sheet in enumerate(sheets, 1)
+        for word in sheet.words
+        if not (MARGIN <= word.left <= word.right <= sheet.width - MARGIN and word.bottom <= sheet.height - MARGIN)
+    ]
+
+
+def torn(rows: Sequence[str], sheets: Sequence[Sheet]) -> list[str]:
+    """Rows whose letters do not stand on the same sheet."""
+    on = [Counter(sheet.text) for sheet in sheets]
+    return [row for row in rows if not any(Counter(_squeezed(row)) <= letters for letters in on)]
+
+
+def left_alone(headings: Sequence[str], sheets: Sequence[Sheet]) -> list[str]:
+    """Headings that end a sheet."""
+    ends = [sheet.last_line() for sheet in sheets]
+    return [line for line in ends if any(_squeezed(heading).endswith(line) for heading in headings)]
+
+
+def _squeezed(text: str) -> str:
     """Without spaces, as `Sheet.text`."""
     return "".join(text.split())

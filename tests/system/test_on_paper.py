@@ -1,6 +1,5 @@
 """The report and the pages of the studies on paper: nothing is cut off, no heading ends a sheet; and on a phone."""
 
-from collections import Counter
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -14,15 +13,13 @@ from talc.frame import Event, EventKind, Why
 from talc.learner import ErrorReason, Reasons
 from talc.names import THERMAL_ERRORS
 from tests.benches.page_rig import CHROMIUM, LIMIT_MS
-from tests.benches.paper import Sheet, printed, squeezed
+from tests.benches.paper import cut_off, left_alone, printed, printed_texts, torn
 from tests.benches.small_run import small_run
 
 pytestmark = [pytest.mark.peer, pytest.mark.slow]
 
 STUDIES = Path(__file__).parents[2] / "docs" / "studies"
 PAGES = ("report", *(file.stem for file in sorted(STUDIES.glob("*.html"))))
-MARGIN = 12.0 / 25.4 * 72.0 - 1.0
-"""Points; the least margin that the pages ask for, less what a letter may protrude."""
 MOST_SHEETS = 16
 
 
@@ -79,33 +76,14 @@ def page(browser: Browser, file: Path) -> Iterator[Page]:
         yield shown
 
 
-def texts(page: Page, selector: str) -> list[str]:
-    """Of what is printed."""
-    told = "all => all.filter((one) => one.checkVisibility()).map((one) => one.innerText)"
-    found: list[str] = page.locator(selector).evaluate_all(told)
-    return found
-
-
-def on_one_sheet(row: str, sheets: list[Sheet]) -> bool:
-    """Whether all letters of a row stand on the same sheet."""
-    return any(Counter(squeezed(row)) <= Counter(sheet.text) for sheet in sheets)
-
-
 @pytest.mark.parametrize("paper", ["A4", "Letter"])
 def test_nothing_is_cut_off_and_no_heading_ends_a_sheet(page: Page, tmp_path: Path, paper: str) -> None:
-    rows, headings = texts(page, "tbody tr"), texts(page, "h2, h3, caption, thead tr")
+    rows, headings = printed_texts(page, "tbody tr"), printed_texts(page, "h2, h3, caption, thead tr")
     sheets = printed(page, tmp_path, paper)
     assert len(sheets) <= MOST_SHEETS
-    words = [(n, sheet, word) for n, sheet in enumerate(sheets, 1) for word in sheet.words]
-    outside = [
-        (n, word)
-        for n, sheet, word in words
-        if not (MARGIN <= word.left <= word.right <= sheet.width - MARGIN and word.bottom <= sheet.height - MARGIN)
-    ]
-    assert outside == []
-    assert [row for row in rows if not on_one_sheet(row, sheets)] == []
-    alone = [sheet.last_line() for sheet in sheets]
-    assert [line for line in alone if any(squeezed(h).endswith(line) for h in headings)] == []
+    assert cut_off(sheets) == []
+    assert torn(rows, sheets) == []
+    assert left_alone(headings, sheets) == []
 
 
 @pytest.mark.parametrize("name", PAGES[1:])

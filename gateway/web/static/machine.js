@@ -2,7 +2,7 @@
 import { machine } from "./choice.js";
 import { $, changed, draw, make, marked, paint, put, rows, say } from "./elements.js";
 import { reservePlanned } from "./room.js";
-import { amount, exact, sentence, time, word } from "./words.js";
+import { amount, exact, sentence, time, whole, word } from "./words.js";
 
 const showAxes = (axes) => {
   $("tool-empty").classList.toggle("spare", axes.length > 0);
@@ -81,6 +81,7 @@ export const showMachine = (v) => {
   if (v.heard) heard.push(word("page.heard").replace("{at}", exact.format(new Date(v.heard))));
   if (v.simulated && v.gateway_time) heard.push(word("page.simulated").replace("{at}", time(v.gateway_time)));
   put($("heard"), heard.join(" · "));
+  if (v.gateway_time) put($("state-of"), word("print.state_of").replace("{at}", whole.format(new Date(v.gateway_time))));
   draw("notices", v.notices, () => say(v.notices, "notice"));
   draw("because", verdict.because, () => say(verdict.because));
   put($("since"), verdict.since ? word("since.at").replace("{at}", time(verdict.since)) : "");

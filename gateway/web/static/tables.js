@@ -3,6 +3,14 @@ import { machine } from "./choice.js";
 import { $, make, put } from "./elements.js";
 import { amount, atom, date, time, word } from "./words.js";
 
+// On paper only the latest, and a line that says how many are not printed.
+const EVENTS_PRINTED = 20, CORRECTIONS_PRINTED = 10;
+const keepOffPaper = (rows, most, note) => {
+  const later = rows.slice(most);
+  later.forEach((row) => row.classList.add("off-paper"));
+  put(note, later.length ? word("print.left_out").replace("{n}", amount({ n: later.length, d: 0 })) : "");
+};
+
 let events = [];
 const showEvents = () => {
   const kind = $("event-kind").value, part = $("event-text").value.toLowerCase();
@@ -11,12 +19,14 @@ const showEvents = () => {
   $("events").hidden = !shown.length;
   $("events-empty").hidden = shown.length > 0;
   put($("events-empty"), word(events.length ? "events.no_match" : "events.none"));
-  $("events").tBodies[0].replaceChildren(...shown.map((e) => {
+  const lines = shown.map((e) => {
     const row = make("tr"), kindCell = make("td", word(e.kind));
     if (e.mark) kindCell.className = "kind m-" + e.mark;
     row.append(make("td", time(e.t), "when"), kindCell, make("td", e.text));
     return row;
-  }));
+  });
+  keepOffPaper(lines, EVENTS_PRINTED, $("events-left"));
+  $("events").tBodies[0].replaceChildren(...lines);
 };
 export const takeEvents = (list) => {
   events = list;
@@ -34,14 +44,16 @@ const showCorrections = () => {
   const error = $("correction-error").value, shown = fixes.filter((c) => !error || c.error === error);
   $("corrections").hidden = !shown.length;
   $("corrections-empty").hidden = shown.length > 0;
-  $("corrections").tBodies[0].replaceChildren(...shown.map((c) => {
+  const lines = shown.map((c) => {
     const row = make("tr");
     const by = [...c.movers.map(([input, v]) => `${input} ${amount(v)}`), `${word("corrections.rest")} ${amount(c.rest)}`].join(", ");
     row.append(make("td", time(c.t), "when"), make("td", c.error, "when"), make("td", `${amount({ ...c.estimate, u: "" })} ± ${amount(c.half)}`, "right"),
       make("td", by), make("td", c.experts.map(([kind, share]) => `${atom(kind)} ${amount(share)}`).join(", ")),
       make("td", c.measured ? time(c.measured) : "–", "when"));
     return row;
-  }));
+  });
+  keepOffPaper(lines, CORRECTIONS_PRINTED, $("corrections-left"));
+  $("corrections").tBodies[0].replaceChildren(...lines);
 };
 export const takeCorrections = (list) => {
   fixes = list;

@@ -9,6 +9,7 @@ export const longest = (group) => Object.keys(texts).filter((key) => key.startsW
 export const clock = new Intl.DateTimeFormat(undefined, { hour: "2-digit", minute: "2-digit" });
 const day = new Intl.DateTimeFormat(undefined, { weekday: "short", day: "numeric", month: "short", hour: "2-digit", minute: "2-digit" });
 export const date = new Intl.DateTimeFormat(undefined, { day: "numeric", month: "short" });
+export const whole = new Intl.DateTimeFormat(undefined, { dateStyle: "full", timeStyle: "short" });
 export const exact = new Intl.DateTimeFormat(undefined, { hour: "2-digit", minute: "2-digit", second: "2-digit" });
 export const time = (iso) => {
   const at = new Date(iso);
