@@ -4,7 +4,9 @@ The pictures go to out/page; `make pictures` copies them into the documentation.
 """
 
 import json
+import os
 import re
+import signal
 from io import BytesIO
 from pathlib import Path
 from urllib.parse import parse_qs, urlsplit
@@ -237,12 +239,19 @@ def test_a_gateway_that_is_killed_looks_gone_and_one_that_comes_back_begins_anew
             assert page.evaluate("document.body.classList.contains('past')")
             picture(page, "page-gone")
             expect(machines.locator("li .name").first).to_have_text("mill")
+            assert rig.web is not None
+            os.kill(rig.web.pid, signal.SIGSTOP)  # as a network that fails for a while
+            expect(page.locator("#word")).to_have_text("No connection")
+            expect(page).to_have_title("No connection · mill")
+            os.kill(rig.web.pid, signal.SIGCONT)
+            expect(page.locator("#word")).to_have_text("Gone")
             rig.gateway(port, "mill", "nothing")
             expect(page.locator("#word")).to_have_text("No data yet")
-            assert rig.web is not None
             rig.web.kill()
             expect(page.locator("#lost")).to_contain_text("This page has lost its server")
             expect(page.locator("#word")).to_have_text("No connection")
+            expect(machines.locator("li .word")).to_have_text(["No connection"] * 2)
+            expect(machines.locator("li.grey")).to_have_count(2)
 
 
 _LOOKED_AT = (

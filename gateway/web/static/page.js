@@ -10,7 +10,7 @@ import { readyTables, showWeeks, takeCorrections, takeEvents } from "./tables.js
 import { time, word } from "./words.js";
 
 const SILENT_MS = 7000;
-let latest = null, heardMs = performance.now(), lost = false;
+let latest = null, heardMs = performance.now(), lost = false, showAgain = () => {};
 // Until all of it is there, nothing of it: what came piece by piece would push the rest about.
 const showAll = () => document.body.classList.remove("waiting");
 const loseOrFind = (gone) => {
@@ -18,18 +18,23 @@ const loseOrFind = (gone) => {
   lost = gone;
   document.body.classList.toggle("past", lost || (latest !== null && latest.alive === false));
   $("lost").hidden = !lost;
-  if (lost) {
+  if (!lost) showAgain();  // the server sends nothing again that has not changed
+  else {
     showAll();
     hideCommands();
     $("lost").textContent = word("page.no_server").replace("{at}", latest ? time(latest.shownAt) : "–");
-    if (machine) { paint($("ready"), "grey"); put($("word"), word("word.lost")); }
+    if (machine) {
+      paint($("ready"), "grey");
+      put($("word"), word("word.lost"));
+      document.title = `${word("word.lost")} · ${machine}`;
+    } else for (const each of $("machines").children) { paint(each, "grey"); put(each.querySelector(".word"), word("word.lost")); }
   }
 };
 
 const showView = (v) => {
   latest = { ...v, shownAt: new Date().toISOString() };
-  showMachine(v);
-  showCommands(v);
+  showAgain = () => { showMachine(v); showCommands(v); };
+  showAgain();
 };
 
 const showList = (list) => {
@@ -45,6 +50,10 @@ const showList = (list) => {
       make("p", m.heard ? word("page.heard").replace("{at}", time(m.heard)) : "", "note"));
     return item;
   }));
+  showAgain = () => list.forEach((m, i) => {
+    paint($("machines").children[i], m.colour);
+    put($("machines").children[i].querySelector(".word"), word(m.word));
+  });
 };
 
 let stream = null;
