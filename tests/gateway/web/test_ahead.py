@@ -8,7 +8,7 @@ import pytest
 from gateway.web.at_tool import WorkPoint
 from gateway.web.sentences import Amount, Sentence, ToldName, Word, at
 from gateway.web.verdict import Viewpoint, verdict_of
-from gateway.web.view import shown_course
+from gateway.web.view import shown_course, view
 from tests.benches.heard import BEGAN, STEP, HeardMachine
 
 MATRIX = WorkPoint(150.0, 0.0, 80.0).matrix(0.15)
@@ -110,6 +110,45 @@ def test_a_corrected_machine_is_helped_by_a_measurement() -> None:
 def test_warming_up_is_to_stop_when_more_of_it_brings_nothing() -> None:
     assert "help.stop" in helps(cooling((3.0, 3.0, 3.0), now=3.0, missed=0.5))
     assert "help.stop" not in helps(cooling((3.0, 1.0, 1.0), now=6.0, missed=0.5))
+
+
+def test_warming_up_is_not_to_stop_while_the_usual_heat_or_the_next_two_hours_bring_something() -> None:
+    settled = {"EZ0A": (3.0, 3.0, 3.0)}
+    heard = cooling((3.0, 3.0, 3.0), now=3.0, missed=0.5)
+    heard.forecast(settled, missed=0.5, usual={"EZ0A": (0.0, 0.0, 0.0)})
+    assert "help.stop" not in helps(heard), "the usual heat takes 3 µm off"
+    heard = cooling((6.0, 1.0, 1.0), now=6.0, missed=0.5)
+    heard.forecast({"EZ0A": (6.0, 1.0, 1.0)}, missed=0.5, usual={"EZ0A": (6.0, 6.0, 6.0)})
+    assert "help.stop" not in helps(heard), "after two hours 5 µm less, after half an hour nothing"
+
+
+def test_what_may_be_off_is_not_said_to_be_enough_nor_never() -> None:
+    """8 µm ± 5.9 in two hours is less than 30, and may be more than 10; 12 µm ± 5.9 may be within it."""
+    options = [
+        each
+        for each in verdict_of(cooling((20.0, 8.0, 2.0), missed=3.0).seen, WITHIN, 0.0).helps
+        if each.values.get("what") == Word("help.warm") and each.say != "help.best"
+    ]
+    assert [each.say for each in options] == ["help.option"]
+    said = helps(cooling((20.0, 12.0, 12.0), missed=3.0))
+    assert said["when.not_before"].values["at"] == at(BEGAN + timedelta(minutes=30))
+    assert "when.not_within" not in said
+
+
+def test_a_ready_machine_is_not_told_of_the_next_measurement() -> None:
+    heard = cooling((2.0, 2.0, 2.0), now=2.0)
+    heard.passes(STEP)
+    heard.decision(1, corrected={"EZ0A": 2.0})  # two decisions tell how long a step is
+    heard.reasons(1)
+    assert "when.next_measurement" not in helps(heard)
+    assert "when.next_measurement" in helps(heard, Viewpoint(MATRIX, 1.0))
+
+
+def test_the_page_knows_the_planned_loads_of_which_it_may_speak() -> None:
+    heard = cooling((2.0, 2.0, 2.0))
+    assert view(heard.seen, WITHIN, heard.now_s).planned == ()
+    heard.forecast({}, planned={"warm-up": None, "roughing": None})
+    assert view(heard.seen, WITHIN, heard.now_s).planned == ("warm-up", "roughing")
 
 
 @pytest.mark.parametrize("spoilt", ["another step", "too short", "no error", "absurd time"])

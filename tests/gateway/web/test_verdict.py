@@ -189,7 +189,8 @@ def test_it_says_whether_a_measurement_would_be_enough_and_that_no_forecast_is_p
     heard.decision(sigma=9.0)
     enough = verdict_of(heard.seen, within(5.0), heard.now_s)
     assert [said.say for said in enough.helps] == ["when.no_forecast", "help.measure"]
-    too_little = verdict_of(heard.seen, within(0.5), heard.now_s)
+    half = float(np.max(half_width(MATRIX, np.full(9, 0.5))))
+    too_little = verdict_of(heard.seen, within(0.9 * half), heard.now_s)
     assert [said.say for said in too_little.helps] == ["when.no_forecast", "help.measure_not_enough"]
 
 
