@@ -54,6 +54,13 @@ def test_every_text_that_is_said_is_in_the_catalogue(language: str) -> None:
     assert SAID - texts(language).keys() == set()
 
 
+def test_no_text_is_there_that_nothing_says() -> None:
+    """Apart from groups of which the key comes with a message or is put together."""
+    said = CODE + SCRIPT + "".join(template.read_text("utf-8") for template in TEMPLATES)
+    groups = {key.split(".")[0] for key in WORDS} | {"mode", "expert", "body", "mark", "chart", "command"}
+    assert [key for key in texts("en") if key.split(".")[0] not in groups and key not in said] == []
+
+
 def test_every_language_fills_in_the_same_names() -> None:
     def names(text: str) -> set[str]:
         return {name for _, name, _, _ in Formatter().parse(text) if name}
