@@ -92,6 +92,10 @@ def test_another_verdict_moves_nothing(settings: Path, width: int, height: int, 
             page.keyboard.press("Enter")
             expect(word).to_have_text(said["word.unsure"])
             expect(page.locator("#helps p").nth(5)).to_be_attached()
+            gateway.say("status " + json.dumps({"unarmed": ["nothing will be learnt: probing is not armed"]}))
+            expect(
+                page.locator("#notices p")
+            ).to_be_visible()  # what is not armed is not said of a gateway that is gone
             page.evaluate("scrollTo(0, 0)")
             note_shifts(page)
             shifts(page)
