@@ -152,6 +152,7 @@ class Composer:
         *,
         commands: bool = False,
         certificates: Mapping[str, datetime] = MappingProxyType({}),
+        planned_loads: tuple[str, ...] = (),
     ) -> Keyed:
         """The latest decision, the fingerprint of the configuration that really runs, how probing and storing stand.
 
@@ -160,6 +161,7 @@ class Composer:
         health: as it was looked at last; None: not yet
         commands: whether the configuration allows anybody to give commands
         certificates: when they end, by field of the configuration
+        planned_loads: their names
         """
         message = StatusMessage(
             *self._stamp(),
@@ -174,6 +176,7 @@ class Composer:
             unarmed=unarmed,
             certificates={field: ends.isoformat() for field, ends in certificates.items()},
             commands=commands,
+            planned_loads=planned_loads,
             version=self._version,
             key_space=keys.VERSION,
         )

@@ -283,6 +283,9 @@ class StatusMessage(Message, frozen=True):
         PauseStanding | None, Meta(description="The gateway is disarmed by a command; null: it is not")
     ] = None
     commands: Annotated[bool, Meta(description="Whether the configuration allows anybody to give commands")] = False
+    planned_loads: Annotated[
+        tuple[str, ...], Meta(description="Names of the planned loads of which each `forecast` tells")
+    ] = ()
 
 
 Published = (

@@ -107,6 +107,7 @@ class TelemetryPublisher:
         self._config: str | None = None
         self._unarmed: tuple[str, ...] = ()
         self._certificates: Mapping[str, datetime] = {}
+        self._planned_loads: tuple[str, ...] = ()
         self._periods_missed: Callable[[], Mapping[str, int]] = dict
         self._last: dict[str, bytes] = {}
         self._last_lock = threading.Lock()
@@ -192,6 +193,7 @@ class TelemetryPublisher:
             case ConfigurationApplied(config):
                 self._config, self._unarmed = config.fingerprint(), unarmed(config)
                 self._certificates = certificate_ends(config)  # a few small files: as the programs use them from now on
+                self._planned_loads = tuple(planned.name for planned in config.planned_loads)
             case DecisionMade(decision):
                 self._decision = decision
             case OutlookChanged(outlook):
@@ -233,6 +235,7 @@ class TelemetryPublisher:
                 self._health,
                 commands=bool(self._settings.operators),
                 certificates=self._certificates,
+                planned_loads=self._planned_loads,
             )
         )
 

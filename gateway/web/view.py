@@ -81,7 +81,7 @@ def view(seen: MachineSeen, viewpoint: Viewpoint, now_s: float, own: tuple[SaidR
         paused=seen.status is not None and seen.status.paused is not None,
         notices=_notices(seen),
         verdict=_shown(verdict_of(seen, viewpoint, now_s)),
-        planned=() if seen.forecast is None else tuple(seen.forecast.planned),
+        planned=_planned_loads(seen),
         axes=_axes(seen, viewpoint.matrix, now_s),
         tool_notes=tuple(_tool_notes(seen)),
         waits=(*parts.waits(seen), *cost_of_waiting(seen, viewpoint.matrix, now_s)),
@@ -91,6 +91,13 @@ def view(seen: MachineSeen, viewpoint: Viewpoint, now_s: float, own: tuple[SaidR
         watched=parts.watched(seen),
         health=(*parts.health(seen), *own),
     )
+
+
+def _planned_loads(seen: MachineSeen) -> tuple[str, ...]:
+    """As the status names them, before there is a forecast; an older gateway names them in its forecasts alone."""
+    if seen.status is not None and seen.status.planned_loads:
+        return seen.status.planned_loads
+    return () if seen.forecast is None else tuple(seen.forecast.planned)
 
 
 def _seconds(time: datetime | None) -> str | None:

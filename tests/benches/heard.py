@@ -176,11 +176,13 @@ class HeardMachine:
         unarmed: tuple[str, ...] = (),
         certificates: Mapping[str, str] | None = None,
         periods_missed: Mapping[str, int] | None = None,
+        planned_loads: tuple[str, ...] = (),
     ) -> None:
         ends, missed = dict(certificates or {}), dict(periods_missed or {})
         message = StatusMessage(
-            *self.stamp(), "compensation", 0, 0, missed, None, None, unarmed=unarmed, certificates=ends
-        )
+            *self.stamp(), "compensation", 0, 0, missed, None, None,
+            unarmed=unarmed, certificates=ends, planned_loads=planned_loads,
+        )  # fmt: skip
         self.hear("status", message)
 
 

@@ -66,6 +66,26 @@ def test_what_comes_and_goes_with_a_measurement_moves_nothing_below_it(settings:
             assert page.evaluate("document.getElementById('ready').offsetHeight") < 400, "not that of the phone"
 
 
+@pytest.mark.parametrize(("width", "height"), SCREENS)
+def test_the_first_forecast_moves_nothing(settings: Path, width: int, height: int) -> None:
+    """Nor do the lines that it says of planned loads: the status has named them."""
+    with page_rig() as rig:
+        gateway = played_mill(rig, settings)
+        gateway.say("status " + json.dumps({"planned_loads": ["warm-up", "roughing of a housing"]}))
+        with rig.page("/machine/mill", width, height) as page:
+            expect(page.locator("#axes .u-over")).to_have_count(3)
+            expect(page.locator("#weeks")).to_be_visible()
+            expect(page.locator("#sensitivity")).to_be_visible()
+            expect(page.locator("#planned-room > *")).to_have_count(2)
+            page.evaluate("scrollTo(0, 0)")
+            note_shifts(page)
+            shifts(page)
+            below = tops(page)
+            gateway.say("forecast " + json.dumps({"planned": {"warm-up": {}, "roughing of a housing": {}}}))
+            expect(page.locator("#helps")).to_contain_text("roughing of a housing")
+            assert (shifts(page), tops(page)) == ([], below)
+
+
 ESTIMATE = dict(recorded())["decision"]
 VERDICTS = (
     ("probing", {"standing": "asked"}, "word.probing"),

@@ -5,6 +5,7 @@ import json
 import math
 import socket
 import threading
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -14,6 +15,7 @@ import zenoh
 from drivers.base import Quality
 from gateway.acquisition import Sample
 from gateway.cli.view import ViewState, feeding, render
+from gateway.config import GatewayConfig, parse
 from gateway.events import (
     CompensationStepped,
     ConfigurationApplied,
@@ -28,6 +30,7 @@ from gateway.probing import Outlook, Standing
 from gateway.telemetry import TelemetryError
 from talc.frame import Event, EventKind, Frame, Why
 from tests.benches.free_port import free_port
+from tests.benches.service_file import adam6015
 from tests.benches.stepped_clock import SteppedClock
 from tests.benches.telemetry_examples import configuration
 from tests.benches.telemetry_peer import NAMES, NOW, decision, last_values, reading, telemetry
@@ -85,6 +88,26 @@ async def test_a_late_subscriber_gets_the_last_value_of_every_key() -> None:
     assert (status["config"], status["phase"], status["k"]) == (second.fingerprint(), "calibration", 7)
     assert found["talc/mill/decision"]["predicted"]["EZ0A"] == 1.0
     assert found["talc/mill/decision"]["limits"]["EZ0A"] is None
+
+
+def _with_planned_loads(folder: Path, *names: str) -> GatewayConfig:
+    (folder / "talc.key").write_text("k" * 64, encoding="utf-8")
+    control = '[nc]\nkind = "linuxcnc"\nhost = "127.0.0.1"\nport = 7700\nkey_file = "talc.key"\n'
+    planned = [f'[[planned_load]]\nname = "{name}"\nloads = {{spindle_speed = 6000.0}}\n' for name in names]
+    machine = '[machine]\nname = "mill"\n' + adam6015("bed = 0") + '[[state]]\nname = "spindle_speed"\n'
+    return parse(machine + "".join(planned) + control, folder / "gateway.toml")
+
+
+async def test_the_status_names_the_planned_loads_of_the_configuration_in_use(tmp_path: Path) -> None:
+    port = free_port()
+    async with telemetry(port) as t:
+        t.publish(ConfigurationApplied(_with_planned_loads(tmp_path, "warm-up", "roughing")))
+        t.publish(EventReported(Event(EventKind.PROBLEM, "after it"), 7))
+        before = last_values(port)["talc/mill/status"]["planned_loads"]
+        t.publish(ConfigurationApplied(_with_planned_loads(tmp_path, "roughing")))
+        t.publish(EventReported(Event(EventKind.PROBLEM, "after that"), 8))
+        after = last_values(port)["talc/mill/status"]["planned_loads"]
+    assert (before, after) == (["warm-up", "roughing"], ["roughing"])
 
 
 async def test_a_reading_is_published_with_its_age_whatever_its_time_of_day() -> None:

@@ -147,8 +147,16 @@ def test_a_ready_machine_is_not_told_of_the_next_measurement() -> None:
 def test_the_page_knows_the_planned_loads_of_which_it_may_speak() -> None:
     heard = cooling((2.0, 2.0, 2.0))
     assert view(heard.seen, WITHIN, heard.now_s).planned == ()
-    heard.forecast({}, planned={"warm-up": None, "roughing": None})
+    heard.forecast({}, planned={"warm-up": None, "roughing": None})  # of a gateway whose status does not name them
     assert view(heard.seen, WITHIN, heard.now_s).planned == ("warm-up", "roughing")
+    heard.status(planned_loads=("warm-up", "finishing"))
+    assert view(heard.seen, WITHIN, heard.now_s).planned == ("warm-up", "finishing")
+
+
+def test_the_page_knows_the_planned_loads_before_the_first_forecast() -> None:
+    heard = HeardMachine()
+    heard.status(planned_loads=("warm-up",))
+    assert view(heard.seen, WITHIN, heard.now_s).planned == ("warm-up",)
 
 
 @pytest.mark.parametrize("spoilt", ["another step", "too short", "no error", "absurd time"])
