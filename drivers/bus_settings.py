@@ -32,7 +32,8 @@ class SerialSettings(BusSettings):
 
     port: SerialPort
     """Serial port. Give a udev name (/dev/serial/by-id/...): /dev/ttyUSB0 may be another adapter after a reboot. A
-    relative path starts at the configuration's folder."""
+    relative path starts at the configuration's folder. A device server's port is `rfc2217://HOST:PORT` (RFC 2217, which
+    sets its speed, parity and stop bits), or `socket://HOST:PORT` (raw TCP; the server sets them)."""
     baud: Baud = 9600
     """Bits per second."""
     parity: Parity = "N"
@@ -47,8 +48,15 @@ class SerialSettings(BusSettings):
     rs485_after_s: float = Field(default=0.0, ge=0, le=0.1)
     """From the last bit until switching back to receiving, in whole milliseconds; with `rs485_rts` only."""
 
+    @property
+    def is_remote(self) -> bool:
+        """Whether the port is one of a device server on the network."""
+        return "://" in self.port
+
     @model_validator(mode="after")
     def _switched(self) -> Self:
+        if self.is_remote and self.rs485_rts is not None:
+            raise wrong("has no effect on a port of a device server: set the direction of RS-485 there", "rs485_rts")
         for field, delay_s in (("rs485_before_s", self.rs485_before_s), ("rs485_after_s", self.rs485_after_s)):
             if delay_s and self.rs485_rts is None:
                 raise wrong(f"{delay_s:g}: has no effect without rs485_rts", field)

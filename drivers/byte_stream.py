@@ -19,7 +19,8 @@ from drivers.tap import Tap
 
 _READ_SIZE = 4096
 _MOST_UNREAD = 65536
-_CLOSED = "not connected"
+CLOSED = "not connected"
+"""Why nothing comes: it is not open."""
 _TAKEN = "another program has it open"
 _ERROR_NUMBER = re.compile(r"(?:Errno |\()(\d+)")
 """The wording of this error in pyserial and termios."""
@@ -86,14 +87,14 @@ class StreamBus:
         await self._stream.open(self._timeout_s)
 
 
-class _Inbox:
+class Inbox:
     """The received bytes, and the one task that waits for them."""
 
     def __init__(self, bus: str, tap: Tap | None) -> None:
         self._bus, self._tap = bus, tap
         self._bytes = bytearray()
         self._waiter: asyncio.Future[None] | None = None
-        self._lost: str | None = _CLOSED
+        self._lost: str | None = CLOSED
 
     @property
     def lost(self) -> str | None:
@@ -109,7 +110,7 @@ class _Inbox:
         if self._lost is None:
             self._lost = reason
             if self._tap is not None:
-                self._tap.note("close" if reason == _CLOSED else f"lost {reason}")
+                self._tap.note("close" if reason == CLOSED else f"lost {reason}")
         self._wake()
 
     def put(self, data: bytes) -> None:
@@ -165,7 +166,7 @@ class SerialStream:
 
     def __init__(self, bus: str, settings: SerialSettings, tap: Tap | None = None) -> None:
         self._bus, self._settings = bus, settings
-        self._inbox = _Inbox(bus, tap)
+        self._inbox = Inbox(bus, tap)
         self._port: serial.Serial | None = None
 
     @property
@@ -215,7 +216,7 @@ class SerialStream:
         if self._port is None:
             return
         port, self._port = self._port, None
-        self._inbox.lose(_CLOSED)
+        self._inbox.lose(CLOSED)
         asyncio.get_running_loop().remove_reader(port.fileno())
         with suppress(OSError, termios.error):  # an unplugged adapter no longer accepts commands
             port.close()
@@ -223,7 +224,7 @@ class SerialStream:
     def write(self, data: bytes) -> None:
         self._inbox.check()
         if self._port is None:
-            raise ConnectError("not connected", bus=self._bus)
+            raise ConnectError(CLOSED, bus=self._bus)
         self._inbox.sent(data)
         try:
             written = os.write(self._port.fileno(), data)
@@ -287,7 +288,7 @@ class TcpStream:
 
     def __init__(self, bus: str, host: str, port: int, tap: Tap | None = None) -> None:
         self._bus, self._host, self._tcp_port = bus, host, port
-        self._inbox = _Inbox(bus, tap)
+        self._inbox = Inbox(bus, tap)
         self._transport: asyncio.Transport | None = None
 
     @property
@@ -312,7 +313,7 @@ class TcpStream:
             raise ConnectError(
                 f"cannot connect to {self._host}:{self._tcp_port}: {error}", bus=self._bus, hint="check host and port"
             ) from error
-        _notice_dead_peer(transport.get_extra_info("socket"))
+        notice_dead_peer(transport.get_extra_info("socket"))
         self._transport = transport
         self._inbox.opened()
 
@@ -320,14 +321,14 @@ class TcpStream:
         if self._transport is None:
             return
         transport, self._transport = self._transport, None
-        self._inbox.lose(_CLOSED)
+        self._inbox.lose(CLOSED)
         transport.abort()
         await asyncio.sleep(0)  # lets the loop close the socket
 
     def write(self, data: bytes) -> None:
         self._inbox.check()
         if self._transport is None:
-            raise ConnectError("not connected", bus=self._bus)
+            raise ConnectError(CLOSED, bus=self._bus)
         self._inbox.sent(data)
         self._transport.write(data)
 
@@ -349,7 +350,8 @@ class _TcpProtocol(asyncio.Protocol):
         self._lose(f"connection lost: {exc}" if exc else "the device closed the connection")
 
 
-def _notice_dead_peer(sock: socket.socket) -> None:
+def notice_dead_peer(sock: socket.socket) -> None:
+    """Have the kernel close a connection after a few seconds without an acknowledgement, and send at once."""
     sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     sock.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
     sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPIDLE, 5)

@@ -10,6 +10,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationInf
 from pydantic_core import PydanticCustomError
 
 _URL = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*://")
+_REMOTE = re.compile(r"(?:rfc2217|socket)://(?:\[[0-9A-Fa-f:.]+\]|[A-Za-z0-9._-]+):(?P<port>\d{1,5})/?")
 OTHER_ENCODING = "cp1252"
 """Of a file that a profile refers to (DBC, EDS)."""
 WRONG = "wrong"
@@ -70,18 +71,28 @@ def matching(pattern: str, expected: str) -> AfterValidator:
 
 
 def name_beside_the_file(name: str, info: ValidationInfo) -> str:
-    """The same for a serial port's name, which stays a text. A URL, which pyserial would take, is refused by name."""
+    """The same for the name of a port of this computer, which stays a text. A URL is refused."""
     if (url := _URL.match(name)) is not None:
-        raise ValueError(
-            f"{name!r}: expected the path of a serial port, as {url[0]} cannot be opened; for Modbus RTU behind a "
-            "device server set kind = 'modbus_rtu_tcp' with host and port, and raw TCP in the server"
-        )
+        raise ValueError(f"{name!r}: expected the path of a serial port, as {url[0]} cannot be opened for this bus")
     return str(beside_the_file(Path(name), info))
+
+
+def _serial_port(name: str, info: ValidationInfo) -> str:
+    """The name of a port of this computer, or the URL of one of a device server."""
+    if _URL.match(name) is None:
+        return name_beside_the_file(name, info)
+    found = _REMOTE.fullmatch(name)
+    if found is None or not 1 <= int(found["port"]) <= 0xFFFF:
+        raise ValueError(
+            f"{name!r}: expected the path of a serial port, or that of a device server: rfc2217://HOST:PORT, which "
+            "sets its speed and parity, or socket://HOST:PORT for raw TCP"
+        )
+    return name
 
 
 FilePath = Annotated[Path, AfterValidator(beside_the_file)]
 NotEmpty = Annotated[str, Field(min_length=1)]
-SerialPort = Annotated[NotEmpty, AfterValidator(name_beside_the_file)]
+SerialPort = Annotated[NotEmpty, AfterValidator(_serial_port)]
 Port = Annotated[int, Field(ge=1, le=65535)]
 """A TCP or UDP port."""
 Positive = Annotated[float, Field(gt=0)]

@@ -30,7 +30,7 @@ def test_every_package_of_a_peer_is_on_the_page() -> None:
     assert packages - _NOT_OF_DRIVERS == {peer.package for peer in PEERS if peer.made_by == "npm"}
     needed = set(
         re.findall(
-            r"(?m)^need (libmodbus\S+|linuxcnc-uspace|mosquitto|influxdb|victoria-metrics) ",
+            r"(?m)^need (libmodbus\S+|linuxcnc-uspace|ser2net|mosquitto|influxdb|victoria-metrics) ",
             (ROOT / ".ci" / "run").read_text("utf-8"),
         )
     )

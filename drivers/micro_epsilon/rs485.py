@@ -10,12 +10,13 @@ from collections.abc import Mapping, Sequence
 from math import isfinite
 
 from drivers.base import BadAnswer, Clock, NoAnswer, Quality, Reading
-from drivers.byte_stream import SerialStream, StreamBus
+from drivers.byte_stream import StreamBus
 from drivers.faults import Fault
 from drivers.micro_epsilon.profile import MeRs485Profile
 from drivers.micro_epsilon.settings import DisplacementOptions, MeRs485Settings
 from drivers.patience import Patience
 from drivers.readings import ReadingMaker
+from drivers.serial_server import serial_stream
 from drivers.tap import Tap
 
 _MASTER = 0x01
@@ -27,6 +28,8 @@ _MOST_SENT = 2
 """How often a silent sensor is sent one question; then only its late answer is waited for."""
 _PAUSE_S = 0.02
 """After a pause of this length, what was being sent has ended."""
+_SERVER_PAUSE_S = 0.1
+"""A device server sends on what it receives in pieces."""
 _FLOATS = struct.Struct("<ff")
 _COUNTED = struct.Struct("<HBx")
 
@@ -38,8 +41,9 @@ class MeRs485Bus(StreamBus):
     units = MeRs485Settings.units
 
     def __init__(self, name: str, settings: MeRs485Settings, tap: Tap | None = None) -> None:
-        super().__init__(name, SerialStream(name, settings, tap), settings.timeout_s)
+        super().__init__(name, serial_stream(name, settings, tap), settings.timeout_s)
         self._patience = Patience(settings.timeout_s)
+        self._pause_s = _SERVER_PAUSE_S if settings.is_remote else _PAUSE_S
         self._owed: dict[int, int] = {}
         """How many answers each sensor still owes, by address."""
         self._length: dict[int, int] = {}
@@ -73,7 +77,7 @@ class MeRs485Bus(StreamBus):
                         answers, answered = found, loop.time()
                     # Lets an answer that has begun finish; one that is complete and not valid is damaged.
                     damaged = not answers and len(heard) == self._length.get(address)
-                    until = min(sent + self._timeout_s, loop.time() + (_PAUSE_S if damaged else wait_s))
+                    until = min(sent + self._timeout_s, loop.time() + (self._pause_s if damaged else wait_s))
             except TimeoutError:
                 if not answers:
                     if len(heard) == self._length.get(address):  # damaged: this one is no longer due

@@ -9,7 +9,7 @@ from contextlib import suppress
 from pymodbus.pdu import ModbusPDU
 
 from drivers.base import BadAnswer, NoAnswer
-from drivers.byte_stream import ByteStream, SerialStream, TcpStream
+from drivers.byte_stream import ByteStream, TcpStream
 from drivers.modbus.bus import ModbusBus, decode_pdu
 from drivers.modbus.frames import find_rtu_answer, is_damaged, plausibly_of, rtu_answers, rtu_length, rtu_request
 from drivers.modbus.numbers import Block
@@ -17,6 +17,7 @@ from drivers.modbus.settings import ModbusRtuSettings, ModbusRtuTcpSettings
 from drivers.modbus.strangers import Strangers
 from drivers.modbus.unanswered import Unanswered
 from drivers.patience import Patience
+from drivers.serial_server import serial_stream
 from drivers.tap import Tap
 
 _MOST_SENT = 2
@@ -217,7 +218,7 @@ class RtuFramedBus(ModbusBus):
 
 
 class ModbusRtuBus(RtuFramedBus):
-    """Units on a serial line of this computer."""
+    """Units on a serial line of this computer, or on one of a device server."""
 
     kind = "modbus_rtu"
 
@@ -225,12 +226,13 @@ class ModbusRtuBus(RtuFramedBus):
         gap_s = 3.5 * 11 / settings.baud
         super().__init__(
             name,
-            SerialStream(name, settings, tap),
+            serial_stream(name, settings, tap),
             settings.timeout_s,
             local_echo=settings.local_echo,
             gap_s=gap_s,
-            pause_s=max(0.02, 4 * gap_s),
+            pause_s=max(_SERVER_PAUSE_S if settings.is_remote else 0.02, 4 * gap_s),
         )
+        self.reopens = settings.port.startswith("socket:")  # negotiating RFC 2217 anew takes longer than a period
 
 
 class ModbusRtuTcpBus(RtuFramedBus):

@@ -125,6 +125,15 @@ PEERS = (
         r"ads_server\(",
     ),
     Tried(
+        "ser2net",
+        "Debian",
+        "ser2net",
+        "device server of a serial line, by RFC 2217 and by raw TCP: Modbus RTU and a displacement sensor, speeds, "
+        "loss and return",
+        r"benches\.ser2net",
+        "4.3.11",
+    ),
+    Tried(
         "Mosquitto",
         "Debian",
         "mosquitto",

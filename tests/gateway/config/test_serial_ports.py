@@ -54,14 +54,36 @@ def test_ports_start_at_the_file_wherever_the_command_is_started(
     ]
 
 
-@pytest.mark.parametrize("url", ["rfc2217://10.0.0.9:4001", "socket://10.0.0.9:4001", "loop://"])
-@pytest.mark.parametrize("port", ["line", "/dev/serial/by-id/growth", "adapters/can"])
-def test_a_url_is_refused_with_what_to_use_instead(port: str, url: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    "url", ["rfc2217://10.0.0.9:4001", "socket://device-server.plant:4001", "rfc2217://[fe80::9]:1"]
+)
+@pytest.mark.parametrize("port", ["line", "/dev/serial/by-id/growth"])
+def test_the_port_of_a_device_server_is_taken_as_it_is(port: str, url: str, tmp_path: Path) -> None:
+    assert url in [bus.place for bus in loaded(tmp_path, TEXT.replace(f'"{port}"', f'"{url}"')).buses]
+
+
+@pytest.mark.parametrize(
+    "url",
+    ["loop://", "spy:///dev/ttyUSB0", "rfc2217://10.0.0.9", "rfc2217://10.0.0.9:0", "socket://10.0.0.9:70000",
+     "rfc2217://10.0.0.9:4001?logging=debug"],
+)  # fmt: skip
+@pytest.mark.parametrize("port", ["line", "/dev/serial/by-id/growth"])
+def test_another_url_is_refused_with_what_is_possible(port: str, url: str, tmp_path: Path) -> None:
     with pytest.raises(ConfigError) as caught:
         loaded(tmp_path, TEXT.replace(f'"{port}"', f'"{url}"'))
     (problem,) = caught.value.problems
     assert f"'{url}': expected the path of a serial port" in problem.what
-    assert "kind = 'modbus_rtu_tcp' with host and port" in problem.what
+    assert "rfc2217://HOST:PORT" in problem.what
+
+
+def test_an_adapter_of_a_can_bus_is_on_this_computer(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="rfc2217:// cannot be opened for this bus"):
+        loaded(tmp_path, TEXT.replace('"adapters/can"', '"rfc2217://10.0.0.9:4001"'))
+
+
+def test_the_direction_of_a_device_servers_line_is_not_switched_from_here(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="rs485_rts: has no effect on a port of a device server"):
+        loaded(tmp_path, TEXT.replace('port = "line"', 'port = "socket://10.0.0.9:4001"\nrs485_rts = "high"'))
 
 
 def test_a_recording_that_is_played_asks_for_no_rts(tmp_path: Path) -> None:

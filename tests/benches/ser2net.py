@@ -1,0 +1,62 @@
+"""ser2net, Debian's device server, for tests with marker `peer`: it puts one serial port on the network."""
+
+import shutil
+import subprocess
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from tests.benches.foreign_server import ended, started
+from tests.benches.free_port import free_port
+
+_CONFIG = """%YAML 1.1
+---
+connection: &line
+  accepter: {accepter},tcp,127.0.0.1,{port}
+  connector: serialdev,{device},1200n81,local
+  options:
+    kickolduser: true
+"""
+
+
+class Ser2net:
+    """A device server on loopback; it can be stopped and started again on its port.
+
+    Parameters
+    ----------
+    folder: for its files
+    device: the serial port, opened at 1200 baud unless the client says otherwise
+    scheme: `rfc2217`, or `socket` for raw TCP
+    """
+
+    def __init__(self, folder: Path, device: str, scheme: str) -> None:
+        program = shutil.which("ser2net", path="/usr/sbin:/usr/bin")
+        assert program is not None, "ser2net is missing: install Debian's ser2net"
+        port = free_port()
+        config, self._log = folder / "ser2net.yaml", folder / "ser2net.log"
+        accepter = "telnet(rfc2217)" if scheme == "rfc2217" else ""
+        config.write_text(_CONFIG.format(accepter=accepter, port=port, device=device).replace(" ,tcp", " tcp"))
+        self._command, self._port = [program, "-n", "-u", "-d", "-c", str(config)], port
+        self.url = f"{scheme}://127.0.0.1:{port}"
+        self._process: subprocess.Popen[str] | None = None
+
+    def start(self) -> None:
+        """Returns when its port accepts a connection."""
+        self._process = started(self._command, self._port, self._log)
+
+    def stop(self) -> None:
+        """Ends all connections."""
+        if self._process is not None:
+            ended(self._process)
+            self._process = None
+
+
+@contextmanager
+def ser2net(folder: Path, device: str, scheme: str) -> Iterator[Ser2net]:
+    """A server that runs."""
+    server = Ser2net(folder, device, scheme)
+    server.start()
+    try:
+        yield server
+    finally:
+        server.stop()

@@ -1,0 +1,131 @@
+"""Serial ports of a device server: Debian's ser2net, by RFC 2217 and by raw TCP, in front of an emulated line."""
+
+import asyncio
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+import pytest
+
+from drivers.base import ConnectError, NoAnswer, SystemClock
+from drivers.build import make_bus, make_device
+from drivers.modbus.bus import ModbusBus
+from drivers.modbus.numbers import Block
+from simulators.devices.me_sensor import MeLine, MeSensor
+from simulators.devices.modbus_servers import RtuLine
+from simulators.devices.voltage_input import VoltageInput
+from tests.benches.free_port import free_port
+from tests.benches.ser2net import Ser2net, ser2net
+from tests.benches.stream_server import stream_server
+
+TIMEOUT_S = 5.0
+"""A busy computer may take so long for an answer of another program."""
+VALUES_UM = [5.0, -0.05, 400.0]
+THREE, WORDS = Block(4, 0, 3), (100, 0xFFFF, 8000)
+"""They have Telnet's byte 255 twice."""
+
+
+@asynccontextmanager
+async def served(
+    folder: Path, scheme: str, *, line_baud: int, baud: int, timeout_s: float = TIMEOUT_S
+) -> AsyncIterator[tuple[ModbusBus, Ser2net]]:
+    """A connected bus at `baud`, and the server of the line, whose unit understands `line_baud` alone."""
+    line = RtuLine({1: VoltageInput(lambda: VALUES_UM, range_um=500.0)}, baud=line_baud)
+    path = await line.start()
+    try:
+        with ser2net(folder, path, scheme) as server:
+            bus = make_bus("bus1", "modbus_rtu", {"port": server.url, "baud": baud, "timeout_s": timeout_s})
+            assert isinstance(bus, ModbusBus)
+            try:
+                await bus.connect()
+                yield bus, server
+            finally:
+                await bus.close()
+    finally:
+        await line.stop()
+
+
+@pytest.mark.peer
+@pytest.mark.parametrize("baud", [19200, 38400])
+async def test_rfc_2217_sets_the_speed_of_the_servers_line_and_passes_every_byte(tmp_path: Path, baud: int) -> None:
+    async with served(tmp_path, "rfc2217", line_baud=baud, baud=baud) as (bus, _):
+        assert await bus.read("d", 1, THREE) == WORDS
+
+
+@pytest.mark.peer
+async def test_a_displacement_sensor_is_read_behind_the_server(tmp_path: Path) -> None:
+    line = MeLine([MeSensor(lambda: [123.4], range_um=500.0)])
+    path = await line.start()
+    try:
+        with ser2net(tmp_path, path, "rfc2217") as server:
+            bus = make_bus("bus1", "me_rs485", {"port": server.url, "timeout_s": TIMEOUT_S})
+            await bus.connect()
+            driver = make_device("d", bus, "me_rs485", 0x7E, {"growth": 0}, {"range_um": 500.0}, SystemClock())
+            await driver.connect()
+            (read,) = await driver.read()
+            await bus.close()
+        assert read.value == pytest.approx(123.4, abs=0.05)
+    finally:
+        await line.stop()
+
+
+@pytest.mark.peer
+async def test_a_unit_of_another_speed_is_silent_behind_the_server(tmp_path: Path) -> None:
+    async with served(tmp_path, "rfc2217", line_baud=19200, baud=9600, timeout_s=0.2) as (bus, _):
+        with pytest.raises(NoAnswer):
+            await bus.read("d", 1, THREE)
+
+
+@pytest.mark.peer
+async def test_raw_tcp_leaves_the_speed_to_the_server(tmp_path: Path) -> None:
+    async with served(tmp_path, "socket", line_baud=1200, baud=9600) as (bus, _):
+        assert await bus.read("d", 1, THREE) == WORDS
+
+
+@pytest.mark.peer
+async def test_a_server_that_went_and_came_back_is_connected_again(tmp_path: Path) -> None:
+    async with served(tmp_path, "rfc2217", line_baud=19200, baud=19200) as (bus, server):
+        server.stop()
+        with pytest.raises(ConnectError, match=r"serial port rfc2217://127\.0\.0\.1:[0-9]+ is gone"):
+            await bus.read("d", 1, THREE)
+        with pytest.raises(ConnectError, match="cannot open serial port rfc2217://"):
+            await bus.connect()
+        server.start()
+        await bus.connect()
+        assert await bus.read("d", 1, THREE) == WORDS
+
+
+@pytest.mark.peer
+async def test_a_server_of_raw_tcp_is_told_from_one_of_rfc_2217(tmp_path: Path) -> None:
+    async with served(tmp_path, "socket", line_baud=1200, baud=1200) as (_, server):
+        url = server.url.replace("socket:", "rfc2217:")
+        bus = make_bus("bus2", "modbus_rtu", {"port": url})
+        with pytest.raises(ConnectError, match="cannot open serial port") as caught:
+            await bus.connect()
+        assert "socket://" in str(caught.value)
+
+
+async def test_a_port_where_nobody_listens_is_named() -> None:
+    bus = make_bus("bus1", "me_rs485", {"port": f"rfc2217://127.0.0.1:{free_port()}"})
+    with pytest.raises(ConnectError, match=r"cannot open serial port rfc2217://127\.0\.0\.1"):
+        await bus.connect()
+
+
+async def test_who_no_longer_waits_for_the_server_leaves_no_connection() -> None:
+    connected, ended = asyncio.Event(), asyncio.Event()
+
+    async def silent(reader: asyncio.StreamReader, _: asyncio.StreamWriter) -> None:
+        connected.set()
+        while await reader.read(100):
+            pass
+        ended.set()
+
+    async with stream_server(silent) as port:
+        bus = make_bus("bus1", "modbus_rtu", {"port": f"rfc2217://127.0.0.1:{port}"})
+        opening = asyncio.ensure_future(bus.connect())
+        await connected.wait()
+        opening.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await opening
+        await ended.wait()
+        await bus.close()
