@@ -1,6 +1,6 @@
 """What moves on a page: Chromium's own measure (layout shift), and where the parts begin."""
 
-from playwright.sync_api import Page
+from playwright.sync_api import Page, expect
 
 _NOTE = """() => {
   window.shifts = [];
@@ -27,7 +27,8 @@ def shifts(page: Page) -> object:
 
 
 def top_of(page: Page, selector: str) -> float:
-    """Where it begins, in pixels from the beginning of the page."""
+    """Where it begins, in pixels from the beginning of the page; the page is not shown before its first state."""
+    expect(page.locator(selector)).to_be_visible()
     return float(page.evaluate("(of) => document.querySelector(of).getBoundingClientRect().top + scrollY", selector))
 
 
