@@ -1,6 +1,7 @@
 """The interface of drivers and buses: construct (validates, no network), connect, read, close. They never retry."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from enum import StrEnum
@@ -153,6 +154,15 @@ class DriverError(Exception):
     def advice(self) -> str:
         """What, and what to do, for where the place is known."""
         return f"{self.what} ({self.hint})" if self.hint else self.what
+
+
+@contextmanager
+def placed(bus: str, device: str = "") -> Iterator[None]:
+    """Inside, errors of a connection that several devices share, which name neither, name the bus and the device."""
+    try:
+        yield
+    except DriverError as error:
+        raise type(error)(error.what, bus=bus, device=device, hint=error.hint) from error
 
 
 class SetupError(DriverError, ValueError):

@@ -8,7 +8,6 @@ import asyncio
 import socket
 import threading
 from contextlib import suppress
-from urllib.parse import urlsplit
 
 from serial import rfc2217
 
@@ -17,6 +16,9 @@ from drivers.bus_settings import SerialSettings
 from drivers.byte_stream import CLOSED, ByteStream, Inbox, SerialStream, TcpStream, notice_dead_peer
 from drivers.tap import Tap
 
+SERVER_PAUSE_S = 0.1
+"""A device server sends on what it receives in pieces."""
+_PAUSE_S = 0.02
 _LOOK_S = 0.5
 """How long the thread that reads waits for a byte before it looks whether the port is still open."""
 
@@ -27,10 +29,13 @@ def serial_stream(bus: str, settings: SerialSettings, tap: Tap | None = None) ->
         return SerialStream(bus, settings, tap)
     if settings.port.startswith("rfc2217:"):
         return Rfc2217Stream(bus, settings, tap)
-    url = urlsplit(settings.port)
-    assert url.hostname is not None  # noqa: S101 - the settings are checked
-    assert url.port is not None  # noqa: S101
-    return TcpStream(bus, url.hostname, url.port, tap)
+    host, _, port = settings.port.removeprefix("socket://").rstrip("/").rpartition(":")
+    return TcpStream(bus, host.strip("[]"), int(port), tap)
+
+
+def pause_s(settings: SerialSettings) -> float:
+    """After a pause of this length on the port, what was being sent has ended."""
+    return SERVER_PAUSE_S if settings.is_remote else _PAUSE_S
 
 
 class _DeviceServerPort(rfc2217.Serial):

@@ -1,7 +1,6 @@
 """A control's agent as a bus: a connection of its own that only reads. See docs/agent.md, `values`."""
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -9,7 +8,7 @@ from drivers.agent.greeting import Capability, greeting_of
 from drivers.agent.line import AgentLine, Json
 from drivers.agent.numbers import finite_number, json_object
 from drivers.agent.settings import AgentBusSettings, AgentSettings
-from drivers.base import BadAnswer, DriverError, WrongDevice
+from drivers.base import BadAnswer, WrongDevice, placed
 from drivers.tap import Tap
 
 _MOST_NAMES = 3000
@@ -61,7 +60,7 @@ class AgentBus:
         """
         if self._line.is_open:
             return
-        with self._placed():
+        with placed(self._name):
             greeting = greeting_of(await self._line.connect(reads=True), "")
             if Capability.VALUES not in greeting.can:
                 await self._line.close()
@@ -80,20 +79,12 @@ class AgentBus:
         """
         found: list[float | str | None] = []
         stale = ""
-        with self._placed(device):
+        with placed(self._name, device):
             for start, end in pairwise(_parts(names)):
                 told = json_object(await self._line.ask("values", names=list(names[start:end])), "values", "")
                 found += _listed(told.get("values"), names[start:end])
                 stale = stale or _why(told.get("stale"))
         return ToldValues(tuple(found), stale)
-
-    @contextmanager
-    def _placed(self, device: str = "") -> Iterator[None]:
-        """The line's errors name neither bus nor device."""
-        try:
-            yield
-        except DriverError as error:
-            raise type(error)(error.what, bus=self._name, device=device, hint=error.hint) from error
 
 
 def _parts(names: Sequence[str]) -> list[int]:

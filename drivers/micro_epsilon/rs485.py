@@ -16,7 +16,7 @@ from drivers.micro_epsilon.profile import MeRs485Profile
 from drivers.micro_epsilon.settings import DisplacementOptions, MeRs485Settings
 from drivers.patience import Patience
 from drivers.readings import ReadingMaker
-from drivers.serial_server import serial_stream
+from drivers.serial_server import pause_s, serial_stream
 from drivers.tap import Tap
 
 _MASTER = 0x01
@@ -26,10 +26,6 @@ _END = 0x16
 _SHORTEST_LE = 3
 _MOST_SENT = 2
 """How often a silent sensor is sent one question; then only its late answer is waited for."""
-_PAUSE_S = 0.02
-"""After a pause of this length, what was being sent has ended."""
-_SERVER_PAUSE_S = 0.1
-"""A device server sends on what it receives in pieces."""
 _FLOATS = struct.Struct("<ff")
 _COUNTED = struct.Struct("<HBx")
 
@@ -43,7 +39,7 @@ class MeRs485Bus(StreamBus):
     def __init__(self, name: str, settings: MeRs485Settings, tap: Tap | None = None) -> None:
         super().__init__(name, serial_stream(name, settings, tap), settings.timeout_s)
         self._patience = Patience(settings.timeout_s)
-        self._pause_s = _SERVER_PAUSE_S if settings.is_remote else _PAUSE_S
+        self._pause_s = pause_s(settings)
         self._owed: dict[int, int] = {}
         """How many answers each sensor still owes, by address."""
         self._length: dict[int, int] = {}

@@ -17,7 +17,7 @@ from drivers.modbus.settings import ModbusRtuSettings, ModbusRtuTcpSettings
 from drivers.modbus.strangers import Strangers
 from drivers.modbus.unanswered import Unanswered
 from drivers.patience import Patience
-from drivers.serial_server import serial_stream
+from drivers.serial_server import SERVER_PAUSE_S, pause_s, serial_stream
 from drivers.tap import Tap
 
 _MOST_SENT = 2
@@ -29,8 +29,6 @@ _FOLLOWS_S = 0.05
 """How soon the answer to a repeated request follows the answer to the first one."""
 _SERVER_GAP_S = 3.5 * 11 / 9600
 """Between frames behind a device server, whose line's speed is not known here; the network adds its own delay."""
-_SERVER_PAUSE_S = 0.1
-"""A device server sends on what it receives in pieces."""
 
 
 class RtuFramedBus(ModbusBus):
@@ -230,7 +228,7 @@ class ModbusRtuBus(RtuFramedBus):
             settings.timeout_s,
             local_echo=settings.local_echo,
             gap_s=gap_s,
-            pause_s=max(_SERVER_PAUSE_S if settings.is_remote else 0.02, 4 * gap_s),
+            pause_s=max(pause_s(settings), 4 * gap_s),
         )
         self.reopens = settings.port.startswith("socket:")  # negotiating RFC 2217 anew takes longer than a period
 
@@ -248,5 +246,5 @@ class ModbusRtuTcpBus(RtuFramedBus):
             settings.timeout_s,
             local_echo=settings.local_echo,
             gap_s=_SERVER_GAP_S,
-            pause_s=_SERVER_PAUSE_S,
+            pause_s=SERVER_PAUSE_S,
         )

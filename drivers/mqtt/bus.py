@@ -5,17 +5,15 @@ from collections.abc import Callable, Collection
 from contextlib import suppress
 from dataclasses import dataclass
 from time import monotonic
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING
 
-from drivers.base import ConnectError, DriverError
+from drivers.base import ConnectError, placed
 from drivers.mqtt.packets import publish_packet
 from drivers.mqtt.settings import MqttBusSettings
 from drivers.tap import Tap
 
 if TYPE_CHECKING:
     from drivers.mqtt.connection import MqttConnection
-
-T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,11 +68,10 @@ class MqttBus:
             return
         await self.close()
         loop = asyncio.get_running_loop()
-        connection = self._placed(
-            lambda: self._make(
+        with placed(self._name):
+            connection = self._make(
                 self._settings, self.timeout_s, on_message=self._hearing(loop), on_lost=lambda: self._lost(loop)
             )
-        )
 
         def opened() -> None:
             connection.open()
@@ -82,9 +79,10 @@ class MqttBus:
             if self._topics:
                 connection.subscribe(sorted(self._topics))
 
-        opening = loop.run_in_executor(None, self._placed, opened)
+        opening = loop.run_in_executor(None, opened)
         try:
-            await asyncio.shield(opening)
+            with placed(self._name):
+                await asyncio.shield(opening)
         except BaseException:  # cancelled: what is still being opened is closed afterwards
             opening.add_done_callback(lambda done: (done.exception(), loop.run_in_executor(None, connection.drop)))
             raise
@@ -136,13 +134,6 @@ class MqttBus:
             why = "not connected" if connection is None else connection.lost
             await self.close()
             raise ConnectError(f"{self._settings.url}: {why}", bus=self._name, device=device)
-
-    def _placed(self, action: Callable[[], T]) -> T:
-        """The connection's errors name no bus."""
-        try:
-            return action()
-        except DriverError as error:
-            raise type(error)(error.what, bus=self._name, hint=error.hint) from error
 
     def _hearing(self, loop: asyncio.AbstractEventLoop) -> Callable[[str, bytes, bool], None]:
         def hear(topic: str, payload: bytes, retained: bool) -> None:

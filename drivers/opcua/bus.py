@@ -1,9 +1,8 @@
 """An OPC UA server as a bus: one session, which several devices share. It only reads."""
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 
-from drivers.base import DriverError
+from drivers.base import placed
 from drivers.opcua.nodes import NodeName, NodeValue
 from drivers.opcua.settings import OpcUaBusSettings
 from drivers.tap import Tap
@@ -34,7 +33,7 @@ class OpcUaBus:
     async def connect(self) -> None:
         """Open the session, unless it is open. Raises ConnectError, NoAnswer, Refused, SetupError."""
         if not self._session.is_open:
-            with self._placed():
+            with placed(self._name):
                 await self._session.connect()
 
     async def close(self) -> None:
@@ -47,13 +46,5 @@ class OpcUaBus:
 
         Raises NoAnswer or ConnectError, after which the session is closed, and BadAnswer or Refused.
         """
-        with self._placed(device):
+        with placed(self._name, device):
             return await self._session.read_nodes(tuple(nodes), aged=aged)
-
-    @contextmanager
-    def _placed(self, device: str = "") -> Iterator[None]:
-        """The session's errors name neither bus nor device."""
-        try:
-            yield
-        except DriverError as error:
-            raise type(error)(error.what, bus=self._name, device=device, hint=error.hint) from error
