@@ -256,7 +256,8 @@ def table(found: SoakResult) -> str:
     """As Markdown; what counts against the gateway follows, line by line."""
     lines = ["| | |", "|---|---|", *(f"| {name} | {value} |" for name, value in found.rows), ""]
     lines += [f"not reported: {fault.name}, from {fault.begin_s:.0f} to {fault.end_s:.0f} s" for fault in found.missed]
-    lines += [f"false alarm: at {alarm.at_s:.0f} s, {alarm.kind.value}: {alarm.text}" for alarm in found.false]
+    for what, alarms in (("false alarm", found.false), ("asked again", found.asked_again)):
+        lines += [f"{what}: at {alarm.at_s:.0f} s, {alarm.kind.value}: {alarm.text}" for alarm in alarms]
     return "\n".join(lines)
 
 

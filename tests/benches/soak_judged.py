@@ -15,6 +15,8 @@ from gateway.storage import History
 from talc.frame import Event, EventKind
 from tests.benches.faulty_machine import WIRES
 
+SURPRISE = "a second cycle must give the same result"
+"""Ends the text of a rejection that awaits confirmation (gateway/probing/checks.py)."""
 ALARMS = (EventKind.PROBLEM, EventKind.MEASUREMENT_REJECTED, EventKind.SENSOR_SUSPECT, EventKind.MODEL_REJECTED)
 LEAST_GROWTH = 2
 """Descriptors, threads or tasks by which two medians may differ: a commit or a closing line moves each for a moment."""
@@ -92,6 +94,8 @@ class SoakResult:
     lost: int
     missed: Sequence[SoakFault]
     false: Sequence[Alarm]
+    asked_again: Sequence[Alarm]
+    """Surprising results of probing that the next cycle explained: each cost two minutes, and nobody had to act."""
     leaked: bool
     stepped: bool
 
@@ -107,11 +111,14 @@ def judged(folder: Path, config: GatewayConfig, epoch: datetime, seen: SoakSeen)
         stored = [step.frame.k for step in history.steps()]
         found = [(at, event) for at, _, event in history.events()]
         kept = sum(sum(counts.values()) for counts in history.channel_health().values())
+        probed = [((m.ended - epoch).total_seconds(), m.errors is not None) for m in history.measurements()]
     alarms = alarms_of(found, epoch)
     faults = faults_of((folder / "faults.jsonl").read_text("utf-8").splitlines())
     begins_s = [run.begin_s for run in seen.runs]
     words = words_of(config)
-    false = false_alarms(alarms, faults, begins_s, words)
+    unexplained = false_alarms(alarms, faults, begins_s, words)
+    again = asked_again(unexplained, probed, begins_s)
+    false = [alarm for alarm in unexplained if alarm not in again]
     missed = [f for f in _whole(faults, seen.runs) if not reported(f, alarms, words)]
     due = _due(seen.runs, epoch, config.grid.step_s)
     lost = len(due - set(stored))
@@ -130,6 +137,7 @@ def judged(folder: Path, config: GatewayConfig, epoch: datetime, seen: SoakSeen)
         ("faults within one run that were not reported", f"{len(missed)} of {len(_whole(faults, seen.runs))}"),
         ("end of a fault until it is reported", _shares_s(ends)),
         ("alarms: false, all", f"{len(false)}, {sum(a.kind in ALARMS for a in alarms)}"),
+        ("cycles of probing, and surprises that the next one explained", f"{len(probed)}, {len(again)}"),
         ("decision after the end of its grid step", _shares_s(seen.lags_s)),
         ("largest change of the offsets in a period: within a run, across a restart, allowed",
          f"{within:.1f}, {across:.1f}, {seen.slew_um:.1f} µm"),
@@ -140,7 +148,7 @@ def judged(folder: Path, config: GatewayConfig, epoch: datetime, seen: SoakSeen)
     ]  # fmt: skip
     lost += 0 if thinned else seen.readings - kept
     leaked = seen.children > 0 or max(max(part.values()) for part in growth.values()) > LEAST_GROWTH
-    return SoakResult(rows, lost, missed, false, leaked, max(within, across) > seen.slew_um * (1 + 1e-9))
+    return SoakResult(rows, lost, missed, false, again, leaked, max(within, across) > seen.slew_um * (1 + 1e-9))
 
 
 def alarms_of(found: Sequence[tuple[datetime, Event]], epoch: datetime) -> list[Alarm]:
@@ -189,6 +197,27 @@ def false_alarms(
         if alarm.kind in ALARMS
         and not any(f.begin_s <= alarm.at_s <= until and words[f.wire].search(alarm.text) for f, until in spans)
     ]
+
+
+def asked_again(
+    alarms: Sequence[Alarm], probed: Sequence[tuple[float, bool]], begins_s: Sequence[float]
+) -> list[Alarm]:
+    """Alarms that only ask for a second cycle, where the next one's result was used.
+
+    A machine that has just begun to move differs from what a gateway that never saw it move predicts. Asking again is
+    right then: dirt in the probe's taper looks the same. It is false when the next result is rejected as well, unless
+    the service was restarted in between, as it then knows nothing of the first.
+
+    probed: when each cycle ended, simulated s, and whether its result was used; oldest first
+    """
+    found = []
+    for alarm in alarms:
+        until_s = min((begin for begin in begins_s if begin > alarm.at_s), default=float("inf"))
+        later = [used for at_s, used in probed if alarm.at_s < at_s < until_s]
+        surprise = alarm.kind is EventKind.MEASUREMENT_REJECTED and alarm.text.endswith(SURPRISE)
+        if surprise and (not later or later[0]):
+            found.append(alarm)
+    return found
 
 
 def explained_until_s(

@@ -20,7 +20,7 @@ from talc.settings import SensorCheckSettings
 from tests.benches.plant_days import NAMES, plant_days
 from tests.benches.simulated_time import held_time, simulated_time
 from tests.benches.soak import RightClock, SoakPlan, fast_forward, soaked, table
-from tests.benches.soak_judged import Alarm, SoakFault, false_alarms, reported
+from tests.benches.soak_judged import SURPRISE, Alarm, SoakFault, asked_again, false_alarms, reported
 
 WORDS = {
     "NC": re.compile(r"\b(NC|probing)\b"),
@@ -123,3 +123,24 @@ def test_a_fault_explains_alarms_of_its_wire(
 )
 def test_a_fault_is_reported_by_an_alarm_of_its_wire(alarms: list[Alarm], expected: bool) -> None:
     assert reported(SILENT, alarms, WORDS) is expected
+
+
+@pytest.mark.parametrize(
+    ("text", "probed", "begins_s", "again"),
+    [
+        (f"EZ0T: {SURPRISE}", [(900.0, True), (1000.0, False), (1300.0, True)], [0.0], True),
+        (f"EZ0T: {SURPRISE}", [(900.0, True), (1000.0, False), (1300.0, False)], [0.0], False),
+        (f"EZ0T: {SURPRISE}", [(1000.0, False), (1300.0, False)], [0.0, 1200.0], True),
+        (f"EZ0T: {SURPRISE}", [(900.0, True), (1000.0, False)], [0.0], True),
+        ("the centres differ by 12.1 µm RMS", [(1000.0, False), (1300.0, True)], [0.0], False),
+    ],
+    ids=[
+        "the next was used", "the next was rejected as well", "the next was after a restart",
+        "the soak ended before", "no surprise",
+    ],
+)  # fmt: skip
+def test_a_surprise_that_the_next_cycle_explains_is_no_false_alarm(
+    text: str, probed: list[tuple[float, bool]], begins_s: list[float], again: bool
+) -> None:
+    alarm = Alarm(1000.0, EventKind.MEASUREMENT_REJECTED, text)
+    assert asked_again([alarm], probed, begins_s) == [alarm] * again
