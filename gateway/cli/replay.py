@@ -77,7 +77,8 @@ class Request:
 
 _SAID_OTHERWISE = {
     "learner": "the learner corrects from the first measurement on",
-    "models": "--config with [talc.control] calibration_steps and calibration_interval_steps says otherwise",
+    "models": "--calibration-interval is for errors measured less often, and --config with [talc.control] "
+    "calibration_steps for a shorter or longer one",
 }
 
 
@@ -89,7 +90,7 @@ def run_recording(request: Request) -> None:
     sections = TalcOnly() if request.config is None else load_talc_only(request.config)
     recording = read_recording(request.file, request.columns, sections.grid.step_s)
     if request.calibration_min is not None:
-        sections = _calibrated(sections, recording, request.calibration_min)
+        sections = _calibrated(sections, recording, request.calibration_min, request.file)
     console = terminal()
     console.print(_roles(recording, request.columns), soft_wrap=True, markup=False, highlight=False)
     prior = _prior(sections, recording, request.config)
@@ -143,18 +144,18 @@ def _roles(recording: Recording, columns: Columns) -> str:
     return "\n".join(lines)
 
 
-def _calibrated(sections: TalcOnly, recording: Recording, minutes: float) -> TalcOnly:
+def _calibrated(sections: TalcOnly, recording: Recording, minutes: float, file: Path) -> TalcOnly:
     """With the calibration's measurements so far apart, and as many as it takes at least. Raises ConfigError."""
     if sections.talc.method == "learner":
         what = 'the learner has no calibration; it is for `method = "models"`, with --config'
-        raise ConfigError(Path(), [Problem("--calibration-interval", what)])
+        raise ConfigError(file, [Problem("--calibration-interval", what)])
     every, control = max(round(minutes * 60.0 / recording.step_s), 1), sections.talc.control
     steps = max(control.calibration_steps, _LEAST_CALIBRATION * every)
     try:
         control = replace(control, calibration_interval_steps=every, calibration_steps=steps)
         return sections.model_copy(update={"talc": replace(sections.talc, control=control)})
     except ValueError as error:
-        raise ConfigError(Path(), [Problem("--calibration-interval", str(error))]) from None
+        raise ConfigError(file, [Problem("--calibration-interval", str(error))]) from None
 
 
 def _prior(sections: TalcOnly, recording: Recording, config: Path | None) -> PriorFile | None:

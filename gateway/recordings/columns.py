@@ -64,7 +64,7 @@ def roles_of(head: Sequence[str], columns: Columns, problems: FileProblems) -> R
     given = dict(columns.errors or {})
     _present(head, columns.time, (*given.values(), *ignored, *columns.inputs), problems)
     _used_once(columns.time, given, ignored, columns.inputs, problems)
-    errors = given | _recognised(head, given, {columns.time, *ignored})
+    errors = given | _recognised(head, given, {columns.time, *given.values(), *columns.inputs, *ignored})
     taken = {columns.time, *errors.values(), *ignored}
     inputs = tuple(name for name in head if name not in taken)
     for name in inputs:
@@ -95,7 +95,7 @@ def _present(head: Sequence[str], time: str, others: Sequence[str], problems: Fi
     if time not in head:
         named = suggestion(time, [name for name in head if name])
         first = 'column 1 has no name: if it is the time, give --time ""; otherwise ' if head[0] == "" else ""
-        problems.add(f"column {time!r}", f"is missing (time); {first}{named}")
+        problems.add(f"column {time!r}", f"is missing; --time NAME says which column is the time; {first}{named}")
     for name in others:
         if name not in head:
             problems.add(f"column {name!r}", f"is missing; {suggestion(name, head)}")

@@ -100,7 +100,10 @@ def _places(roles: Roles, columns: Columns, problems: FileProblems) -> list[int]
         unit = COLUMN_UNITS[columns.units[error]][0] if error in columns.units else ERROR_UNITS.get(error, MICROMETRE)
         if error in THERMAL_ERRORS:
             if unit != ERROR_UNITS[error]:
-                problems.add(f"unit of {error}", f"{columns.units[error]!r} is not one of {ERROR_UNITS[error]}")
+                fit = ", ".join(u for u, (kind, _) in COLUMN_UNITS.items() if kind == ERROR_UNITS[error])
+                problems.add(
+                    f"unit of {error}", f"{columns.units[error]!r} is no unit of {ERROR_UNITS[error]}; expected {fit}"
+                )
             continue
         free = [i for i, name in enumerate(THERMAL_ERRORS) if ERROR_UNITS[name] == unit and i not in places.values()]
         if free:

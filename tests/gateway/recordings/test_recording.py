@@ -136,7 +136,10 @@ def test_errors_and_time_by_their_names(tmp_path: Path) -> None:
         (lambda g: [*g[:3], "900,20", *g[4:]], "line 4: 2 cells; the heading has 3"),
         (lambda g: ["time,t1,t1", *g[1:]], "column 3: 't1' occurs twice"),
         (lambda g: ["time,,EX0C", *g[1:]], "column 2: has no name"),
-        (lambda g: ["Time,t1,EX0C", *g[1:]], "column 'time': is missing (time); did you mean 'Time'?"),
+        (
+            lambda g: ["Time,t1,EX0C", *g[1:]],
+            "column 'time': is missing; --time NAME says which column is the time; did you mean 'Time'?",
+        ),
         (lambda g: ["time,t1,t2", *g[1:]], "no column of a thermal error; expected one or more of EY0A"),
         (lambda g: ["time,EY0A,EX0C", *g[1:]], "no column remains as an input"),
         (lambda g: [*g[:3], "900,2_0,1", *g[4:]], "line 4, column 't1': '2_0' is not a finite number"),

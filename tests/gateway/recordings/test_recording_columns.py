@@ -87,3 +87,17 @@ def test_the_row_numbers_of_pandas_are_no_input(tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match='column 1 has no name: if it is the time, give --time ""; otherwise'):
         read(table(tmp_path, "", "t1", "EX0C"), Columns())
     assert run(table(tmp_path, "", "t1", "EX0C"), "--time", "").exit_code == 0
+
+
+def test_a_column_given_as_an_error_of_another_name_is_that_error_alone(tmp_path: Path) -> None:
+    found = read(table(tmp_path, "time", "t1", "EZ0T", "EX0C"), Columns(errors={"drift": "EZ0T"}))
+    assert dict(found.error_columns) == {"drift": "EZ0T", "EX0C": "EX0C"}
+    assert found.input_names == ("t1",)
+
+
+def test_a_column_given_as_an_input_is_no_error_by_its_name(tmp_path: Path) -> None:
+    path = table(tmp_path, "time", "t1", "EX0C", "EZ0T")
+    found = read(path, Columns(inputs=("EX0C",)))
+    assert dict(found.error_columns) == {"EZ0T": "EZ0T"}
+    assert found.input_names == ("t1", "EX0C")
+    assert "errors: EZ0T\ninputs (2): t1, EX0C\n" in run(path, "--input", "EX0C").output

@@ -56,7 +56,7 @@ def test_units_are_converted(tmp_path: Path) -> None:
     plain = read_recording(path, Columns(), 300.0).errors
     found = read_recording(path, Columns(units={"EX0C": "mm", "EA0C": "mrad"}), 300.0).errors
     np.testing.assert_allclose(found[:, [2, 6]], 1000.0 * plain[:, [2, 6]])
-    with pytest.raises(RecordingError, match="unit of EX0C: 'rad' is not one of µm"):
+    with pytest.raises(RecordingError, match=r"unit of EX0C: 'rad' is no unit of µm; expected um, mm, m, in$"):
         read_recording(path, Columns(units={"EX0C": "rad"}), 300.0)
     with pytest.raises(RecordingError, match="unit of EY0A: there is no such error"):
         read_recording(path, Columns(units={"EY0A": "mm"}), 300.0)
@@ -228,8 +228,10 @@ def test_a_folder_that_is_not_there_is_reported_before_anything_runs(tmp_path: P
 
 def test_the_calibration_interval_is_of_the_trained_models(tmp_path: Path) -> None:
     path, config = table(tmp_path, "time,t1,t2,EX0C"), tmp_path / "models.toml"
-    assert "the learner has no calibration" in run(path, "--calibration-interval", 30).output
+    refused = "own.csv: --calibration-interval: the learner has no calibration"
+    assert refused in run(path, "--calibration-interval", 30).output
     config.write_text('[talc]\nmethod = "models"\n', encoding="utf-8")
+    assert "--calibration-interval is for errors measured less often" in run(path, "--config", config).output
     answer = run(path, "--config", config, "--calibration-interval", 30)
     assert answer.exit_code == 0, answer.output
     assert "288 steps of 300 s, 24.0 h, measured each 6 steps" in " ".join(answer.output.split())

@@ -21,7 +21,7 @@ ESTIMATORS: list[Any] = [
     talc.SparseOutputError(max_nb=1),
 ]
 CHECKED = [e for e in ESTIMATORS if not isinstance(e, talc.ClusterKernelARX)]
-"""Its ensembles would take a minute; all that the checks look at is in its base class."""
+"""Its ensembles take minutes; all that the checks look at is in its base class."""
 
 
 @pytest.mark.slow
