@@ -6,10 +6,11 @@ from collections.abc import Mapping, Sequence
 from drivers.base import Clock, Quality, Reading, Refused
 from drivers.canopen.bus import CanOpenBus
 from drivers.canopen.node import NO_HEARTBEAT, NodeReader
-from drivers.canopen.objects import FORMATS, CanOpenProfile, raw_number
+from drivers.canopen.objects import CanOpenProfile
 from drivers.canopen.place import CanObject
 from drivers.canopen.settings import NodeOptions
 from drivers.faults import Fault
+from drivers.number_types import BYTE_FORMATS, raw_number
 from drivers.readings import ReadingMaker
 
 _IDENTITY = 0x1018
@@ -92,7 +93,7 @@ class CanOpenDevice:
 
     def _value(self, number: int, data: bytes) -> float | Fault:
         entry, kind = self._profile.objects[number], self._profile.types[number]
-        form = struct.Struct("<" + FORMATS[kind])
+        form = struct.Struct("<" + BYTE_FORMATS[kind])
         if len(data) != form.size:
             text = f"object {entry.place} holds {len(data)} bytes, but a {kind} takes {form.size}"
             return Fault(Quality.COMM_FAULT, text)

@@ -6,26 +6,21 @@ The library reads the EDS; it is imported where there is such a file.
 from collections.abc import Mapping
 from functools import cached_property
 from pathlib import Path
-from typing import Any, ClassVar, Final, Literal, Self, get_args
+from typing import Any, ClassVar, Final, Literal, Self
 
 from pydantic import Field, PrivateAttr, model_validator
 
 from drivers.canopen.place import CanObject
-from drivers.faults import NumberRule, RawNumber
+from drivers.faults import NumberRule
+from drivers.number_types import ByteNumber, raw_number
 from drivers.profile import DeviceProfile, LinearValue
 from drivers.section import OTHER_ENCODING, FilePath, wrong
 
-ObjectType = Literal[
-    "bool", "int8", "int16", "int32", "int64", "uint8", "uint16", "uint32", "uint64", "float32", "float64"
-]
-_IN_EDS: Final[Mapping[int, ObjectType]] = {
+_IN_EDS: Final[Mapping[int, ByteNumber]] = {
     0x01: "bool", 0x02: "int8", 0x03: "int16", 0x04: "int32", 0x05: "uint8", 0x06: "uint16", 0x07: "uint32",
     0x08: "float32", 0x11: "float64", 0x15: "int64", 0x1B: "uint64",
 }  # fmt: skip
 """Numbers of the data types in an EDS (CiA 301, table 44)."""
-FORMATS: Final[Mapping[ObjectType, str]] = dict(zip(get_args(ObjectType), "?bhiqBHIQfd", strict=True))
-"""As `struct` names them."""
-_BITS: Final[Mapping[str, int]] = {"bool": 8, "int8": 8, "uint8": 8}
 
 
 class ObjectEntry(LinearValue):
@@ -35,7 +30,7 @@ class ObjectEntry(LinearValue):
     """Index in the node's object dictionary, such as 0x2100."""
     subindex: int = Field(default=0, ge=0, le=254)
     """Sub-index; 0 of an object that is one number."""
-    type: ObjectType | None = None
+    type: ByteNumber | None = None
     """How the node sends the number; None: as the EDS states it."""
     invalid: tuple[NumberRule, ...] = ()
     """Numbers, as sent, that mean a fault, the most specific first."""
@@ -59,7 +54,7 @@ class CanOpenProfile(DeviceProfile):
     product_code: int | None = Field(default=None, ge=0, le=0xFFFFFFFF)
     """What object 1018:02 must hold; None: not checked."""
     objects: tuple[ObjectEntry, ...] = Field(alias="object", min_length=1)
-    _types: tuple[ObjectType, ...] = PrivateAttr(default=())
+    _types: tuple[ByteNumber, ...] = PrivateAttr(default=())
 
     @model_validator(mode="after")
     def _typed(self) -> Self:
@@ -87,15 +82,9 @@ class CanOpenProfile(DeviceProfile):
         return len(self.objects)
 
     @cached_property
-    def types(self) -> tuple[ObjectType, ...]:
+    def types(self) -> tuple[ByteNumber, ...]:
         """How the node sends each channel's number."""
         return self._types
-
-
-def raw_number(kind: ObjectType, name: str) -> RawNumber:
-    """The raw number of this type; name: for messages."""
-    bits = _BITS.get(kind) or int(kind.lstrip("uintfloa"))
-    return RawNumber(name, bits, signed=kind.startswith("int"), real=kind.startswith("float"))
 
 
 def _read(path: Path) -> Any:
@@ -109,7 +98,7 @@ def _read(path: Path) -> Any:
         raise wrong(f"{path} cannot be read: {type(error).__name__}: {error}", "eds") from error
 
 
-def _in(dictionary: Any, entry: ObjectEntry, *at: str | int) -> ObjectType:
+def _in(dictionary: Any, entry: ObjectEntry, *at: str | int) -> ByteNumber:
     """The type of an object by the EDS. Raises an error if it is not there, not readable, or of another type."""
     from canopen.objectdictionary import ODVariable
 

@@ -14,6 +14,7 @@ from drivers.modbus.numbers import (
     AddressRange,
     NumberFormat,
     NumberType,
+    is_wider,
     registers_of,
 )
 from drivers.modbus.tables import Address, Judged, RegisterFunction, Scaled
@@ -42,6 +43,7 @@ class Values(Scaled):
     def _apart(self) -> Self:
         if self.stride < (least := registers_of(self.type)):
             raise wrong(f"{self.stride}: expected at least {least}, the registers of a {self.type}", "stride")
+        _check_shift(self.shift, self.type)
         return self
 
 
@@ -90,6 +92,7 @@ class ChannelBlock(Scaled, Judged):
             raise wrong(f"{self.bit}: only for type 'bit' in registers, function 3 or 4", "bit")
         if self.stride is not None and self.stride < self.width:
             raise wrong(f"{self.stride}: expected at least {self.width}, the registers of a {self.type}", "stride")
+        _check_shift(self.shift, self.type)
         self.check()
         return self
 
@@ -99,7 +102,8 @@ class ChannelBlock(Scaled, Judged):
             raise wrong('missing; scaled_by = "type_code" needs this table', "type_code")
         for number, sentinel in enumerate(self.sentinels):
             if self._nearest(sentinel.raw) is None:
-                raise wrong(f"{sentinel.raw:g} cannot occur as {self.type}", "sentinel", number, "raw")
+                shifted = f" shifted by {self.shift}" if self.shift else ""
+                raise wrong(f"{sentinel.raw:g} cannot occur as {self.type}{shifted}", "sentinel", number, "raw")
         if self.status is not None:
             self.status.check_for(self.channels)
 
@@ -125,7 +129,10 @@ class ChannelBlock(Scaled, Judged):
     def raw(self, index: int, words: Sequence[int]) -> int | float:
         """The number of the channel `index` in the words at its place."""
         if self.bit is None:
-            return words[0] if self._format is None else self._format.decode(words)
+            if self._format is None:
+                return words[0]
+            number = self._format.decode(words)
+            return int(number) >> self.shift if self.shift else number
         distance = 0 if self.addresses else index * (self.stride or 1)
         register = int(NumberFormat("uint16", self.byte_order).decode(words))
         return register >> (self.bit + distance) % REGISTER_BITS & 1
@@ -143,7 +150,10 @@ class ChannelBlock(Scaled, Judged):
 
     def _nearest(self, number: float) -> int | float | None:
         if self._format is not None:
-            return self._format.nearest(number)
+            if not self.shift:
+                return self._format.nearest(number)
+            sent = self._format.nearest(number * 2**self.shift) if number.is_integer() else None
+            return None if sent is None else int(sent) >> self.shift
         return int(number) if number in (0, 1) else None
 
 
@@ -169,6 +179,11 @@ class Setting(Section):
         if self.function in BIT_FUNCTIONS and self.equals > 1:
             raise wrong(f"{self.equals}: expected 0 or 1, as function {self.function} reads bits", "equals")
         return self
+
+
+def _check_shift(shift: int, kind: NumberType | Literal["bit"]) -> None:
+    if shift and (kind == "bit" or not is_wider(kind, shift)):
+        raise wrong(f"{shift}: expected fewer than the bits of an integer, type is {kind}", "shift")
 
 
 def _one_table(value: object) -> object:

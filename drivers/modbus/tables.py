@@ -36,6 +36,8 @@ class Scaled(Section):
     """Order of the two bytes in a register; Modbus specifies big."""
     word_order: Order = "big"
     """Order of the registers of a 32-bit or 64-bit number; Modbus does not specify it, and vendors differ."""
+    shift: int = Field(default=0, ge=0, le=63)
+    """How many of the lowest bits of an integer mean something else; they are left out of the raw number."""
     scale: float = 1.0
     """Value = raw * scale + offset, unless the type code gives the scaling."""
     offset: float = 0.0

@@ -1,5 +1,6 @@
 """Nodes of an OPC UA server as the channels of a device."""
 
+import struct
 from collections.abc import Mapping, Sequence
 
 from drivers.base import Clock, Quality, Reading, WrongDevice
@@ -57,6 +58,10 @@ class OpcUaDevice:
         if fault is not None:
             return fault
         raw = found.value
+        if node.form is not None:
+            number = _number_in(raw, node, node.form)
+            invalid = None if isinstance(number, Fault) else node.raw.fault(node.invalid, number)
+            return number if isinstance(number, Fault) else invalid or node.value(number)
         if node.element is not None:
             if not isinstance(raw, Sequence) or isinstance(raw, str | bytes) or len(raw) <= node.element:
                 return Fault(Quality.SENSOR_FAULT, f"the node holds no element {node.element}: {_shown(raw)}")
@@ -74,6 +79,21 @@ class OpcUaDevice:
         if found.age_s > limit_s:
             return Fault(Quality.STALE, f"the server's source measured it {found.age_s:.0f} s ago")
         return None
+
+
+def _number_in(raw: object, node: OpcUaNode, form: struct.Struct) -> float | Fault:
+    """The number that the node's bytes hold, without the bits that it leaves out."""
+    try:
+        data = raw if isinstance(raw, bytes) else bytes(raw) if isinstance(raw, list) else None
+    except (TypeError, ValueError):  # a list of something else
+        data = None
+    if data is None:
+        return Fault(Quality.SENSOR_FAULT, f"the node holds no bytes: {_shown(raw)}")
+    first = node.element or 0
+    if len(data) < (needed := first + form.size):
+        return Fault(Quality.SENSOR_FAULT, f"the node holds {len(data)} of the {needed} bytes that the channel needs")
+    number: int | float = form.unpack_from(data, first)[0]
+    return int(number) >> node.shift if node.shift else number
 
 
 def _shown(raw: object) -> str:

@@ -1,13 +1,16 @@
 """Profiles of OPC UA servers: which nodes are channels."""
 
+import struct
 from functools import cached_property
-from typing import ClassVar, Literal
+from typing import ClassVar, Literal, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
+from drivers.faults import NumberRule, RawNumber
+from drivers.number_types import BYTE_FORMATS, ByteNumber, raw_number
 from drivers.opcua.nodes import NodeName, NodeText, node_name
 from drivers.profile import DeviceProfile, LinearValue
-from drivers.section import NotEmpty, Positive
+from drivers.section import NotEmpty, Positive, wrong
 
 
 class OpcUaNode(LinearValue):
@@ -16,7 +19,40 @@ class OpcUaNode(LinearValue):
     node: NodeText
     """The node's id. Without `ns=` or `nsu=` it is in the profile's `namespace`."""
     element: int | None = Field(default=None, ge=0)
-    """Which element of an array, counted from 0; None: the node holds one number."""
+    """Which element of an array, counted from 0; None: the node holds one number. With `type`: the number's first
+    byte, by default 0."""
+    type: ByteNumber | None = None
+    """Of a node that holds bytes, such as the process data of an IO-Link device: how they hold the number, the most
+    significant byte first. None: the node holds numbers."""
+    shift: int = Field(default=0, ge=0, le=63)
+    """How many of the lowest bits of an integer with `type` mean something else; they are left out."""
+    invalid: tuple[NumberRule, ...] = ()
+    """With `type`: numbers, as sent but without the bits left out, that mean a fault, the most specific first."""
+
+    @model_validator(mode="after")
+    def _of_bytes(self) -> Self:
+        if self.type is None:
+            for field in ("shift", "invalid"):
+                if field in self.model_fields_set:
+                    raise wrong("only with type, for a node that holds bytes", field)
+            return self
+        whole = raw_number(self.type, self.node)
+        if self.shift and (whole.real or self.shift >= whole.bits):
+            raise wrong(f"{self.shift}: expected fewer than the bits of an integer, type is {self.type}", "shift")
+        for number, rule in enumerate(self.invalid):
+            self.raw.check(rule, "invalid", number)
+        return self
+
+    @cached_property
+    def raw(self) -> RawNumber:
+        """What is left of a number of `type` without the bits that `shift` leaves out."""
+        whole = raw_number(self.type or "uint64", self.node)
+        return RawNumber(whole.name, whole.bits - self.shift, whole.signed, whole.real)
+
+    @cached_property
+    def form(self) -> struct.Struct | None:
+        """How bytes hold the number; None: the node holds numbers."""
+        return None if self.type is None else struct.Struct(">" + BYTE_FORMATS[self.type])
 
 
 class OpcUaProfile(DeviceProfile):

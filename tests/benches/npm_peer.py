@@ -32,7 +32,7 @@ def node_with(peer: str, package: str) -> str:
 
 @asynccontextmanager
 async def running(
-    node: str, script: str, *arguments: Path | int, slow: bool = False
+    node: str, script: str, *arguments: Path | int | str, slow: bool = False
 ) -> AsyncIterator[tuple[str, asyncio.subprocess.Process]]:
     """A peer's program, from the line in which it says where it listens until its standard input ends."""
     process = await asyncio.create_subprocess_exec(

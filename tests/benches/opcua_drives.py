@@ -41,7 +41,15 @@ class Drives:
         await self.server.register_namespace("urn:somebody:else")  # so that the index is not what one would guess
         self.index = await self.server.register_namespace(URI)
         objects = self.server.nodes.objects
-        for name, value in {"motor": 61.25, "bearing": 431, "axes": [1.5, 48.0], "name": "drive"}.items():
+        values = {
+            "motor": 61.25,
+            "bearing": 431,
+            "axes": [1.5, 48.0],
+            "name": "drive",
+            "bytes": b"\0",
+            "counts": [0, 1],
+        }
+        for name, value in values.items():
             await objects.add_variable(self.node(name), name, value)
         await self.server.start()
 

@@ -69,7 +69,7 @@ PEERS = (
         "pymodbus",
         "PyPI",
         "pymodbus",
-        "Modbus TCP server: types and orders, unknown unit ids, `inspect registers`; "
+        "Modbus TCP server: types and orders, IO-Link masters, unknown unit ids, `inspect registers`; "
         "frames of another master. Our driver encodes with it, too",
         r"from pymodbus\.(server|framer)",
     ),
@@ -106,7 +106,8 @@ PEERS = (
         "node-opcua",
         "npm",
         "node-opcua",
-        "OPC UA server, signed and encrypted, with a user: channels, and a control with its part program",
+        "OPC UA server, signed and encrypted, with a user: channels, IO-Link devices with the types of OPC 30120, and "
+        "a control with its part program",
         r'node_with\("node_opcua"',
     ),
     Tried(

@@ -50,7 +50,10 @@ def test_golden_cases(case: str) -> None:
 
 
 def test_examples_of_the_documentation_are_right(tmp_path: Path) -> None:
-    pages = (Path(__file__).parents[2] / "docs" / name for name in ("devices.md", "emulators.md", "own-profile.md"))
+    pages = (
+        Path(__file__).parents[2] / "docs" / name
+        for name in ("devices.md", "emulators.md", "io-link.md", "own-profile.md")
+    )
     text = "".join(page.read_text(encoding="utf-8") for page in pages)
     dbc = 'VERSION ""\nBU_: L\nBO_ 768 Temperatures1: 8 L\n SG_ T1 : 0|16@1- (0.1,0) [-200|850] "degC" L\n'
     (tmp_path / "logger.dbc").write_text(dbc, encoding="ascii")
@@ -79,6 +82,10 @@ def test_examples_of_the_documentation_are_right(tmp_path: Path) -> None:
         "drives of the control": 2,
         "Somebody's pump": 2,
         "Somebody's logger": 1,
+        "temperatures at an ifm IO-Link master": 8,
+        "temperatures at a Turck IO-Link master": 8,
+        "temperatures at a Comtrol IO-Link master": 4,
+        "temperatures at an IO-Link master": 2,
         "Somebody's eight-input module": 8,
         "Somebody's energy meter": 11,
         "CANopen measuring device, CiA 404": 8,

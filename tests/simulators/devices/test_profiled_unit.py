@@ -91,8 +91,19 @@ address = 210
 raw_low = 0
 raw_high = 65535
 code = [{{ code = 5, low = -50, high = 150 }}]
+[[block]]                   # 13 and 14
+function = 3
+address = 300
+channels = 2
+type = "int16"
+shift = 2
+scale = 0.1
+[[block.sentinel]]
+raw = 8188
+quality = "sensor_fault"
+detail = "no data"
 """
-VALUES = [1.5, -2e300, 21.37, -19.99, 7.0, 65535.0, 0.0, 1.0, 0.0, 1.0, 0.0, 1.0, 36.6]
+VALUES = [1.5, -2e300, 21.37, -19.99, 7.0, 65535.0, 0.0, 1.0, 0.0, 1.0, 0.0, 1.0, 36.6, -3.3, 819.1]
 
 
 @pytest.mark.simulated_time
@@ -102,7 +113,7 @@ async def test_it_is_read_by_the_same_profile(kind: str, tmp_path: Path) -> None
     path.write_text(EVERYTHING.format(bus=kind), encoding="utf-8")
     scenario = Scenario.parse(
         f"[[at]]\ns = 0\nvalues = {VALUES}\n"
-        + "".join(f'[[at]]\ns = 5\nfault = "open"\nchannel = {number}\n' for number in (0, 2, 5))
+        + "".join(f'[[at]]\ns = 5\nfault = "open"\nchannel = {number}\n' for number in (0, 2, 5, 14))
         + "".join(f'[[at]]\ns = 5\nfault = "over"\nchannel = {number}\n' for number in (3, 6))
     )
     stop, started = asyncio.Event(), asyncio.get_running_loop().create_future()
@@ -110,7 +121,7 @@ async def test_it_is_read_by_the_same_profile(kind: str, tmp_path: Path) -> None
     settings = tomllib.loads(f"bus = {{ {await started} }}")["bus"]
     assert settings["kind"] == kind
     bus = make_bus("bus", settings.pop("kind"), settings)
-    driver = make_device("device", bus, str(path), 1, {f"c{i}": i for i in range(13)}, {}, SystemClock())
+    driver = make_device("device", bus, str(path), 1, {f"c{i}": i for i in range(15)}, {}, SystemClock())
     try:
         await bus.connect()
         await driver.connect()
@@ -129,6 +140,7 @@ async def test_it_is_read_by_the_same_profile(kind: str, tmp_path: Path) -> None
         "c3": "190 degC is outside -20 to 95 degC",
         "c5": "status",
         "c6": "r",
+        "c14": "no data",
     }
 
 

@@ -1,0 +1,148 @@
+"""Process data of IO-Link devices from another maker's OPC UA stack (node-opcua) with the types of OPC 30120."""
+
+from asyncio.subprocess import Process
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import pytest
+
+from drivers.base import Quality, Reading, SetupError, SystemClock
+from drivers.build import make_bus, make_device
+from drivers.profiles import load_profile
+from tests.benches.npm_peer import node_with, running
+from tests.benches.opcua_drives import URI, Drives
+
+PAGE = Path(__file__).parents[3] / "docs" / "io-link.md"
+
+
+def recipe() -> str:
+    """The profile of the page."""
+    return PAGE.read_text(encoding="utf-8").split("## By OPC UA")[1].split("```toml\n")[1].split("```")[0]
+
+
+def told(readings: Sequence[Reading]) -> list[float | tuple[str, str]]:
+    """The value of a good channel, otherwise quality and reason."""
+    return [round(r.value, 6) if r.quality is Quality.GOOD else (r.quality.value, r.detail) for r in readings]
+
+
+async def say(process: Process, line: str) -> None:
+    """One device's process data and its StatusCode, from now on."""
+    assert process.stdin is not None
+    assert process.stdout is not None
+    process.stdin.write(line.encode() + b"\n")
+    while (await process.stdout.readline()).strip() != b"done":
+        pass
+
+
+@pytest.mark.peer
+async def test_process_data_of_two_devices(tmp_path: Path) -> None:
+    profile = tmp_path / "iolink.toml"
+    profile.write_text(recipe(), encoding="utf-8")
+    node = node_with("node_opcua", "node-opcua")
+    arguments = (tmp_path / "pki", "oil=00EA", "bearing=ABCDFF7F")
+    async with running(node, "node_opcua/io_link.js", *arguments) as (url, process):
+        bus = make_bus("opc1", "opcua", {"url": url, "security": "none", "timeout_s": 60.0})
+        device = make_device("iolink", bus, str(profile), 1, {"oil": 0, "bearing": 1}, {}, SystemClock())
+        try:
+            await bus.connect()
+            await device.connect()
+            assert told(await device.read()) == [23.4, -3.3], "-33 in 14 bits, and both outputs switched"
+            # What the sensor measured last is still there, and looks right: only the status tells.
+            expected = {
+                "oil 00EA BadNotConnected": ("comm_fault", "the server reports BadNotConnected"),
+                "oil 00EA BadDeviceFailure": ("sensor_fault", "the server reports BadDeviceFailure"),
+                "oil 7FFC Good": ("sensor_fault", "the sensor has no data"),
+                "oil EA00 Good": ("out_of_range", "-563.2 is beyond the profile's limits"),
+                "oil 00 Good": ("sensor_fault", "the node holds 1 of the 2 bytes that the channel needs"),
+                "oil 00EB Good": 23.5,
+            }
+            found = {}
+            for line in expected:
+                await say(process, line)
+                oil, bearing = told(await device.read())
+                assert bearing == -3.3, "a neighbour's process data is the neighbour's"
+                found[line] = oil
+            assert found == expected
+        finally:
+            await bus.close()
+
+
+HEAD = f"""
+protocol = "opcua"
+title = "bytes"
+unit = "degC"
+namespace = "{URI}"
+"""
+BYTES = """
+[[node]]
+node = "s={name}"
+type = "uint16"
+shift = 4
+invalid = [{{ bit = 11, quality = "sensor_fault", detail = "highest bit" }}]
+[[node]]
+node = "s={name}"
+element = 1
+type = "int8"
+[[node]]
+node = "s={name}"
+element = 2
+type = "float32"
+"""
+
+
+@pytest.mark.simulated_time
+@pytest.mark.parametrize("name", ["bytes", "counts"])
+async def test_bytes_of_a_node_as_numbers(tmp_path: Path, name: str) -> None:
+    """A ByteString, and an array of whole numbers."""
+    kind: Callable[[bytes], bytes | list[int]] = bytes if name == "bytes" else list
+    profile = tmp_path / "bytes.toml"
+    others = "".join(f'[[node]]\nnode = "s={other}"\ntype = "uint8"\n' for other in ("motor", "name", "axes"))
+    profile.write_text(HEAD + BYTES.format(name=name) + others, encoding="utf-8")
+    server = Drives()
+    await server.start()
+    bus = make_bus("opc1", "opcua", {"url": server.url, "security": "none", "timeout_s": 5.0})
+    device = make_device("bytes", bus, str(profile), 1, {f"c{i}": i for i in range(6)}, {}, SystemClock())
+    try:
+        await bus.connect()
+        await server.set(name, kind(bytes.fromhex("12FF41BC0000")))
+        found = told(await device.read())
+        assert found[:3] == [0x12F, -1, 23.5]
+        assert found[3:] == [
+            ("sensor_fault", f"the node holds no bytes: {shown}") for shown in ("61.25", "'drive'", "[1.5, 48.0]")
+        ]
+        await server.set(name, kind(bytes.fromhex("92107FC00000")))
+        assert told(await device.read())[:3] == [
+            ("sensor_fault", "highest bit"),
+            16,
+            ("sensor_fault", "the reading gives nan, which is not a finite number"),
+        ]
+        await server.set(name, kind(b"\x00\x10"))
+        few = ("sensor_fault", "the node holds 2 of the 6 bytes that the channel needs")
+        assert told(await device.read())[:3] == [1, 16, few]
+        if name == "counts":
+            await server.set(name, [1, 256])
+            assert told(await device.read())[0] == ("sensor_fault", "the node holds no bytes: [1, 256]")
+    finally:
+        await bus.close()
+        await server.server.stop()
+
+
+@pytest.mark.parametrize(
+    ("lines", "message"),
+    [
+        ("shift = 2", "shift: only with type, for a node that holds bytes"),
+        ("invalid = [{ equals = 1, quality = 'sensor_fault', detail = 'd' }]", "invalid: only with type"),
+        ("type = 'int16'\nshift = 16", "shift: 16: expected fewer than the bits of an integer, type is int16"),
+        ("type = 'float32'\nshift = 1", "shift: 1: expected fewer than the bits of an integer, type is float32"),
+        ("type = 'int24'", "type: .*'int24'"),
+        (
+            "type = 'int16'\nshift = 2\ninvalid = [{ low = 8192, quality = 'sensor_fault', detail = 'd' }]",
+            r"invalid\[0\]\.low: 8192: expected -8192 to 8191",
+        ),
+    ],
+)
+def test_a_number_that_bytes_cannot_hold_is_refused(tmp_path: Path, lines: str, message: str) -> None:
+    profile = tmp_path / "bytes.toml"
+    profile.write_text(HEAD + f'[[node]]\nnode = "s=motor"\n{lines}\n', encoding="utf-8")
+    with pytest.raises(SetupError, match=message):
+        load_profile(str(profile))
