@@ -1,12 +1,12 @@
 """The emulated control on the wire: an OPC UA server that only maps the NC kernel's variables to nodes."""
 
 import asyncio
-from collections.abc import Mapping, Sequence
+from collections.abc import Awaitable, Callable, Mapping, Sequence
 from datetime import datetime
 from typing import Protocol
 
 from asyncua import ua
-from asyncua.common.callback import CallbackType
+from asyncua.common.callback import CallbackType, ServerItemCallback
 from asyncua.server.server import Server
 
 from simulators.nc.access import APPLICATION_URI, Security, User, Users, only
@@ -51,6 +51,7 @@ class EmulatedControl:
     ----------
     out_of_service: names of the nodes whose values the control itself calls bad
     sampling: False reports no more changes of subscribed nodes; their subscriptions give signs of life all the same
+    before_read: awaited with the names of the nodes before a read is answered, like a control that takes its time
     """
 
     def __init__(
@@ -80,6 +81,7 @@ class EmulatedControl:
         )
         self.out_of_service: set[str] = set()
         self.sampling = True
+        self.before_read: Callable[[Sequence[str]], Awaitable[None]] | None = None
         self._clock = clock
         self._anonymous = users is None
         self._users = Users(users)
@@ -113,7 +115,13 @@ class EmulatedControl:
         table = variables(self.nck)
         attributes = Attributes(server.iserver.aspace, index, table, self, self._users)
         server.iserver.attribute_service = attributes
-        server.subscribe_server_callback(CallbackType.PreRead, attributes.note_reader)
+
+        async def before_read(event: ServerItemCallback, service: object) -> None:
+            if self.before_read is not None:
+                await self.before_read([str(item.NodeId.Identifier) for item in event.request_params.NodesToRead])
+            attributes.note_reader(event, service)
+
+        server.subscribe_server_callback(CallbackType.PreRead, before_read)
         await add_nodes(server, index, table, self)
         if not self._subscriptions:
             server.iserver.max_subscriptions = 0
@@ -156,6 +164,11 @@ class EmulatedControl:
         if self._standard is None:
             raise RuntimeError("the emulated control does not run: start it first")
         return self._standard.subscriptions
+
+    @property
+    def sessions(self) -> int:
+        """How many sessions its clients have."""
+        return 0 if self._server is None else len(self._server.iserver._external_sessions)
 
     def wake(self) -> None:
         """Tell the task that there may be something new to wait for."""
