@@ -41,7 +41,9 @@ _NOTABLE = frozenset({EventKind.OPERATOR, EventKind.SENSOR_SUSPECT, EventKind.LI
 
 
 def waits(seen: MachineSeen) -> Iterator[SaidRow]:
-    """Phase, next probing and why, what blocks it, what the operator should do."""
+    """What is not armed, phase, next probing and why, what blocks it, what the operator should do."""
+    for text in seen.status.unarmed if seen.alive and seen.status is not None else ():
+        yield SaidRow("label.unarmed", name(text), "notice")
     if seen.decision is not None:
         yield SaidRow("label.phase", Sentence("sentence.word", {"word": Word(f"phase.{seen.decision.phase}")}))
     for text in () if seen.status is None else seen.status.waits_for:

@@ -30,5 +30,11 @@ PLANNED: Final = ("planned.ready", "planned.stays", "planned.may_leave", "planne
                   "planned.unknown")  # fmt: skip
 """One of them for each planned load, below the others."""
 
+ORDERS: Final = ("notice.disarmed", "notice.paused")
+"""Both may stand between the verdict and what is then said of what helps: HELPS_ORDERED and PLANNED."""
+
+HELPS_ORDERED: Final = (*HELPS[:2], HELPS[-1])
+"""As HELPS, while an order stands."""
+
 NOTES: Final = ("tool.not_written", "tool.not_following")
 """At most one of them stands below the errors at the tool."""

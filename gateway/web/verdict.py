@@ -142,15 +142,22 @@ def _since(seen: MachineSeen, viewpoint: Viewpoint) -> datetime | None:
 
 
 def _helps(seen: MachineSeen, viewpoint: Viewpoint, tool: ToolNow, *, ready: bool) -> Iterator[Sentence]:
-    """When it will be ready or how long it stays so, what would help more, and when the next measurement comes."""
+    """When it will be ready or how long it stays so, what would help more, and when the next measurement comes.
+
+    While somebody has paused the compensation, nothing helps as much as to end that, and a gateway that is disarmed
+    does not measure: what would help is not said then.
+    """
     coming, tolerance_um = ahead(seen, viewpoint.matrix), viewpoint.tolerance_um
+    disarmed = seen.status is not None and seen.status.disarmed is not None
+    ordered = disarmed or (seen.status is not None and seen.status.paused is not None)
     if tolerance_um is not None:
         yield from when(coming, tolerance_um, ready=ready)
-        yield from advice(tool.error, coming, tolerance_um, ready=ready)
+        if not ordered:
+            yield from advice(tool.error, coming, tolerance_um, ready=ready)
         yield from planned(planned_ahead(seen, viewpoint.matrix), tolerance_um, ready=ready)
-    if ready:
+    if ready or disarmed:
         return
-    if coming is None and seen.measurements and tolerance_um is not None:
+    if coming is None and not ordered and seen.measurements and tolerance_um is not None:
         half = float(np.max(half_width(viewpoint.matrix, seen.measurements[-1].sigma)))
         if np.isfinite(half):
             key = "help.measure" if half <= tolerance_um else "help.measure_not_enough"

@@ -1,6 +1,6 @@
 """What a browser shows of one machine or of all, made from the received messages for a given time."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from datetime import datetime
 
@@ -54,8 +54,10 @@ class MachineView:
     commands: bool
     """Whether its configuration allows anybody to give commands."""
     paused: bool
+    unarmed: bool
+    """Whether its configuration leaves something off; `waits` begins with what."""
     notices: tuple[Sentence, ...]
-    """What everybody must know first: who has disarmed the gateway or paused the compensation, what is not armed."""
+    """Who has disarmed the gateway or paused the compensation."""
     verdict: ShownVerdict
     planned: tuple[str, ...]
     """Names of the planned loads of which the verdict may say something."""
@@ -79,7 +81,8 @@ def view(seen: MachineSeen, viewpoint: Viewpoint, now_s: float, own: tuple[SaidR
         alive=seen.alive,
         commands=seen.status is not None and seen.status.commands,
         paused=seen.status is not None and seen.status.paused is not None,
-        notices=_notices(seen),
+        unarmed=seen.alive and seen.status is not None and bool(seen.status.unarmed),
+        notices=tuple(_orders(seen)),
         verdict=_shown(verdict_of(seen, viewpoint, now_s)),
         planned=_planned_loads(seen),
         axes=_axes(seen, viewpoint.matrix, now_s),
@@ -109,17 +112,17 @@ def _shown(verdict: Verdict) -> ShownVerdict:
     return ShownVerdict(verdict.colour.value, verdict.word, verdict.because, since, verdict.helps)
 
 
-def _notices(seen: MachineSeen) -> tuple[Sentence, ...]:
+def _orders(seen: MachineSeen) -> Iterator[Sentence]:
     if not seen.alive or seen.status is None:
-        return ()
-    unarmed = (Sentence("notice.unarmed", {"text": ToldName(text)}) for text in seen.status.unarmed)
-    standing = (("notice.disarmed", seen.status.disarmed), ("notice.paused", seen.status.paused))
-    orders = (
-        Sentence(key, {"by": ToldName(order.by), "at": at(datetime.fromisoformat(order.since))})
-        for key, order in standing
-        if order is not None
-    )
-    return *orders, *unarmed
+        return
+    for key, order in (("notice.disarmed", seen.status.disarmed), ("notice.paused", seen.status.paused)):
+        if order is not None:
+            yield Sentence(key, {"by": ToldName(order.by), "at": at(datetime.fromisoformat(order.since))})
+
+
+def _unarmed(seen: MachineSeen) -> Iterator[Sentence]:
+    for text in seen.status.unarmed if seen.alive and seen.status is not None else ():
+        yield Sentence("notice.unarmed", {"text": ToldName(text)})
 
 
 def _axes(seen: MachineSeen, matrix: FloatArray, now_s: float) -> tuple[ShownAxis, ...]:
@@ -225,7 +228,7 @@ def listed(
             verdict.colour.value,
             verdict.word,
             verdict.because,
-            _notices(seen),
+            (*_orders(seen), *_unarmed(seen)),
             _seconds(seen.heard),
         )
         for seen, verdict in judged

@@ -10,6 +10,7 @@ from gateway.telemetry import (
     EventMessage,
     ForecastMessage,
     MeasurementMessage,
+    PauseStanding,
     ProbingMessage,
     Published,
     PublishedCourse,
@@ -177,11 +178,13 @@ class HeardMachine:
         certificates: Mapping[str, str] | None = None,
         periods_missed: Mapping[str, int] | None = None,
         planned_loads: tuple[str, ...] = (),
+        paused: PauseStanding | None = None,
+        disarmed: PauseStanding | None = None,
     ) -> None:
         ends, missed = dict(certificates or {}), dict(periods_missed or {})
         message = StatusMessage(
             *self.stamp(), "compensation", 0, 0, missed, None, None,
-            unarmed=unarmed, certificates=ends, planned_loads=planned_loads,
+            unarmed=unarmed, certificates=ends, planned_loads=planned_loads, paused=paused, disarmed=disarmed,
         )  # fmt: skip
         self.hear("status", message)
 

@@ -1,13 +1,15 @@
-"""Nothing on the page for operators moves: not while it is opened, nor with a measurement, nor with another verdict."""
+"""Nothing on the page for operators moves: not while it is opened, nor with a measurement, another verdict, an order
+or a failure."""
 
 import json
+from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
 from playwright.sync_api import Route, expect
 
 from gateway.web.catalogue import LANGUAGES, texts
-from tests.benches.page_rig import LIMIT_MS, MILL_SETTINGS, SCREENS, page_rig, played_mill
+from tests.benches.page_rig import LIMIT_MS, MILL_SETTINGS, SCREENS, page_rig, played_mill, ports
 from tests.benches.page_shifts import TWO_FRAMES, note_shifts, shifts, top_of, tops
 from tests.benches.played_telemetry import recorded
 
@@ -76,7 +78,7 @@ def test_the_first_forecast_moves_nothing(settings: Path, width: int, height: in
             expect(page.locator("#axes .u-over")).to_have_count(3)
             expect(page.locator("#weeks")).to_be_visible()
             expect(page.locator("#sensitivity")).to_be_visible()
-            expect(page.locator("#planned-room > *")).to_have_count(2)
+            expect(page.locator(".planned-room > *")).to_have_count(4)
             page.evaluate("scrollTo(0, 0)")
             note_shifts(page)
             shifts(page)
@@ -113,9 +115,7 @@ def test_another_verdict_moves_nothing(settings: Path, width: int, height: int, 
             expect(word).to_have_text(said["word.unsure"])
             expect(page.locator("#helps p").nth(5)).to_be_attached()
             gateway.say("status " + json.dumps({"unarmed": ["nothing will be learnt: probing is not armed"]}))
-            expect(
-                page.locator("#notices p")
-            ).to_be_visible()  # what is not armed is not said of a gateway that is gone
+            expect(page.locator("#unarmed")).to_be_visible()
             page.evaluate("scrollTo(0, 0)")
             note_shifts(page)
             shifts(page)
@@ -131,3 +131,102 @@ def test_another_verdict_moves_nothing(settings: Path, width: int, height: int, 
             rig.web.kill()
             expect(word).to_have_text(said["word.lost"])
             assert (shifts(page), tops(page)) == ([], below)
+
+
+_BY = {"by": "maintenance", "since": "2026-03-02T22:58:00+00:00"}
+_CONTROL = dict(recorded())["compensation"]
+
+
+@dataclass(frozen=True)
+class Occurrence:
+    """What happens to a gateway or its machine."""
+
+    what: str
+    """An event says it."""
+    changes: dict[str, dict[str, object]]
+    """By key, in its last message."""
+    orders: int = 0
+    """That then stand."""
+
+
+def stands(**orders: object) -> dict[str, object]:
+    """Of the status, with what the gateway then waits for."""
+    return orders | {"waits_for": [f"somebody to end it: {each} by maintenance" for each, by in orders.items() if by]}
+
+
+OCCURRENCES = (
+    Occurrence("paused", {"status": stands(paused=_BY), "compensation": {"source": "paused"}}, orders=1),
+    Occurrence("disarmed too", {"status": stands(paused=_BY, disarmed=_BY), "compensation": {"source": "disarmed"}}, 2),
+    Occurrence("armed", {"status": stands(paused=_BY, disarmed=None), "compensation": {"source": "paused"}}, orders=1),
+    Occurrence("resumed", {"status": stands(paused=None), "compensation": {"source": _CONTROL["source"]}}),
+    Occurrence(
+        "a sensor fails",
+        {
+            "reading/ambient_left": {"quality": "comm_fault", "value": None},
+            "status": {"waits_for": ["channel ambient_left: comm_fault: no answer"], "channels_good": 29},
+        },
+    ),
+    Occurrence(
+        "the sensor is back",
+        {"reading/ambient_left": {"quality": "good", "value": 25.0}, "status": {"waits_for": [], "channels_good": 30}},
+    ),
+    Occurrence(
+        "the control goes",
+        {
+            "status": {"nc": "away", "waits_for": ["the control: it cannot be reached"]},
+            "compensation": {"source": "unanswered", "written": False},
+            "probing": {"standing": "blocked", "reason": "the control does not answer", "operator": "check its cable"},
+        },
+    ),
+    Occurrence(
+        "the control is back",
+        {
+            "status": {"nc": "ready", "waits_for": []},
+            "compensation": {"source": _CONTROL["source"], "written": True},
+            "probing": {"standing": "not_wanted", "reason": "", "operator": ""},
+        },
+    ),
+)
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+@pytest.mark.parametrize(("width", "height"), SCREENS)
+def test_orders_failures_and_returns_move_nothing(settings: Path, width: int, height: int, language: str) -> None:
+    said = texts(language)
+    with page_rig() as rig:
+        (port,) = ports(1)
+        gateway = rig.gateway(port, "mill")
+        rig.serve([port], settings)
+        with rig.page(f"/machine/mill?lang={language}", width, height, locale=f"{language}-CH") as page:
+            word, latest = page.locator("#word"), page.locator("#events tbody tr").first
+            expect(word).to_have_text(said["word.no_data"])  # it listens
+            gateway.say("")
+            expect(page.locator("#axes .u-over")).to_have_count(3)
+            expect(page.locator("#weeks")).to_be_visible()
+            expect(page.locator("#sensitivity")).to_be_visible()
+            expect(page.locator("#corrections tbody tr").first).to_be_attached()
+            page.evaluate("scrollTo(0, 0)")
+            note_shifts(page)
+            shifts(page)
+            below = tops(page)
+            for each in OCCURRENCES:
+                for key, changes in each.changes.items():
+                    gateway.say(f"{key} {json.dumps(changes)}")
+                gateway.say("event " + json.dumps({"kind": "problem", "text": f"It happens: {each.what}"}))
+                expect(latest).to_contain_text(f"It happens: {each.what}")
+                expect(page.locator("#notices p")).to_have_count(each.orders)
+                expect(page.locator("#channels .mark")).to_have_count(int(each.what == "a sensor fails"))
+                nc = "nc.away" if each.what == "the control goes" else "nc.ready"
+                expect(page.locator("#health")).to_contain_text(said[nc])
+                assert (shifts(page), tops(page)) == ([], below), each.what
+            gateway.kill()
+            expect(word).to_have_text(said["word.gone"])
+            assert (shifts(page), tops(page)) == ([], below), "the gateway is gone"
+            back = rig.gateway(port, "mill")
+            expect(word).to_have_text(said["word.no_data"])
+            assert (shifts(page), tops(page)) == ([], below), "the gateway is back"
+            back.say("")
+            expect(word).not_to_have_text(said["word.no_data"])
+            expect(page.locator("#health")).to_contain_text(said["nc.ready"])
+            expect(page.locator("#drives tbody tr").first).to_be_visible()
+            assert (shifts(page), tops(page)) == ([], below), "the gateway has said everything again"

@@ -27,9 +27,15 @@ export const paint = (place, colour) => {
   place.classList.add(colour);
 };
 export const say = (list, kind) => list.map((each) => make("p", sentence(each), kind));
-export const rows = (list) => list.map((row) => {
-  const each = make("div"), value = make("dd", sentence(row.said));
-  value.prepend(marked(row.mark), row.mark ? " " : "");
+// room: by label, the longest text that may stand there
+export const rows = (list, room = {}) => list.map((row) => {
+  const each = make("div"), value = make("dd"), said = make("div", sentence(row.said));
+  said.prepend(marked(row.mark), row.mark ? " " : "");
+  value.append(said);
+  if (row.label in room) {
+    value.className = "room";
+    value.append(make("div", room[row.label], "spare"));
+  }
   each.append(make("dt", word(row.label)), value);
   return each;
 });

@@ -1,7 +1,7 @@
 // The state of one machine: whether it is ready, the tool, what it waits for, heat, health.
 import { machine } from "./choice.js";
 import { $, changed, draw, make, marked, paint, put, rows, say } from "./elements.js";
-import { reservePlanned } from "./room.js";
+import { HEALTH, LONG, QUALITY, reservePlanned } from "./room.js";
 import { amount, exact, sentence, time, whole, word } from "./words.js";
 
 const showAxes = (axes) => {
@@ -12,28 +12,50 @@ const showAxes = (axes) => {
   }
 };
 
+const doubt = (said) => { const p = make("p", sentence(said), "doubt"); p.prepend(marked("bad"), " "); return p; };
+const line = (c) => {
+  const item = make("li", undefined, c.good ? "" : "not-good");
+  item.append(make("span", c.channel, "name"), " ");
+  if (c.good || c.value) item.append(make("span", c.value ? amount(c.value) : "–", "number"));
+  if (!c.good) item.append(" ", make("span", word(c.quality), "mark m-bad"));
+  if (c.detail) item.title = c.detail;
+  return item;
+};
+// Those that fail come first and need more room: as much as SPARE of them need with the longest name and fault.
+const SPARE = 4, MOST_NAMED = 4;
+const reserveHeat = (channels) => {
+  const names = channels.map((c) => c.channel).sort();
+  if (!names.length || !changed("heat-room", names)) return;
+  const longestName = names.reduce((a, b) => (b.length > a.length ? b : a));
+  const failed = { channel: longestName, good: false, value: null, quality: QUALITY, detail: "" };
+  $("channels-room").replaceChildren(...channels.map((c, i) => line(i < SPARE ? failed : { ...c, good: true })));
+  $("doubts-room").replaceChildren(doubt({ say: "doubt.failed", values: { names: { s: longestName } } }));
+};
+
+// As long as what moves an error may be told: by the inputs with the longest names.
+const longMovers = (channels) => channels.map((c) => c.channel).sort((a, b) => b.length - a.length || (a < b ? -1 : 1))
+  .slice(0, MOST_NAMED).map((input) => `${input} ${amount(LONG.gain)}`).join(", ");
+
 const showHeat = (v) => {
-  draw("doubts", v.doubts, () => v.doubts.length
-    ? v.doubts.map((each) => { const p = make("p", sentence(each), "doubt"); p.prepend(marked("bad"), " "); return p; })
+  draw("doubts", v.doubts, () => v.doubts.length ? v.doubts.map(doubt)
     : v.channels.length ? [make("p", word("doubt.none"), "note")] : []);
+  reserveHeat(v.channels);
   put($("watched"), v.watched ? sentence(v.watched) : "");
   $("heat-empty").hidden = v.channels.length > 0;
-  draw("channels", v.channels, () => v.channels.map((c) => {
-    const item = make("li", undefined, c.good ? "" : "not-good");
-    item.append(make("span", c.channel, "name"), " ", make("span", c.value ? amount(c.value) : "–", "number"));
-    if (!c.good) item.append(" ", make("span", word(c.quality), "mark m-bad"));
-    if (c.detail) item.title = c.detail;
-    return item;
-  }));
+  draw("channels", v.channels, () => v.channels.map(line));
   showSketch(v.channels.filter((c) => c.body));
   $("drives-empty").hidden = v.driven.length > 0;
   $("drives").hidden = !v.driven.length;
-  if (!changed("drives", v.driven)) return;
+  const most = longMovers(v.channels);
+  if (!changed("drives", [v.driven, most])) return;
   $("drives").tBodies[0].replaceChildren(...v.driven.map((e) => {
     const row = make("tr"), name = make("th", e.error);
     name.scope = "row";
     const by = e.corrected ? e.movers.map(([input, by]) => `${input} ${amount(by)}`).join(", ") : word("heat.not_corrected");
-    row.append(name, make("td", amount(e.estimate), "right"), make("td", by));
+    const cell = make("td"), room = make("div", undefined, "room");
+    room.append(make("div", by), make("div", most, "spare"));
+    cell.append(room);
+    row.append(name, make("td", amount(e.estimate), "right"), cell);
     return row;
   }));
 };
@@ -82,15 +104,18 @@ export const showMachine = (v) => {
   if (v.simulated && v.gateway_time) heard.push(word("page.simulated").replace("{at}", time(v.gateway_time)));
   put($("heard"), heard.join(" · "));
   if (v.gateway_time) put($("state-of"), word("print.state_of").replace("{at}", whole.format(new Date(v.gateway_time))));
-  draw("notices", v.notices, () => say(v.notices, "notice"));
+  $("unarmed").classList.toggle("spare", !v.unarmed);
   draw("because", verdict.because, () => say(verdict.because));
   put($("since"), verdict.since ? word("since.at").replace("{at}", time(verdict.since)) : "");
-  draw("helps", verdict.helps, () => say(verdict.helps));
+  if (changed("helps", [v.notices, verdict.helps])) {
+    $("notices").replaceChildren(...say(v.notices, "notice"));
+    $("helps").replaceChildren(...say(verdict.helps));
+  }
   reservePlanned(v.planned);
   showAxes(v.axes);
   draw("tool-notes", v.tool_notes, () => say(v.tool_notes, "note"));
   draw("waits", v.waits, () => rows(v.waits));
-  draw("health", v.health, () => rows(v.health));
+  draw("health", v.health, () => rows(v.health, HEALTH));
   showHeat(v);
   showDay(v);
 };

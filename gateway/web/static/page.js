@@ -2,9 +2,9 @@
 import { forgetCourse, readyCharts, showCourse } from "./charts.js";
 import { machine, query, readyChoice } from "./choice.js";
 import { hideCommands, readyCommands, showCommands } from "./commands.js";
-import { $, draw, keepHeights, make, paint, put, say } from "./elements.js";
+import { $, draw, keepHeights, make, paint, put, rows, say } from "./elements.js";
 import { readyDay, showMachine } from "./machine.js";
-import { reserve } from "./room.js";
+import { reserve, WAITS } from "./room.js";
 import { showSensitivity } from "./sensitivity.js";
 import { readyTables, showWeeks, takeCorrections, takeEvents } from "./tables.js";
 import { time, word } from "./words.js";
@@ -80,6 +80,7 @@ setInterval(() => { if (performance.now() - heardMs > SILENT_MS) loseOrFind(true
 
 if (machine) {
   reserve(document);
+  $("waits-room").replaceChildren(...rows(WAITS));
   readyCommands();
   readyChoice(() => { forgetCourse(); listen(); });
   readyTables();

@@ -1,14 +1,31 @@
-// Room for the verdict: what may be said in each place is laid out there, unseen, with long numbers, times and names.
+// Room for what comes and goes: what may be said in each place is laid out there, unseen, with long numbers, times and names.
 import { $, changed } from "./elements.js";
-import { longest, sentence, time } from "./words.js";
+import { longest, longestKey, sentence, time } from "./words.js";
 
 const days = Array.from({ length: 366 }, (_, day) => new Date(2024, 0, 1 + day, 23, 58).toISOString());
 const at = { t: days.reduce((a, b) => (time(b).length > time(a).length ? b : a)) };
 const um = { n: 188.8, u: "µm", d: 1 };
-const LONG = {
+export const LONG = {
   at, left: um, half: um, far: um, off: um, gain: { ...um, sign: true }, tolerance: um, low: um, high: um, axis: { s: "X" }, axes: { s: "X, Y, Z" },
-  why: { s: longest("why") }, source: { s: longest("source") },
+  by: { s: "maintenance team" }, why: { s: longest("why") }, source: { s: longest("source") }, mode: { s: longest("mode") },
+  now: um, then: um, measured: um, hours: { n: 8, u: "h", d: 1 }, reason: { s: "a touch is missing" }, text: { s: "channel spindle_growth: comm_fault: no answer within 0.5 s" },
 };
+const mark = longestKey("mark").slice("mark.".length);
+const row = (label, say, mark) => ({ label: "label." + label, mark, said: { say, values: LONG } });
+const wordRow = (label, group, mark) => ({ label: "label." + label, mark, said: { say: longestKey(group), values: {} } });
+// With two things that have to come first.
+export const WAITS = [
+  wordRow("phase", "phase"), row("first", "sentence.text", mark), row("first", "sentence.text", mark), wordRow("probing", "standing", mark),
+  wordRow("why", "why"), row("waits_for", "sentence.text", mark), row("operator", "sentence.text", mark), row("next", "next.expected"),
+  row("last", "last.failed", mark), row("waiting", "waiting.cost"),
+];
+
+// Of the rows about health.
+export const HEALTH = {
+  "label.control": `${longest("mark")} ${sentence({ say: "control.step", values: LONG })}`,
+  "label.nc": `${longest("mark")} ${longest("nc")}`,
+};
+export const QUALITY = longestKey("quality");
 
 // load: of the planned loads
 export const reserve = (part, load = "") => part.querySelectorAll("[data-room]").forEach((place) => {
@@ -19,7 +36,7 @@ export const reserve = (part, load = "") => part.querySelectorAll("[data-room]")
 // loads: their names, as far as the page has heard of them
 export const reservePlanned = (loads) => {
   if (!changed("planned-room", loads)) return;
-  $("planned-room").replaceChildren(...loads.map((load) => {
+  for (const room of document.querySelectorAll(".planned-room")) room.replaceChildren(...loads.map((load) => {
     const line = $("planned-line").content.cloneNode(true);
     reserve(line, load);
     return line;

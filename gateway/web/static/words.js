@@ -3,9 +3,10 @@ const texts = JSON.parse(document.getElementById("texts").textContent);
 
 const has = (key) => Object.hasOwn(texts, key);
 export const word = (key) => has(key) ? texts[key] : key.replace(/^[a-z]+\./, "").replaceAll("_", " ");
-// The longest text of a group.
-export const longest = (group) => Object.keys(texts).filter((key) => key.startsWith(group + "."))
-  .map(word).reduce((a, b) => (b.length > a.length ? b : a), "");
+// That of the longest text of a group.
+export const longestKey = (group) => Object.keys(texts).filter((key) => key.startsWith(group + "."))
+  .reduce((a, b) => (word(b).length > word(a).length ? b : a));
+export const longest = (group) => word(longestKey(group));
 export const clock = new Intl.DateTimeFormat(undefined, { hour: "2-digit", minute: "2-digit" });
 const day = new Intl.DateTimeFormat(undefined, { weekday: "short", day: "numeric", month: "short", hour: "2-digit", minute: "2-digit" });
 export const date = new Intl.DateTimeFormat(undefined, { day: "numeric", month: "short" });

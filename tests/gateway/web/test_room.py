@@ -28,3 +28,7 @@ def test_every_line_of_what_helps_has_its_room() -> None:
     lines = {key for line in room.HELPS for key in line}
     assert lines | set(room.WHAT) | set(room.OPTION) == group("when") | group("help")
     assert set(room.PLANNED) == group("planned")
+
+
+def test_every_order_has_its_room() -> None:
+    assert set(room.ORDERS) == group("notice") - {"notice.unarmed", "notice.not_armed"}

@@ -7,8 +7,9 @@ import pytest
 
 from gateway.heard import Applied, applied
 from gateway.nc import Source
+from gateway.telemetry import PauseStanding
 from gateway.web.at_tool import WorkPoint, at_the_tool, half_width, moved
-from gateway.web.sentences import at
+from gateway.web.sentences import SaidRow, Sentence, ToldName, at, name
 from gateway.web.verdict import Colour, Viewpoint, verdict_of
 from gateway.web.view import listed, shown_course, view
 from tests.benches.heard import BEGAN, STEP, HeardMachine
@@ -195,10 +196,31 @@ def test_it_says_whether_a_measurement_would_be_enough_and_that_no_forecast_is_p
 
 
 def test_what_is_not_armed_is_said_first() -> None:
+    heard, text = HeardMachine(), "nothing will be learnt: probing is not armed"
+    heard.status(unarmed=(text,))
+    shown = view(heard.seen, within(10.0), heard.now_s)
+    assert shown.unarmed
+    assert shown.waits[0] == SaidRow("label.unarmed", name(text), "notice")
+    (listed_one,) = listed({"mill": heard.seen}, {"mill": within(10.0)}, heard.now_s)
+    assert listed_one.notices == (Sentence("notice.unarmed", {"text": ToldName(text)}),)
+    heard.seen.alive = False
+    assert not view(heard.seen, within(10.0), heard.now_s).unarmed, "nobody knows of a gateway that is gone"
+
+
+@pytest.mark.parametrize("order", ["paused", "disarmed"])
+def test_an_order_is_said_and_nothing_else_is_then_said_to_help(order: str) -> None:
+    """To end it helps most, and a gateway that is disarmed does not measure."""
     heard = HeardMachine()
-    heard.status(unarmed=("nothing will be learnt: probing is not armed",))
-    (notice,) = view(heard.seen, within(10.0), heard.now_s).notices
-    assert (notice.say, notice.values["text"].s) == ("notice.unarmed", "nothing will be learnt: probing is not armed")  # type: ignore[union-attr]
+    heard.compensation()
+    heard.measurement(sigma=0.5)
+    heard.decision(sigma=9.0)
+    given = PauseStanding(by="anna", since=heard.now.isoformat())
+    heard.status(paused=given if order == "paused" else None, disarmed=given if order == "disarmed" else None)
+    shown = view(heard.seen, within(5.0), heard.now_s)
+    assert shown.notices == (Sentence(f"notice.{order}", {"by": ToldName("anna"), "at": at(heard.now)}),)
+    assert [said.say for said in shown.verdict.helps] == ["when.no_forecast"]
+    (listed_one,) = listed({"mill": heard.seen}, {"mill": within(5.0)}, heard.now_s)
+    assert listed_one.notices == shown.notices
 
 
 def test_the_list_shows_the_worst_first() -> None:
