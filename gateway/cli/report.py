@@ -168,11 +168,11 @@ def collect(database: Path, truth: Path | None = None, reader: Reader | None = N
 
 
 def _steps_within(within: TimeSpan | None, step_s: float) -> tuple[int, int]:
-    """The grid index before the first one of a span, and the last one."""
+    """The grid index before the first one of a span, and the last one: a step belongs to the time before its end."""
     if within is None:
         return -1, _LAST_K
-    first, behind = (math.ceil(at.timestamp() / step_s) for at in within)
-    return first - 1, behind - 1
+    before, last = (math.floor(at.timestamp() / step_s) for at in within)
+    return before, last
 
 
 def _steps_good(steps: Sequence[StoredStep], names: Sequence[str]) -> dict[str, dict[str, int]]:

@@ -82,10 +82,15 @@ def by_shift(data: ReportData, s: Summary) -> tuple[str, tuple[ShiftRow, ...]]:
         times, before, after = data.time_s, data.measured[:, e], data.measured[:, e] - data.predicted[:, e]
         what = worst.name
     begin = data.start_utc_s + s.begin_hours * 3600.0
-    end = data.start_utc_s + float(data.time_s[-1]) + data.step_s
+    end = data.start_utc_s + float(data.time_s[-1])  # when the last step ended: the shift that begins then has not run
     shifts = list(shifts_between(begin, end, data.shifts, data.zone))[-_MOST_SHIFTS:]
     return f"{what}, {worst.unit} RMS", tuple(
-        _shift(data, worst, (max(first, begin) - data.start_utc_s, last - data.start_utc_s), (times, before, after))
+        _shift(
+            data,
+            worst,
+            (max(first, begin) - data.start_utc_s, (last if last < end else np.inf) - data.start_utc_s),
+            (times, before, after),
+        )
         for first, last in shifts
     )
 

@@ -65,14 +65,16 @@ def build(data: ReportData) -> str:
     errors = [(e, error_charts(data, e)) for e in range(len(THERMAL_ERRORS)) if _known(data, e)]
     groups = [group for group in (tool, inputs, *(group for _, group in errors)) if group is not None]
     told = [(data.moment(at), event) for at, event in data.events if event.kind is not EventKind.STATE_UPDATE]
-    return _PAGES.get_template("page.html").render(
+    return _PAGES.get_template(
+        "page.html"
+    ).render(
         data=data,
         s=s,
         styles=_styles(),
         verdict=verdict(data, s),
         losses=losses(data, s),
         shifts=by_shift(data, s),
-        begin=data.moment(0.0),
+        begin=data.moment(-data.step_s if data.recorded is None else 0.0),  # a gateway's step ends at its instant
         end=data.moment(float(data.time_s[-1])),
         lasted=hours(s.hours * 3600.0),
         corrections=data.moment(s.begin_hours * 3600.0),

@@ -20,10 +20,11 @@ def test_a_day_is_from_local_midnight_to_local_midnight(tmp_path: Path) -> None:
     data = collect(path, reader=Reader(ZURICH, day=DAY))
     times = [datetime.fromtimestamp(k * STEP_S, ZURICH) for k in data.k.tolist()]
     assert (len(whole.k), len(data.k)) == (30, 24)
-    assert (times[0], times[-1]) == (datetime(2026, 3, 2, tzinfo=ZURICH), datetime(2026, 3, 2, 23, tzinfo=ZURICH))
+    # A step is of the time before its instant: the one at midnight is the day's that ends then.
+    assert (times[0], times[-1]) == (datetime(2026, 3, 2, 1, tzinfo=ZURICH), datetime(2026, 3, 3, tzinfo=ZURICH))
     assert data.cycles == 4, "at 5, 11, 17 and 23 o'clock"
     assert data.compensation_um[:, 2].tolist() == [6.0, 12.0, 18.0, 24.0]
-    assert np.flatnonzero(np.isfinite(data.measured[:, 0])).tolist() == [5, 11, 17, 23]
+    assert np.flatnonzero(np.isfinite(data.measured[:, 0])).tolist() == [4, 10, 16, 22]
     assert data.channel_health["column"] == {"good": 23, "without a good value": 1}
     assert data.channel_health["bed"] == {"good": 24}
 

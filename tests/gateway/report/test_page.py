@@ -11,7 +11,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from gateway.report import Truth, build, by_shift, summary
+from gateway.report import CycleSeen, Truth, build, by_shift, summary
 from talc.names import THERMAL_ERRORS
 from tests.benches.small_run import START, small_run
 
@@ -164,6 +164,17 @@ def test_times_are_local_also_in_the_night_in_which_the_clock_goes_back() -> Non
         ("Sat 2026-10-24 22:00 CEST", "54 min"),
         ("Sun 2026-10-25 06:00 CET", "18 min"),
     ]
+
+
+def test_a_shift_that_begins_with_the_last_step_s_end_has_not_run() -> None:
+    run = small_run()  # 48 steps, the last at 10:55
+    ended = replace(run, shifts=(time(7), time(10, 55)), cycles_seen=(CycleSeen(float(run.time_s[-1]), ""),))
+    _, shifts = by_shift(ended, summary(ended))
+    assert [(shift.when, shift.cycles) for shift in shifts] == [("Mon 2026-01-05 07:00 CET", "1")]
+
+
+def test_a_gateway_s_run_lasts_from_the_begin_of_its_first_step(page: str) -> None:
+    assert "mill, Mon 2026-01-05 06:55 CET to Mon 2026-01-05 10:55 CET (4.0 h)" in page
 
 
 def test_the_inputs_that_moved_an_error_most_are_named_and_drawn(page: str) -> None:
