@@ -7,7 +7,7 @@ from drivers.first_use import on_first_use
 if TYPE_CHECKING:
     from drivers.modbus.bus import ModbusBus, ModbusTcpBus
     from drivers.modbus.device import ModbusDevice
-    from drivers.modbus.inputs import last_address
+    from drivers.modbus.inputs import addresses_as_in_manuals, last_address
     from drivers.modbus.numbers import Block, NumberFormat, NumberType, Order
     from drivers.modbus.profile import ModbusProfile
     from drivers.modbus.rtu import ModbusRtuBus, ModbusRtuTcpBus
@@ -18,7 +18,7 @@ else:
         {
             ".bus": ("ModbusBus", "ModbusTcpBus"),
             ".device": ("ModbusDevice",),
-            ".inputs": ("last_address",),
+            ".inputs": ("addresses_as_in_manuals", "last_address"),
             ".numbers": ("Block", "NumberFormat", "NumberType", "Order"),
             ".profile": ("ModbusProfile",),
             ".rtu": ("ModbusRtuBus", "ModbusRtuTcpBus"),
@@ -41,5 +41,6 @@ __all__ = [
     "NumberFormat",
     "NumberType",
     "Order",
+    "addresses_as_in_manuals",
     "last_address",
 ]

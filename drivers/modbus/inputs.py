@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from drivers.modbus.numbers import AddressRange
+from drivers.modbus.numbers import AddressRange, as_in_manuals
 from drivers.modbus.profile import ChannelBlock, ModbusProfile
 
 
@@ -44,6 +44,16 @@ def device_input(profile: ModbusProfile, number: int, offset: int) -> DeviceInpu
         None if status is None else (status.function, status.register(index) + offset, 1),
         None if codes is None else (codes.function, codes.address + offset + index, 1),
     )
+
+
+def addresses_as_in_manuals(profile: ModbusProfile, channels: Mapping[str, int]) -> Mapping[str, str]:
+    """Channels whose values have an address such as 40101 in the profile, and what a manual means by that number.
+
+    Some devices do have such addresses.
+    """
+    inputs = {name: device_input(profile, number, 0) for name, number in channels.items()}
+    meant = {name: as_in_manuals(one.value[1]) for name, one in inputs.items() if one.block.type != "bit"}
+    return {name: text for name, text in meant.items() if text}
 
 
 def last_address(profile: ModbusProfile, channels: Mapping[str, int], offset: int) -> int:

@@ -27,11 +27,23 @@ _FORMATS: Mapping[object, tuple[str, int]] = {
     "float64": ("d", 4),
 }
 _REALS = ("float32", "float64")
+_IN_MANUALS = {4: ((30001, 39999), (300001, 365536)), 3: ((40001, 49999), (400001, 465536))}
+"""How manuals number the registers that each function reads, in five and six digits: the first and the last one."""
 
 
 def registers_of(kind: object) -> int:
     """How many registers a number of this type occupies; 1 for an unknown type."""
     return _FORMATS.get(kind, ("", 1))[1]
+
+
+def as_in_manuals(address: int) -> str:
+    """What to write instead of an address such as 30101; empty if it is not one of those."""
+    for function, ranges in _IN_MANUALS.items():
+        for first, last in ranges:
+            if first <= address <= last:
+                meant = f"a manual's {address} is function {function}, address {address - first}"
+                return f"addresses count from 0: {meant}"
+    return ""
 
 
 def is_wider(kind: NumberType, bits: int) -> bool:

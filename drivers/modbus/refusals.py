@@ -1,7 +1,7 @@
 """What the exception codes of Modbus mean, and what to do about them."""
 
 from drivers.base import NoAnswer, Refused
-from drivers.modbus.numbers import Block
+from drivers.modbus.numbers import Block, as_in_manuals
 
 _EXCEPTIONS = {
     1: "illegal function",
@@ -17,8 +17,6 @@ _EXCEPTIONS = {
 _TARGET_SILENT = (10, 11)
 _ILLEGAL_ADDRESS = 2
 _ABSENT = (1, _ILLEGAL_ADDRESS)
-_IN_MANUALS = {4: (30001, 39999), 3: (40001, 49999)}
-"""How manuals number the registers that each function reads, in five digits: the first and the last one."""
 
 
 def refusal(bus: str, device: str, unit: int, block: Block, code: int) -> NoAnswer | Refused:
@@ -27,14 +25,5 @@ def refusal(bus: str, device: str, unit: int, block: Block, code: int) -> NoAnsw
     what = f"unit {unit} answered function {block.function}, address {block.address}, count {block.count} with "
     if code in _TARGET_SILENT:
         return NoAnswer(f"{what}exception {code}: {meaning}", bus=bus, device=device)
-    hint = (code == _ILLEGAL_ADDRESS and _as_in_manuals(block)) or "does the profile fit the device?"
+    hint = (code == _ILLEGAL_ADDRESS and as_in_manuals(block.address)) or "does the profile fit the device?"
     return Refused(f"{what}exception {code}: {meaning}", absent=code in _ABSENT, bus=bus, device=device, hint=hint)
-
-
-def _as_in_manuals(block: Block) -> str:
-    """What to write instead of an address such as 30101; empty if it is not one of those."""
-    for function, (first, last) in _IN_MANUALS.items():
-        if first <= block.address <= last:
-            address = block.address - first
-            return f"addresses count from 0: a manual's {block.address} is function {function}, address {address}"
-    return ""

@@ -9,6 +9,7 @@ import numpy as np
 
 from drivers.base import SetupError
 from drivers.build import check_device
+from drivers.modbus import ModbusProfile, addresses_as_in_manuals
 from drivers.mqtt import MqttProfile
 from drivers.profiles import load_profile, profile_names
 from gateway.config.buses import (
@@ -90,8 +91,22 @@ def cautions(config: GatewayConfig) -> list[Problem]:
         found.append(Problem("[talc] prior", f"has no effect with method = '{config.talc.method}'"))
     if config.nc is not None:
         found += [Problem(f"[nc] {field}", text) for field, text in config.nc.cautions()]
+    found += _manuals_addresses(config)
     found += _following(config)
     return [*found, *telemetry_cautions(config.telemetry)]
+
+
+def _manuals_addresses(config: GatewayConfig) -> Iterator[Problem]:
+    """Addresses as manuals number them: a device that has them all the same shows some other number."""
+    others = {bus.name for bus in config.buses if isinstance(bus, OtherBus)}
+    for device in config.devices:
+        if device.bus in others or device.profile in profile_names():
+            continue
+        profile = config.profile_of(device)
+        loaded = load_profile(profile) if isinstance(profile, str) else profile
+        if isinstance(loaded, ModbusProfile):
+            for channel, meant in addresses_as_in_manuals(loaded, device.channels).items():
+                yield Problem(f"device '{device.name}', channels.{channel}", meant)
 
 
 def _following(config: GatewayConfig) -> Iterator[Problem]:

@@ -164,6 +164,26 @@ def test_raw_usb_port_is_a_caution_not_an_error() -> None:
     assert "/dev/serial/by-id" in caution.what
 
 
+def test_an_address_as_in_a_manual_is_a_caution(tmp_path: Path) -> None:
+    """Not an error: some devices have such addresses, and those that have all of them show some number."""
+    profile = 'protocol = "modbus"\ntitle = "meter"\nbuses = ["modbus_tcp"]\nunit = "W"\n'
+    for function, address in ((3, 40101), (4, 100), (4, 30001)):
+        profile += f'[[block]]\nfunction = {function}\naddress = {address}\ntype = "int16"\n'
+    (tmp_path / "meter.toml").write_text(profile)
+    file = tmp_path / "gateway.toml"
+    file.write_text(
+        '[machine]\nname = "mill"\n[telemetry]\nenabled = false\n'
+        '[[bus]]\nname = "b"\nkind = "modbus_tcp"\nhost = "127.0.0.1"\n'
+        '[[device]]\nname = "meter"\nbus = "b"\nprofile = "meter.toml"\nunit = 1\n'
+        "channels = { x = 0, y = 1, z = 2 }\n"
+    )
+    told = {caution.where: caution.what for caution in cautions(load(file))}
+    assert told == {
+        "device 'meter', channels.x": "addresses count from 0: a manual's 40101 is function 3, address 100",
+        "device 'meter', channels.z": "addresses count from 0: a manual's 30001 is function 4, address 0",
+    }
+
+
 def test_a_timeout_longer_than_the_period_is_a_caution_where_devices_are_asked() -> None:
     path = CASES / "valid" / "gateway.toml"
     text = valid_text().replace("192.168.214.1", "127.0.0.1")
