@@ -1,4 +1,4 @@
-"""`talc-gateway prior make`: makes a file for `[talc] prior` from databases of gateways, or from a collected site."""
+"""`talc-gateway prior make`: makes a file for `[talc] prior` from databases of gateways, or a collected site."""
 
 import json
 from collections.abc import Callable, Sequence
@@ -31,16 +31,21 @@ class _LearntMachine(NamedTuple):
     rebuild: Callable[[], Controller]
 
 
-def make(given: Sequence[Path], kind: str | None, output: Path) -> None:
+def make(given: Sequence[Path | str], kind: str | None, output: Path, password_file: Path | None = None) -> None:
     """Rebuild each learner, print what it knows, and write the file.
 
-    given: databases, and folders of `talc-gateway collect`
+    given: databases of gateways, and folders or addresses of PostgreSQL databases of `talc-gateway collect`
     kind: of the machines that count; None: there is only one
+    password_file: holds the password of the addresses' user
 
-    Raises StoreError if nothing was learnt, CollectError for a folder that cannot be read.
+    Raises StoreError if nothing was learnt, CollectError for a site that cannot be read, click.UsageError.
     """
-    _check_files(given, output)
-    sources = [source for path in given for source in _sources(path)]
+    _check_given(given, output)
+    sources = [
+        source
+        for place in given
+        for source in (_of_address(place, password_file) if isinstance(place, str) else _sources(place))
+    ]
     learnt, machines = [], dict[str, str]()
     for source in _of_kind(sources, kind):
         if source.name in machines:
@@ -68,13 +73,16 @@ def make(given: Sequence[Path], kind: str | None, output: Path) -> None:
     click.echo(f'{output}: {len(prior.inputs)} inputs; {told}. In the next machine\'s file: [talc] prior = "{output}"')
 
 
-def _check_files(given: Sequence[Path], output: Path) -> None:
-    for i, path in enumerate(given):
-        for other in given[:i]:
-            if path.samefile(other):
-                raise click.UsageError(f"{path} is given twice")
-        if output.exists() and output.samefile(path):
-            raise click.UsageError(f"-o {output} would overwrite a {'folder' if path.is_dir() else 'database'}")
+def _check_given(given: Sequence[Path | str], output: Path) -> None:
+    for i, place in enumerate(given):
+        if any(_same(place, other) for other in given[:i]):
+            raise click.UsageError(f"{place} is given twice")
+        if isinstance(place, Path) and output.exists() and output.samefile(place):
+            raise click.UsageError(f"-o {output} would overwrite a {'folder' if place.is_dir() else 'database'}")
+
+
+def _same(one: Path | str, other: Path | str) -> bool:
+    return one.samefile(other) if isinstance(one, Path) and isinstance(other, Path) else one == other
 
 
 def _sources(path: Path) -> list[_LearntMachine]:
@@ -85,9 +93,23 @@ def _sources(path: Path) -> list[_LearntMachine]:
     need_extra("parquet")
     from gateway.collect import machines_in
 
+    return _collected(str(path), machines_in(path))
+
+
+def _of_address(url: str, password_file: Path | None) -> list[_LearntMachine]:
+    need_extra("postgres")
+    from gateway.collect import machines_in_database
+
+    try:
+        return _collected(url, machines_in_database(url, password_file))
+    except ValueError as error:
+        raise click.UsageError(str(error)) from None
+
+
+def _collected(where: str, machines: "Sequence[CollectedMachine]") -> list[_LearntMachine]:
     return [
-        _LearntMachine(found.name, found.kind, f"{path}: {found.name}", partial(_of_collected, found))
-        for found in machines_in(path)
+        _LearntMachine(found.name, found.kind, f"{where}: {found.name}", partial(_of_collected, found))
+        for found in machines
     ]
 
 

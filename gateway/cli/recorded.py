@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from gateway.cli.arguments import check_output, named_errors, named_units, page_path, shifts_of, time_zone_of
+from gateway.cli.arguments import PemPath, check_output, named_errors, named_units, page_path, shifts_of, time_zone_of
 from gateway.cli.exits import EXIT_DIFFERENT
 from gateway.cli.extras import need_extra
 
@@ -84,26 +84,40 @@ def replay(
     run_recording(request)
 
 
+class _SourceOrAddress(click.ParamType[Path | str]):
+    """A file or folder that exists, or an address."""
+
+    name = "place"
+    _path = click.Path(exists=True, path_type=Path)
+
+    def convert(self, value: Path | str, param: click.Parameter | None, ctx: click.Context | None) -> Path | str:
+        if isinstance(value, str) and "://" in value:
+            return value
+        return self._path.convert(value, param, ctx)
+
+
 @click.group()
 def prior() -> None:
     """Make a prior from what machines have learnt, for the next machine of the same kind."""
 
 
 @prior.command("make")
-@click.argument("given", metavar="DATABASE|FOLDER...", nargs=-1, required=True,
-                type=click.Path(exists=True, path_type=Path))  # fmt: skip
+@click.argument("given", metavar="DATABASE|FOLDER|ADDRESS...", nargs=-1, required=True, type=_SourceOrAddress())
 @click.option("--kind", help="[machine] kind of the machines that count. Default: all, if they have the same.")
 @click.option("-o", "--output", type=click.Path(dir_okay=False, path_type=Path), required=True, help="JSON file.")
-def make_prior(given: tuple[Path, ...], kind: str | None, output: Path) -> None:
+@click.option("--database-password-file", type=PemPath, help="Holds the password of ADDRESS's user alone.")
+def make_prior(
+    given: tuple[Path | str, ...], kind: str | None, output: Path, database_password_file: Path | None
+) -> None:
     """Write what machines have learnt to one file, for `[talc] prior` of another machine.
 
-    Give one DATABASE per machine, or the FOLDER of `talc-gateway collect` with all machines of a site. Each machine's
-    learner is rebuilt from its frames and measurements, whatever method it used, and without the prior that it started
-    with. Inputs of different machines are matched by name.
+    Give one DATABASE per machine, or the FOLDER or ADDRESS (postgresql://…) of `talc-gateway collect` with all machines
+    of a site. Each machine's learner is rebuilt from its frames and measurements, whatever method it used, and without
+    the prior that it started with. Inputs of different machines are matched by name.
     """
     from gateway.cli.prior import make
 
-    make(given, kind, output)
+    make(given, kind, output, database_password_file)
 
 
 @click.command()

@@ -6,6 +6,7 @@ from drivers.first_use import on_first_use
 
 if TYPE_CHECKING:
     from gateway.collect.collector import Collector, MachineAsked, SiteKept
+    from gateway.collect.database_machines import machines_in_database
     from gateway.collect.folder import CollectError, Commit, SiteFolder
     from gateway.collect.machines import CollectedMachine, machines_in
     from gateway.collect.network import SiteNetwork
@@ -16,6 +17,7 @@ else:
         __name__,
         {
             ".collector": ("Collector", "MachineAsked", "SiteKept"),
+            ".database_machines": ("machines_in_database",),
             ".folder": ("CollectError", "Commit", "SiteFolder"),
             ".machines": ("CollectedMachine", "machines_in"),
             ".network": ("SiteNetwork",),
@@ -35,5 +37,6 @@ __all__ = [
     "SiteKept",
     "SiteNetwork",
     "machines_in",
+    "machines_in_database",
     "site_at",
 ]

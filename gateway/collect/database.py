@@ -4,7 +4,7 @@ An interrupted transaction leaves nothing behind, and the collector asks a gatew
 """
 
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import TracebackType
@@ -45,7 +45,7 @@ _COUNT = """
 """
 _PLACES = msgspec.json.Decoder(dict[str, tuple[TablePlace, ...]])
 
-_DatabaseConnection = psycopg.Connection[tuple[Any, ...]]
+DatabaseConnection = psycopg.Connection[tuple[Any, ...]]
 
 
 def database_parameters(url: str) -> dict[str, Any]:
@@ -58,12 +58,22 @@ def database_parameters(url: str) -> dict[str, Any]:
     try:
         given = conninfo_to_dict(url)
     except psycopg.ProgrammingError as error:
-        raise ValueError(f"no address of a database: {_line(error)}") from None
+        raise ValueError(f"no address of a database: {what_is_wrong(error)}") from None
     if given.get("password"):
         raise ValueError("a password in the address is seen by every user of this computer; put it into a file")
     hosts = str(given.get("hostaddr") or given.get("host") or "").split(",")
     near = all(not host or host.startswith("/") or is_loopback(host) for host in hosts)
     return {**_DEFAULTS, **({} if near else {"sslmode": "verify-full"}), **given}
+
+
+def places_of(machine: str, text: str) -> Mapping[str, tuple[TablePlace, ...]]:
+    """How far each table of a machine is collected, of its `places` in talc.progress. Raises ValueError."""
+    try:
+        return _PLACES.decode(text)
+    except msgspec.DecodeError as error:
+        raise ValueError(
+            f"talc.progress, machine {machine}, places: {error}; restore it from a backup with all of the schema talc"
+        ) from error
 
 
 class SiteDatabase:
@@ -82,7 +92,7 @@ class SiteDatabase:
     def __init__(self, url: str, password_file: Path | None = None, *, lock_wait_s: float = _LOCK_WAIT_S) -> None:
         self._parameters, self._password_file = database_parameters(url), password_file
         self._lock_wait_s = lock_wait_s
-        self._connection: _DatabaseConnection | None = None
+        self._connection: DatabaseConnection | None = None
         self._relations, self._one = SiteRelations(), threading.Lock()
 
     def __enter__(self) -> Self:
@@ -114,12 +124,7 @@ class SiteDatabase:
             ).fetchone()
         if found is None:
             return CollectProgress()
-        try:
-            return CollectProgress(found[0], _PLACES.decode(found[1]))
-        except msgspec.DecodeError as error:
-            raise ValueError(
-                f"talc.progress, machine {name}, places: {error}; restore it from a backup with all of the schema talc"
-            ) from error
+        return CollectProgress(found[0], places_of(name, found[1]))
 
     def add(self, machine: str, commit: Commit) -> CollectProgress:
         """Make a batch count; when this returns, its rows and the progress are committed.
@@ -136,7 +141,7 @@ class SiteDatabase:
         return CollectProgress(batch, commit.progress.places)
 
     @contextmanager
-    def _transaction(self) -> Iterator[_DatabaseConnection]:
+    def _transaction(self) -> Iterator[DatabaseConnection]:
         """Committed at the end. After any failure the connection is given up, and with it what was not committed."""
         with self._one:
             try:
@@ -146,16 +151,13 @@ class SiteDatabase:
                 self._connection.commit()
             except psycopg.Error as error:
                 self._give_up()
-                raise CollectError(f"database: {_line(error)}") from error
+                raise CollectError(f"database: {what_is_wrong(error)}") from error
             except BaseException:
                 self._give_up()
                 raise
 
-    def _connected(self) -> _DatabaseConnection:
-        parameters = dict(self._parameters)
-        if self._password_file is not None:
-            parameters["password"] = _password(self._password_file)
-        connection = psycopg.connect(**parameters)
+    def _connected(self) -> DatabaseConnection:
+        connection = connect_to(self._parameters, self._password_file)
         try:
             _prepare(connection, self._lock_wait_s)
         except BaseException:
@@ -170,6 +172,18 @@ class SiteDatabase:
             connection.close()
 
 
+def connect_to(parameters: Mapping[str, Any], password_file: Path | None) -> DatabaseConnection:
+    """A new connection with the password that the file holds now. Raises CollectError, psycopg.Error."""
+    if password_file is not None:
+        parameters = {**parameters, "password": _password(password_file)}
+    return psycopg.connect(**parameters)
+
+
+def what_is_wrong(error: psycopg.Error) -> str:
+    """Without the statement that it stands in."""
+    return next(iter(str(error).splitlines()), "") or type(error).__name__
+
+
 def _password(file: Path) -> str:
     try:
         return file.read_text(encoding="utf-8").strip()
@@ -177,7 +191,7 @@ def _password(file: Path) -> str:
         raise CollectError(f"{file}: the password cannot be read: {error}") from error
 
 
-def _prepare(connection: _DatabaseConnection, lock_wait_s: float) -> None:
+def _prepare(connection: DatabaseConnection, lock_wait_s: float) -> None:
     """Settings of the session, the lock, and what must exist."""
     connection.execute(_SESSION)
     connection.execute("SELECT set_config('lock_timeout', %s, true)", (f"{lock_wait_s * 1e3:.0f}ms",))
@@ -193,11 +207,6 @@ def _prepare(connection: _DatabaseConnection, lock_wait_s: float) -> None:
     connection.commit()
 
 
-def _one(connection: _DatabaseConnection, query: str) -> object:
+def _one(connection: DatabaseConnection, query: str) -> object:
     found = connection.execute(query.encode()).fetchone()
     return None if found is None else found[0]
-
-
-def _line(error: psycopg.Error) -> str:
-    """What is wrong, without the statement that it stands in."""
-    return next(iter(str(error).splitlines()), "") or type(error).__name__

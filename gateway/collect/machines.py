@@ -1,10 +1,12 @@
 """The machines of a collected site, with all that each of them learnt from: its latest settings, and every frame."""
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import chain
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -12,13 +14,13 @@ from pyarrow import parquet
 from pydantic import TypeAdapter
 
 from gateway.collect.folder import CollectError
-from gateway.collect.progress import load_progress
+from gateway.collect.progress import TablePlace, load_progress
 from gateway.storage import columns
 from talc.frame import FloatArray, Frame, Measurement
 from talc.names import THERMAL_ERRORS
 from talc.settings import TalcSettings
 
-_RUN = ("kind", "step_s", "inputs", "talc", "epoch", "row")
+RUN_COLUMNS = ("kind", "step_s", "inputs", "talc", "epoch", "row")
 _TIME_OFF_US = 1000
 """By which the time of a step may differ from that of its grid index, as both are rounded."""
 _STEPS: columns.CellKinds = columns.steps(())
@@ -30,7 +32,7 @@ _ERRORS, _SIGMA = (
 
 @dataclass(frozen=True, slots=True)
 class CollectedMachine:
-    """One machine in the folder of a site."""
+    """One machine of a site."""
 
     name: str
     kind: str | None
@@ -39,14 +41,14 @@ class CollectedMachine:
     step_s: float
     talc: TalcSettings
     """Without the prior that it began with."""
-    steps: Path
-    """Folder of its steps."""
+    days: Callable[[Sequence[str]], Iterator[pa.Table]]
+    """Some columns of its steps, a day at a time; of the steps of one time, the one that was collected first is first.
+    Raises CollectError for what cannot be read."""
 
     def frames(self) -> Iterator[Frame]:
-        """Of every step, oldest first, with the inputs of the latest run. Raises CollectError for a file that cannot be
+        """Of every step, oldest first, with the inputs of the latest run. Raises CollectError for what cannot be
         read."""
-        for day in sorted(self.steps.glob("day=*")):
-            table = pa.concat_tables([_read(part, self._columns) for part in sorted(day.glob("part-*.parquet"))])
+        for table in self.days(self._columns):
             yield from self._frames(table)
 
     @property
@@ -82,21 +84,46 @@ def machines_in(site: Path) -> list[CollectedMachine]:
 def _machine(site: Path, runs: Path) -> CollectedMachine:
     name = runs.name.removeprefix("machine=")
     try:
-        places = load_progress(site / "progress" / f"{name}.json").places.get("runs", ())
-        rows = list(chain.from_iterable(_read(part, _RUN).to_pylist() for part in runs.glob("day=*/part-*.parquet")))
-        latest = [max((r for r in rows if r["epoch"] == epoch), key=_number, default=None) for epoch, _ in places]
-        run = [r for r in latest if r is not None][-1]
-        talc = TypeAdapter(TalcSettings).validate_python({**json.loads(run["talc"]), "prior": None})
-        inputs = tuple(map(str, json.loads(run["inputs"])))
-        return CollectedMachine(
-            name, run["kind"], inputs, float(run["step_s"]), talc, site / "steps" / f"machine={name}"
-        )
-    except (ValueError, IndexError, TypeError) as error:
+        places = load_progress(site / "progress" / f"{name}.json").places
+        parts = runs.glob("day=*/part-*.parquet")
+        rows = list(chain.from_iterable(_read(part, RUN_COLUMNS).to_pylist() for part in parts))
+        return machine_of(name, rows, places.get("runs", ()), partial(_days, site / "steps" / f"machine={name}"))
+    except ValueError as error:
         raise CollectError(f"{runs}: its latest run cannot be read: {error}; collect this machine again") from error
 
 
-def _number(run: dict[str, int]) -> int:
-    return run["row"]
+def machine_of(
+    name: str,
+    runs: Sequence[Mapping[str, Any]],
+    places: Sequence[TablePlace],
+    days: Callable[[Sequence[str]], Iterator[pa.Table]],
+) -> CollectedMachine:
+    """A machine by its latest run.
+
+    runs: rows of the table `runs` with RUN_COLUMNS
+    places: how far that table is collected, the latest epoch last
+
+    Raises ValueError if there is no run, or if it is none of this program.
+    """
+    latest = [max((r for r in runs if r["epoch"] == epoch), key=_number, default=None) for epoch, _ in places]
+    run = next((r for r in reversed(latest) if r is not None), None)
+    if run is None:
+        raise ValueError("there is none")
+    try:
+        talc = TypeAdapter(TalcSettings).validate_python({**json.loads(run["talc"]), "prior": None})
+        inputs = tuple(map(str, json.loads(run["inputs"])))
+        return CollectedMachine(name, run["kind"], inputs, float(run["step_s"]), talc, days)
+    except TypeError as error:
+        raise ValueError(str(error)) from error
+
+
+def _days(steps: Path, names: Sequence[str]) -> Iterator[pa.Table]:
+    for day in sorted(steps.glob("day=*")):
+        yield pa.concat_tables([_read(part, names) for part in sorted(day.glob("part-*.parquet"))])
+
+
+def _number(run: Mapping[str, Any]) -> int:
+    return int(run["row"])
 
 
 def _read(part: Path, names: Sequence[str]) -> pa.Table:

@@ -16,7 +16,8 @@ _TYPES = {
     pa.float64(): "double precision",
     pa.int64(): "bigint",
 }
-_MACHINE, _OTHER = "machine", "other"
+_MACHINE, OTHER = "machine", "other"
+"""The columns that every table has: `other` is JSON, with what the table has no column for."""
 _KEY = ("machine", "epoch", "row")
 _KEYS = {"gaps": ("machine", "table", "epoch", "upto")}
 """What makes a row the only one; a hypertable needs its time in it."""
@@ -40,8 +41,8 @@ class SiteRelations:
         Raises ValueError for rows that contradict themselves, psycopg.Error.
         """
         names = rows.column_names
-        if len({*names, _MACHINE, _OTHER}) != len(names) + 2:
-            raise ValueError(f"{table}: a column is there twice, or is named {_MACHINE} or {_OTHER}")
+        if len({*names, _MACHINE, OTHER}) != len(names) + 2:
+            raise ValueError(f"{table}: a column is there twice, or is named {_MACHINE} or {OTHER}")
         time = time_column(rows)
         types = {name: _TYPES[rows.schema.field(name).type] for name in names}
         known = self._known(connection, table, types, time)
@@ -57,21 +58,22 @@ class SiteRelations:
         self, connection: "psycopg.Connection[Any]", table: str, types: dict[str, str], time: str
     ) -> dict[str, str]:
         """Columns of a table after it has got all of these that it can have."""
-        known = self._columns.get(table) or _found(connection, table)
+        known = self._columns.get(table) or relation_columns(connection, table)
         fitting = {name: kind for name, kind in types.items() if len(name.encode()) <= _MOST_BYTES}
         if not known:
             _create(connection, table, fitting, time)
-            known = _found(connection, table)
+            known = relation_columns(connection, table)
         missing = [name for name in fitting if name not in known][: max(0, _MOST_COLUMNS - len(known))]
         if missing:
-            added = ", ".join(f"ADD COLUMN {_quoted(name)} {fitting[name]}" for name in missing)
-            connection.execute(f"ALTER TABLE talc.{_quoted(table)} {added}".encode())
-            known = _found(connection, table)
+            added = ", ".join(f"ADD COLUMN {quoted(name)} {fitting[name]}" for name in missing)
+            connection.execute(f"ALTER TABLE talc.{quoted(table)} {added}".encode())
+            known = relation_columns(connection, table)
         self._columns[table] = known
         return known
 
 
-def _found(connection: "psycopg.Connection[Any]", table: str) -> dict[str, str]:
+def relation_columns(connection: "psycopg.Connection[Any]", table: str) -> dict[str, str]:
+    """Names and types; none if there is no such table."""
     query = (
         "SELECT column_name, data_type FROM information_schema.columns WHERE table_schema = 'talc' AND table_name = %s"
     )
@@ -80,27 +82,25 @@ def _found(connection: "psycopg.Connection[Any]", table: str) -> dict[str, str]:
 
 def _create(connection: "psycopg.Connection[Any]", table: str, types: dict[str, str], time: str) -> None:
     """A hypertable where TimescaleDB's extension is in the database, otherwise a plain one."""
-    place, key = f"talc.{_quoted(table)}", _KEYS.get(table, _KEY)
+    place, key = f"talc.{quoted(table)}", _KEYS.get(table, _KEY)
     timescale = connection.execute("SELECT 1 FROM pg_extension WHERE extname = 'timescaledb'").fetchone() is not None
     if timescale and time not in key:
         key = (*key, time)
     first = {name: types[name] for name in (*key, time) if name in types}
     types = dict(list({**first, **types}.items())[:_MOST_COLUMNS])
-    columns = ", ".join(
-        f"{_quoted(name)} {kind}" for name, kind in {_MACHINE: "text", **types, _OTHER: "jsonb"}.items()
-    )
-    connection.execute(f"CREATE TABLE {place} ({columns}, PRIMARY KEY ({', '.join(map(_quoted, key))}))".encode())
+    columns = ", ".join(f"{quoted(name)} {kind}" for name, kind in {_MACHINE: "text", **types, OTHER: "jsonb"}.items())
+    connection.execute(f"CREATE TABLE {place} ({columns}, PRIMARY KEY ({', '.join(map(quoted, key))}))".encode())
     if timescale:
         make = "SELECT create_hypertable(%s::regclass, %s::name, chunk_time_interval => %s::interval)"
         connection.execute(make, (place, time, _CHUNK))
     else:
-        connection.execute(f"CREATE INDEX ON {place} USING brin ({_quoted(time)})".encode())
+        connection.execute(f"CREATE INDEX ON {place} USING brin ({quoted(time)})".encode())
 
 
 def _insert(table: str, own: Sequence[str], types: dict[str, str]) -> str:
-    columns = ", ".join(map(_quoted, (_MACHINE, *own, _OTHER)))
+    columns = ", ".join(map(quoted, (_MACHINE, *own, OTHER)))
     arrays = ", ".join(f"%s::{kind}[]" for kind in (*(types[name] for name in own), "jsonb"))
-    begin = f"INSERT INTO talc.{_quoted(table)} ({columns})".replace("%", "%%")
+    begin = f"INSERT INTO talc.{quoted(table)} ({columns})".replace("%", "%%")
     return f"{begin} SELECT %s, * FROM unnest({arrays}) ON CONFLICT DO NOTHING"
 
 
@@ -125,5 +125,6 @@ def _other_values(rows: pa.Table) -> list[str | None]:
     return found
 
 
-def _quoted(name: str) -> str:
+def quoted(name: str) -> str:
+    """As an identifier of SQL."""
     return '"' + name.replace('"', '""') + '"'

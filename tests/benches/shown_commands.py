@@ -83,6 +83,7 @@ TABLE: dict[str, HowShown] = {
     r"prior make site --kind dmu50 -o dmu50\.json": RunElsewhere(
         "tests/gateway/collect/test_prior_of_site.py", '"prior", "make", site, "--kind"'
     ),
+    r"prior make postgresql://.*": RunElsewhere("tests/gateway/collect/test_prior_of_database.py", '"make"'),
     r"prior make (DB|mill1).*": RunElsewhere("tests/gateway/past/test_prior.py", '"make"'),
     r"demo": RunElsewhere("tests/test_shown_commands.py", '"demo", "--hours", "2"'),
     r"demo --method models": RunByNone(

@@ -1,67 +1,15 @@
 """A prior from the folder of a collector is the one from the databases themselves, byte by byte."""
 
 import json
-from collections.abc import Iterator
-from dataclasses import replace
-from itertools import count
 from pathlib import Path
 
 import numpy as np
 import pytest
 from pyarrow import parquet
 
-from gateway.collect import CollectError, Collector, SiteFolder, machines_in
-from gateway.config import load
-from gateway.events import DecisionMade, FrameMade
-from gateway.storage import Store
-from talc.frame import Frame, Measurement
-from tests.benches import telemetry_examples as example
-from tests.benches.machines_of_a_kind import CHANNELS, day, frames, talc_gateway, written
-from tests.benches.stepped_clock import SteppedClock
-from tests.benches.stored_site import StoredSite
-
-STEPS = 150
-FIRST_K = 5_900_000
-OTHER_ORDER = (*CHANNELS[6:], *CHANNELS[:6])
-
-
-def spoilt(seed: int) -> Iterator[Frame]:
-    """Steps as a machine has them: gaps, inputs without a good value, errors that a cycle does not determine, and a
-    start without a clock."""
-    for n, frame in enumerate(frames(day(seed))[:STEPS]):
-        if 50 <= n < 54:
-            continue
-        here = replace(frame, k=FIRST_K + n, pause_unknown=n == 90)
-        if n % 7 == 3:
-            valid = np.arange(len(CHANNELS)) != seed % 5
-            here = replace(here, valid=valid, inputs=np.where(valid, here.inputs, 1e300))
-        if n == 33 and here.measurement is not None:
-            errors = np.where(np.arange(9) == 4, np.nan, here.measurement.errors)
-            here = replace(here, measurement=Measurement(errors, here.measurement.sigma * 3.0))
-        yield here
-
-
-def work(folder: Path, seed: int, kind: str | None = None) -> None:
-    """A machine that ran, and after a restart with its channels in another order."""
-    found, places = list(spoilt(seed)), [CHANNELS.index(name) for name in OTHER_ORDER]
-    rest = [replace(f, inputs=f.inputs[places], valid=f.valid[places]) for f in found[70:]]
-    for channels, some in ((CHANNELS, found[:70]), (OTHER_ORDER, rest)):
-        config = load(written(folder, f"mill{seed}", channels=channels, kind=kind))
-        with Store(config.storage.path, f"run{some[0].k}", SteppedClock(), commit_s=60.0) as store:
-            store.begin(config.canonical(), config.fingerprint(), "")
-            for frame in some:
-                store.record(FrameMade(frame))
-                store.record(DecisionMade(replace(example.DECISION, k=frame.k)))
-
-
-def collected(gateways: Path, site: Path) -> Path:
-    with SiteFolder(site) as folder:
-        collecting = Collector(StoredSite(gateways), folder, limit=100)
-        for turn in count():
-            if collecting.turn(0.0) > 0.0 and turn:
-                break
-    assert not [asked.problem for asked in collecting.machines.values() if asked.problem]
-    return site
+from gateway.collect import CollectError, machines_in
+from tests.benches.collected_machines import OTHER_ORDER, collected, spoilt, work
+from tests.benches.machines_of_a_kind import talc_gateway
 
 
 @pytest.fixture(scope="module")
@@ -74,7 +22,9 @@ def gateways(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def site(gateways: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return collected(gateways, tmp_path_factory.mktemp("site"))
+    folder = tmp_path_factory.mktemp("site")
+    collected(gateways, str(folder))
+    return folder
 
 
 def test_the_prior_of_a_kind_is_the_same_from_the_site_as_from_the_databases(
@@ -102,7 +52,8 @@ def test_machines_of_several_kinds_are_not_mixed_unasked(site: Path, tmp_path: P
 def test_rows_that_are_there_twice_and_a_grid_of_another_step_change_nothing(
     gateways: Path, site: Path, tmp_path: Path
 ) -> None:
-    again = collected(gateways, tmp_path / "again")
+    again = tmp_path / "again"
+    collected(gateways, str(again))
     part = min((again / "steps" / "machine=mill10").glob("day=*/part-*.parquet"))
     table = parquet.read_table(part, partitioning=None)
     parquet.write_table(table, part.with_name("part-00098.parquet"))
