@@ -21,21 +21,6 @@ def server() -> Iterator[Postgres]:
         yield running
 
 
-@pytest.fixture(scope="module")
-def gateways(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("gateways")
-    for seed, kind in ((10, "dmu"), (11, "dmu"), (12, None)):
-        work(folder, seed, kind)
-    return folder
-
-
-@pytest.fixture(scope="module")
-def folder(gateways: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    site = tmp_path_factory.mktemp("site")
-    collected(gateways, str(site))
-    return site
-
-
 @pytest.fixture
 def url(server: Postgres, gateways: Path) -> str:
     """Of a database with all that the gateways have."""
@@ -60,11 +45,11 @@ def steps(machine: CollectedMachine) -> list[tuple[object, ...]]:
     ]  # fmt: skip
 
 
-def test_the_prior_is_the_same_from_the_database_as_from_the_folder(url: str, folder: Path, tmp_path: Path) -> None:
+def test_the_prior_is_the_same_from_the_database_as_from_the_folder(url: str, site: Path, tmp_path: Path) -> None:
     of_database, of_folder = tmp_path / "database.json", tmp_path / "folder.json"
     answer = talc_gateway("prior", "make", url, "--kind", "dmu", "-o", of_database)
     assert answer.exit_code == 0, answer.output
-    assert talc_gateway("prior", "make", folder, "--kind", "dmu", "-o", of_folder).exit_code == 0
+    assert talc_gateway("prior", "make", site, "--kind", "dmu", "-o", of_folder).exit_code == 0
     assert of_database.read_bytes() == of_folder.read_bytes()
 
 
@@ -77,15 +62,15 @@ def test_the_prior_is_the_same_from_the_database_as_from_the_folder(url: str, fo
     ],
     ids=["more columns than a table can have", "a text in the first row", "another type for some rows"],
 )
-def test_values_without_a_column_of_their_own_are_found(server: Postgres, url: str, folder: Path, change: str) -> None:
-    column = f"input_{machines_in(folder)[0].inputs[0]}"
+def test_values_without_a_column_of_their_own_are_found(server: Postgres, url: str, site: Path, change: str) -> None:
+    column = f"input_{machines_in(site)[0].inputs[0]}"
     moved = f"coalesce(other, '{{}}') || jsonb_build_object('{column}', \"{column}\")"
     server.query(database(url), f"UPDATE talc.steps SET other = {moved}")
     server.query(database(url), change.format(column=column))
-    assert [steps(machine) for machine in machines_in_database(url)] == [steps(m) for m in machines_in(folder)]
+    assert [steps(machine) for machine in machines_in_database(url)] == [steps(m) for m in machines_in(site)]
 
 
-def test_of_steps_that_are_there_twice_the_first_that_came_counts(server: Postgres, url: str, folder: Path) -> None:
+def test_of_steps_that_are_there_twice_the_first_that_came_counts(server: Postgres, url: str, site: Path) -> None:
     """As after a backup of a gateway's database was put back: the rows have an epoch that came later."""
     name, first = database(url), "SELECT epoch FROM talc.steps WHERE machine = 'mill10' ORDER BY time LIMIT 1"
     later = "'zz' || epoch"
@@ -102,7 +87,7 @@ def test_of_steps_that_are_there_twice_the_first_that_came_counts(server: Postgr
             name, "UPDATE talc.progress SET places = jsonb_set(places, '{steps}', (places->'steps') || "
             f"(SELECT jsonb_agg(jsonb_build_array({epoch}, 1)) FROM ({first}) AS first))",
         )  # fmt: skip
-    assert [steps(machine) for machine in machines_in_database(url)] == [steps(m) for m in machines_in(folder)]
+    assert [steps(machine) for machine in machines_in_database(url)] == [steps(m) for m in machines_in(site)]
 
 
 def test_a_collector_may_write_meanwhile(url: str, tmp_path: Path) -> None:
@@ -149,7 +134,7 @@ def test_an_address_that_cannot_be_used_is_refused(address: str, code: int, said
     assert "secret" not in answer.output
 
 
-def test_a_role_that_may_only_read_is_enough(server: Postgres, url: str, folder: Path) -> None:
+def test_a_role_that_may_only_read_is_enough(server: Postgres, url: str, site: Path) -> None:
     for statement in (
         "CREATE ROLE reader LOGIN",
         "GRANT USAGE ON SCHEMA talc TO reader",
@@ -157,12 +142,12 @@ def test_a_role_that_may_only_read_is_enough(server: Postgres, url: str, folder:
     ):
         server.query(database(url), statement)
     read = machines_in_database(server.url(database(url), "reader"))
-    assert [steps(machine) for machine in read] == [steps(machine) for machine in machines_in(folder)]
+    assert [steps(machine) for machine in read] == [steps(machine) for machine in machines_in(site)]
 
 
-def test_a_machine_without_a_run_yet_is_left_out(server: Postgres, url: str, folder: Path) -> None:
+def test_a_machine_without_a_run_yet_is_left_out(server: Postgres, url: str, site: Path) -> None:
     server.query(database(url), "INSERT INTO talc.progress VALUES ('new', 1, '{\"events\": [[\"e1\", 4]]}')")
-    assert [machine.name for machine in machines_in_database(url)] == [machine.name for machine in machines_in(folder)]
+    assert [machine.name for machine in machines_in_database(url)] == [machine.name for machine in machines_in(site)]
 
 
 def test_an_address_that_is_given_twice_is_refused(url: str, tmp_path: Path) -> None:

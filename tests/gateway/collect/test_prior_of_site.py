@@ -8,23 +8,8 @@ import pytest
 from pyarrow import parquet
 
 from gateway.collect import CollectError, machines_in
-from tests.benches.collected_machines import OTHER_ORDER, collected, spoilt, work
+from tests.benches.collected_machines import OTHER_ORDER, collected, spoilt
 from tests.benches.machines_of_a_kind import talc_gateway
-
-
-@pytest.fixture(scope="module")
-def gateways(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("gateways")
-    for seed, kind in ((10, "dmu"), (11, "dmu"), (12, None)):
-        work(folder, seed, kind)
-    return folder
-
-
-@pytest.fixture(scope="module")
-def site(gateways: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("site")
-    collected(gateways, str(folder))
-    return folder
 
 
 def test_the_prior_of_a_kind_is_the_same_from_the_site_as_from_the_databases(

@@ -1,0 +1,22 @@
+"""Three machines that have run, and the folder of a collector that has all of it."""
+
+from pathlib import Path
+
+import pytest
+
+from tests.benches.collected_machines import collected, work
+
+
+@pytest.fixture(scope="module")
+def gateways(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("gateways")
+    for seed, kind in ((10, "dmu"), (11, "dmu"), (12, None)):
+        work(folder, seed, kind)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def site(gateways: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("site")
+    collected(gateways, str(folder))
+    return folder
