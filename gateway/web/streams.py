@@ -64,7 +64,7 @@ class Browser:
     queue: BrowserQueue = field(default_factory=BrowserQueue)
     sent: dict[str, bytes] = field(default_factory=dict)
     """The last of each kind of message: what has not changed is not sent again."""
-    past: int = -1
+    past: tuple[int, bool] | None = None
     """State of the charts that it shows; likewise of the corrections."""
     explanations: int = 0
 
@@ -75,7 +75,7 @@ class Browser:
             self.sent[kind] = data
             if self.queue.put(b"event: " + kind.encode() + b"\ndata: " + data + b"\n\n"):
                 self.sent.clear()  # which part was lost does not matter: all of them follow again
-                self.past, self.explanations = -1, 0
+                self.past, self.explanations = None, 0
 
 
 class Streams:
@@ -133,8 +133,8 @@ class Streams:
             if browser.explanations != seen.explanations:
                 browser.explanations = seen.explanations
                 browser.send("corrections", tuple(corrections(seen)))
-            if browser.past != seen.past:
-                browser.past = seen.past
+            if browser.past != (seen.past, seen.alive):  # nothing is foreseen of a gateway that is gone
+                browser.past = seen.past, seen.alive
                 browser.send("course", shown_course(seen, viewpoint.matrix))
 
     def _own_rows(self) -> tuple[SaidRow, ...]:

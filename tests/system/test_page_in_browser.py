@@ -254,6 +254,60 @@ def test_a_gateway_that_is_killed_looks_gone_and_one_that_comes_back_begins_anew
             expect(machines.locator("li.grey")).to_have_count(2)
 
 
+def right_end(page: Page) -> str:
+    """What the page says of the latest time that the chart of Z shows."""
+    over, reading = page.locator("[data-axis=Z] .u-over"), page.locator("[data-axis=Z] .reading")
+    box = over.bounding_box()
+    assert box is not None
+    over.hover(position={"x": 5, "y": 40})
+    over.hover(position={"x": box["width"] - 2, "y": 40})
+    return reading.inner_text()
+
+
+@pytest.mark.parametrize("end", ["the page's server", "the gateway"])
+def test_nothing_old_looks_fresh(settings: Path, end: str) -> None:
+    with page_rig() as rig:
+        gateway = played_mill(rig, settings)
+        assert rig.web is not None
+        with rig.page("/machine/mill") as page, rig.page("/?all=1") as machines:
+            by = {"by": "anna", "since": "2026-03-02T22:58:00+00:00"}
+            gateway.say("status " + json.dumps({"paused": by, "unarmed": ["probing is not armed"]}))
+            fresh = (page.locator("#notices p"), page.locator("#unarmed"))
+            page.fill("input[name=tolerance]", "3")
+            page.keyboard.press("Enter")
+            expect(page.locator("#helps p").first).to_be_attached()
+            for each in fresh:
+                expect(each).to_be_visible()
+            expect(page.locator("#since")).not_to_be_empty()
+            expect(machines.locator("li .notice")).to_have_count(2)
+            expect(page.locator("#axes .u-over")).to_have_count(3)
+            assert "forecast" in right_end(page)
+            if end == "the gateway":
+                gateway.kill()
+            else:
+                os.kill(rig.web.pid, signal.SIGSTOP)
+            word = "Gone" if end == "the gateway" else "No connection"
+            expect(page.locator("#word")).to_have_text(word)
+            expect(machines.locator("li .word")).to_have_text(word)
+            for each in fresh:
+                expect(each).to_be_hidden()
+            expect(page.locator("#since")).to_be_empty()
+            for of in ("left", "half", "without", "in_force"):
+                expect(page.locator(f"[data-of={of}]")).to_have_text(["–"] * 3)
+            expect(page.locator("#helps p")).to_have_count(0)
+            expect(page.locator("#ready")).not_to_contain_text("left at the tool", use_inner_text=True)
+            expect(machines.locator("li")).not_to_contain_text("left at the tool")
+            expect(machines.locator("li .notice")).to_have_count(0)
+            assert page.locator(".past-note:visible").count() == 3
+            assert "forecast" not in right_end(page)
+            if end != "the gateway":
+                os.kill(rig.web.pid, signal.SIGCONT)
+                expect(page.locator("#word")).to_have_text("Not sure")
+                expect(page.locator("[data-axis=Z] [data-of=half]")).not_to_have_text("–")
+                expect(machines.locator("li .notice")).to_have_count(2)
+                assert "forecast" in right_end(page)
+
+
 _LOOKED_AT = (
     ("/machine/mill", False, True),
     ("/machine/mill", True, True),

@@ -4,7 +4,7 @@ import { $, make, put } from "./elements.js";
 import { amount, clock, date, sentence, time, word } from "./words.js";
 
 const ink = (name) => getComputedStyle(document.documentElement).getPropertyValue("--" + name).trim();
-let charts = [], course = null, zoomed = false, following = false;
+let charts = [], course = null, zoomed = false, following = false, forecast = true;
 // What the gateway has stored of before: thinned over the chosen span, and finer where somebody has zoomed in.
 let past = null, fine = null, asking = 0, pastTo = null, askedMs = -Infinity;
 const AGAIN_S = 1800, PATIENCE_MS = 60000;
@@ -82,12 +82,13 @@ const scroll = (u, event) => {
   if (shift) u.setScale("x", { min: min + shift, max: max + shift });
 };
 const columns = (i) => {
-  const { t, without, left, half, measured_t, measured, ahead_t, ahead, ahead_half } = course, old = before();
+  const { t, without, left, half, measured_t, measured, ahead, ahead_half } = course, old = before();
+  const ahead_t = forecast ? course.ahead_t : [];
   const edge = (values, halves, sign) => values.map((v, j) => v === null || halves[j] === null ? null : v + sign * halves[j]);
   const line = [...old.without[i], ...without[i]], wide = [...old.half[i], ...half[i]];
   return uPlot.join([[[...old.t, ...t], line, edge(line, wide, -1), edge(line, wide, 1), [...old.t.map(() => null), ...left[i]]],
     [[...old.measured_t, ...measured_t], [...old.measured[i], ...measured[i]]],
-    [ahead_t, ahead[i], edge(ahead[i], ahead_half[i], -1), edge(ahead[i], ahead_half[i], 1)]]);
+    [ahead_t, ...[ahead[i], edge(ahead[i], ahead_half[i], -1), edge(ahead[i], ahead_half[i], 1)].map((c) => (forecast ? c : []))]]);
 };
 const chart = (place, i) => {
   const value = (_, v) => amount({ n: v, u: "µm", d: 1, sign: true });
@@ -130,6 +131,12 @@ const drawCharts = () => {
 const redraw = () => {
   if (!course) return;
   if (charts.length) charts.forEach((u, i) => u.setData(columns(i), !zoomed)); else drawCharts();
+};
+// What was foreseen does not hold while nobody knows what has come.
+export const keepForecast = (kept) => {
+  if (forecast === kept) return;
+  forecast = kept;
+  redraw();
 };
 export const showCourse = (c) => {
   course = c;

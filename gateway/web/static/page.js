@@ -1,5 +1,5 @@
 // Shows what the server sends, one machine or the list of all.
-import { forgetCourse, readyCharts, showCourse } from "./charts.js";
+import { forgetCourse, keepForecast, readyCharts, showCourse } from "./charts.js";
 import { machine, query, readyChoice } from "./choice.js";
 import { hideCommands, readyCommands, showCommands } from "./commands.js";
 import { $, draw, keepHeights, make, paint, put, rows, say } from "./elements.js";
@@ -7,27 +7,33 @@ import { readyDay, showMachine } from "./machine.js";
 import { reserve, WAITS } from "./room.js";
 import { showSensitivity } from "./sensitivity.js";
 import { readyTables, showWeeks, takeCorrections, takeEvents } from "./tables.js";
-import { time, word } from "./words.js";
+import { sentence, time, word } from "./words.js";
 
 const SILENT_MS = 7000;
 let latest = null, heardMs = performance.now(), lost = false, showAgain = () => {};
 // Until all of it is there, nothing of it: what came piece by piece would push the rest about.
 const showAll = () => document.body.classList.remove("waiting");
+const UNKNOWN = { alive: false, unarmed: false, notices: [] };
 const loseOrFind = (gone) => {
   if (gone === lost) return;
   lost = gone;
   document.body.classList.toggle("past", lost || (latest !== null && latest.alive === false));
   $("lost").hidden = !lost;
+  keepForecast(!lost);
   if (!lost) showAgain();  // the server sends nothing again that has not changed
   else {
+    const since = { say: "page.no_server", values: { at: { t: latest ? latest.shownAt : "" } } };
+    const verdict = { colour: "grey", word: "word.lost", because: [since], since: null, helps: [] };
     showAll();
     hideCommands();
-    $("lost").textContent = word("page.no_server").replace("{at}", latest ? time(latest.shownAt) : "–");
-    if (machine) {
+    $("lost").textContent = sentence(since);
+    if (!machine) drawList((latest ? latest.list : []).map((each) => ({ ...each, ...UNKNOWN, ...verdict })));
+    else if (latest) showMachine({ ...latest, ...UNKNOWN, verdict, axes: [] });
+    else {
       paint($("ready"), "grey");
       put($("word"), word("word.lost"));
       document.title = `${word("word.lost")} · ${machine}`;
-    } else for (const each of $("machines").children) { paint(each, "grey"); put(each.querySelector(".word"), word("word.lost")); }
+    }
   }
 };
 
@@ -37,8 +43,7 @@ const showView = (v) => {
   showAgain();
 };
 
-const showList = (list) => {
-  latest = { alive: true, shownAt: new Date().toISOString() };
+const drawList = (list) => {
   $("no-machine").hidden = list.length > 0;
   const language = document.documentElement.lang;
   draw("machines", list, () => list.map((m) => {
@@ -50,10 +55,11 @@ const showList = (list) => {
       make("p", m.heard ? word("page.heard").replace("{at}", time(m.heard)) : "", "note"));
     return item;
   }));
-  showAgain = () => list.forEach((m, i) => {
-    paint($("machines").children[i], m.colour);
-    put($("machines").children[i].querySelector(".word"), word(m.word));
-  });
+};
+const showList = (list) => {
+  latest = { alive: true, list, shownAt: new Date().toISOString() };
+  showAgain = () => drawList(list);
+  showAgain();
 };
 
 let stream = null;
