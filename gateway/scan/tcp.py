@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from drivers.base import BadAnswer, ConnectError, NoAnswer, Refused
 from drivers.can import Stopped
 from drivers.micro_epsilon import MeEthernetBus, MeEthernetSettings
-from drivers.modbus import ModbusBus, ModbusRtuTcpBus, ModbusRtuTcpSettings, ModbusTcpBus, ModbusTcpSettings
+from drivers.modbus import Block, ModbusBus, ModbusRtuTcpBus, ModbusRtuTcpSettings, ModbusTcpBus, ModbusTcpSettings
 from drivers.recognition import Recognition, recognise_me_ethernet, recognise_modbus
 from gateway.polling import UnexpectedError, contained
 from gateway.scan.found import Found, Place, ScanProgress, ScanReport, open_bus, read_inputs
@@ -17,6 +17,7 @@ _UNUSUAL_UNITS = (113, 114, 115)
 """Unit ids that are never used: a host that answers to one of them ignores the id, or refuses every unknown one."""
 _MOST_ODD = 3
 """Units with invalid answers before the scan leaves the host."""
+_ANY = (ANY_REGISTER, Block(4, 0, 1), Block(2, 0, 1), Block(1, 0, 1))
 _VALUE = "a value"
 _ONE_DEVICE = "answers to every unit id: one device"
 
@@ -74,13 +75,13 @@ async def _modbus(
             unknown = await _answers(bus, next(unit for unit in _UNUSUAL_UNITS if unit not in scan.units[:2]), [])
             alike: list[int] = []
             for unit in scan.units:
-                ignores = alike and unknown == _VALUE
+                ignores = alike and unknown[-1:] == (_VALUE,)
                 if ignores or stopped() or (len(odd) >= _MOST_ODD and not found):
                     break
                 progress(report.asked, f"{host}:{port} unit {unit}")
                 report.asked += 1
                 await contained(bus.connect(), "connect")  # some hosts close the connection on an unknown unit
-                if (answer := await _answers(bus, unit, odd)) is None:
+                if not (answer := await _answers(bus, unit, odd)):
                     continue
                 if answer == unknown:
                     alike.append(unit)
@@ -98,18 +99,27 @@ async def _modbus(
         report.places.append(Place(bus.kind, {"host": host, "port": port}, tuple(found)))
 
 
-async def _answers(bus: ModbusBus, unit: int, odd: list[str]) -> str | None:
-    """How the unit answers, `_VALUE` or its refusal; None: it does not. Invalid answers go to `odd`."""
-    try:
-        await contained(bus.read("", unit, ANY_REGISTER), f"the request to unit {unit}")
-    except NoAnswer:
-        return None
-    except (BadAnswer, ConnectError, UnexpectedError) as error:
-        odd.append(error.advice)
-        return None
-    except Refused as error:
-        return error.what.partition(" with ")[2]
-    return _VALUE
+async def _answers(bus: ModbusBus, unit: int, odd: list[str]) -> tuple[str, ...]:
+    """How the unit answers: its refusals up to the first value; empty: it does not. Invalid answers go to `odd`.
+
+    Servers that refuse an unknown unit as they refuse an unknown address differ only in what they do not refuse.
+    """
+    told: list[str] = []
+    for block in _ANY:
+        try:
+            await contained(bus.read("", unit, block), f"the request to unit {unit}")
+        except NoAnswer:
+            break
+        except (BadAnswer, ConnectError, UnexpectedError) as error:
+            if not told:
+                odd.append(error.advice)
+            break
+        except Refused as error:
+            told.append(error.what.partition(" with ")[2])
+        else:
+            told.append(_VALUE)
+            break
+    return tuple(told)
 
 
 async def _look(bus: ModbusBus, unit: int) -> Found:

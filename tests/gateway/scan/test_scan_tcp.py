@@ -3,6 +3,7 @@
 import asyncio
 from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
 from contextlib import asynccontextmanager, suppress
+from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
@@ -90,6 +91,27 @@ async def test_host_that_refuses_unknown_units_is_asked_for_all(refuses_itself: 
     finally:
         await server.shutdown()  # type: ignore[no-untyped-call]
     assert [device.unit for device in report.found] == [247]
+    assert report.remarks == []
+
+
+@dataclass(frozen=True)
+class OnlyFunction:
+    """A unit that has the addresses 0 and 1 of one function, and refuses all others; of function 0: all."""
+
+    function: int
+    silent: bool = False
+
+    def memory(self, function: int) -> Mapping[int, int]:
+        return {0: 1, 1: 1} if function == self.function else {}
+
+
+async def test_units_are_distinguished_by_what_they_do_not_refuse() -> None:
+    """The host refuses every unknown id with the same exception as an unknown address."""
+    units: dict[int, ModbusUnit] = dict.fromkeys(range(256), OnlyFunction(0))
+    units |= {unit: OnlyFunction(function) for unit, function in ((2, 4), (5, 2), (7, 1), (9, 3))}
+    async with host(units) as port:
+        report = await scan(port, units=range(1, 12))
+    assert [device.unit for device in report.found] == [2, 5, 7, 9]
     assert report.remarks == []
 
 
