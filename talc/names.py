@@ -34,9 +34,25 @@ ERROR_MEANINGS: Final = {
 
 _WORD = re.compile(r"[^0-9A-Za-z]+|_")
 _GEOMETRIC = re.compile(r"E[XYZABCR]0[A-Z]")
+_ERROR_WORDS = {"error", "errors", "deviation", "deviations", "drift", "displacement"}
+_AXIS = re.compile(r"[xyzabc]?")
 
 
 def like_an_error(name: str) -> str | None:
     """The position or orientation error, as ISO 230 names them, that a column's name holds (`ex0c_mm`); None: none."""
     words = [word.upper().replace("O", "0") for word in _WORD.split(name)]
     return next((word for word in words if _GEOMETRIC.fullmatch(word)), None)
+
+
+def resembles_error(name: str, error: str, letters: bool = False) -> bool:
+    """Whether a column resembles a column of errors: both are called errors, or differ only in a number or an axis.
+
+    letters: also names that are nothing else, such as x1 and z.
+    """
+    own, other = _stem(name), _stem(error)
+    return (own == other and (letters or bool(own))) or bool(_ERROR_WORDS & set(own) and _ERROR_WORDS & set(other))
+
+
+def _stem(name: str) -> tuple[str, ...]:
+    words = (word.rstrip("0123456789") for word in re.split(r"[\W_]+", name.lower()))
+    return tuple(word for word in words if not _AXIS.fullmatch(word))

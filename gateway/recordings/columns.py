@@ -1,14 +1,13 @@
 """Assigns the columns: time, thermal errors, inputs. A column that looks like an error never becomes an input."""
 
 import math
-import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from gateway.config import suggestion
 from gateway.recordings.cells import TimeFormat
 from gateway.recordings.problems import FileProblems
-from talc.names import ERROR_UNITS, MICROMETRE, MICROMETRE_PER_METRE, THERMAL_ERRORS, like_an_error
+from talc.names import ERROR_UNITS, MICROMETRE, MICROMETRE_PER_METRE, THERMAL_ERRORS, like_an_error, resembles_error
 
 COLUMN_UNITS: Mapping[str, tuple[str, float]] = {
     "um": (MICROMETRE, 1.0),
@@ -23,8 +22,6 @@ COLUMN_UNITS: Mapping[str, tuple[str, float]] = {
     "arcsec": (MICROMETRE_PER_METRE, math.pi / 180 / 3600 * 1e6),
 }
 """Units of a column of errors: what they are here, and how much of it."""
-_ERROR_WORDS = {"error", "errors", "deviation", "deviations", "drift", "displacement"}
-_AXIS = re.compile(r"[xyzabc]?")
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,7 +133,7 @@ def _no_error(name: str, errors: Mapping[str, str], given: Mapping[str, str], pr
     """
     like = like_an_error(name)
     if like is None:
-        alike = next((column for column in given.values() if _alike(name, column)), None)
+        alike = next((column for column in given.values() if resembles_error(name, column, letters=True)), None)
         if alike is not None:
             what = f"resembles {alike!r}, which is an error; as an input it may explain the error by itself. "
             what += f"--ignore {name!r} leaves it out, --input {name!r} takes it as an input"
@@ -153,14 +150,3 @@ def _no_error(name: str, errors: Mapping[str, str], given: Mapping[str, str], pr
         meant = "" if name in (own, exact) else f"; did you mean {own!r}?"
         take = f"--error {f'{like}={name}'!r} takes it as {like} in {ERROR_UNITS[like]}"
         problems.add(where, f"looks like a thermal error{meant} {take}, {leave_out}")
-
-
-def _alike(name: str, error: str) -> bool:
-    """Whether a column resembles a column of errors: both are called errors, or differ only in a number or an axis."""
-    own, other = _stem(name), _stem(error)
-    return own == other or bool(_ERROR_WORDS & set(own) and _ERROR_WORDS & set(other))
-
-
-def _stem(name: str) -> tuple[str, ...]:
-    words = (word.rstrip("0123456789") for word in re.split(r"[\W_]+", name.lower()))
-    return tuple(word for word in words if not _AXIS.fullmatch(word))

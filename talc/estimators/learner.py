@@ -120,7 +120,10 @@ class Learner(Conventions):
         m, n = measured.shape[1], rows.values.shape[1]
         if not self.unit_um > 0:
             raise ValueError(f"unit_um = {self.unit_um!r}: expected more than 0")
-        noise = np.broadcast_to(np.asarray(self.noise, dtype=np.float64), (m,)) * self.unit_um
+        given = np.asarray(self.noise, dtype=np.float64)
+        if given.shape not in ((), (1,), (m,)):
+            raise ValueError(f"noise has {given.size} values: expected one, or one for each of the {m} columns of y")
+        noise = np.broadcast_to(given, (m,)) * self.unit_um
         if not (noise > 0).all():
             raise ValueError(f"noise = {self.noise!r}: expected more than 0")
         clock = RowClock(rows, self.step_s)

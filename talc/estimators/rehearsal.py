@@ -9,7 +9,7 @@ import numpy as np
 from talc.estimators.rows import input_rows
 from talc.frame import LARGEST_ERROR, Decision, FloatArray, Frame, IntArray
 from talc.learner import LearningCourse
-from talc.names import like_an_error
+from talc.names import like_an_error, resembles_error
 from talc.settings import LearnerSettings
 from talc.steps import means_and_lasts, on_grid
 
@@ -62,7 +62,7 @@ def rehearse(
     Raises
     ------
     ValueError
-        A column is missing, has two roles, or looks like an error but would become an input.
+        A column is missing, has two roles, or would become an input though it looks like an error or resembles one.
     TypeError
         `df` is no DataFrame.
 
@@ -169,5 +169,11 @@ def _columns(
                 raise ValueError(
                     f"column {name!r} looks like an error: as an input it would explain itself. Name it among errors, "
                     "or give inputs=[...]"
+                )
+            alike = next((e for e in errors if isinstance(name, str) and resembles_error(str(name), str(e))), None)
+            if alike is not None:
+                raise ValueError(
+                    f"column {name!r} resembles {alike!r}, which is an error: as an input it may explain the error by "
+                    "itself. Name it among errors, drop it, or give inputs=[...]"
                 )
     return errors, chosen

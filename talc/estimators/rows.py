@@ -150,19 +150,30 @@ def _numbers(table: object, name: str) -> FloatArray:
     if raw.dtype.kind in "Mm":
         raise TypeError(f"{name} holds dates: expected numbers; give them as times")
     try:
-        return np.asarray(raw, dtype=np.float64)
-    except ValueError as error:
+        return _floats(raw)
+    except (TypeError, ValueError) as error:
         columns = getattr(table, "columns", None)
         if columns is None:
             raise
-        raise ValueError(f"{name}, column {_first_text(table, columns)!r}: {error}") from error
+        column, kind = _first_without_numbers(table, columns)
+        if kind in _TIMES:
+            raise TypeError(f"{name}, column {column!r} holds dates: expected numbers; give them as times") from None
+        raise type(error)(f"{name}, column {column!r}: {error}") from error
 
 
-def _first_text(table: Any, columns: Any) -> object:
-    """The first column that holds no numbers."""
+def _floats(raw: Any) -> FloatArray:
+    """With NaN for pandas' `NA`, which nullable columns have."""
+    if raw.dtype.kind == "O":
+        missing = np.array([type(value).__name__ == "NAType" for value in raw.ravel()], dtype=np.bool_)
+        raw = np.where(missing.reshape(raw.shape), np.nan, raw)
+    return np.asarray(raw, dtype=np.float64)
+
+
+def _first_without_numbers(table: Any, columns: Any) -> tuple[object, str]:
+    """The first column that holds something else, and the letter of what its dtype is."""
     for column in columns:
         try:
-            np.asarray(table[column], dtype=np.float64)
-        except ValueError:
-            return column
-    return columns[0]
+            _floats(np.asarray(table[column], dtype=object))
+        except (TypeError, ValueError):
+            return column, getattr(table[column].dtype, "kind", "")
+    return columns[0], ""

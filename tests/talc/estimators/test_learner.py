@@ -183,10 +183,36 @@ def test_rows_of_other_times_are_not_put_side_by_side(kind: type[talc.Learner | 
     kind().fit(X, y)
 
 
+def test_noise_is_one_value_or_one_for_each_error() -> None:
+    X, y = np.ones((3, 1)), np.ones((3, 2))
+    assert talc.Learner(noise=[0.5, 2.0]).fit(X, y).error_names_ == ("y0", "y1")
+    with pytest.raises(ValueError, match="noise has 3 values: expected one, or one for each of the 2 columns of y"):
+        talc.Learner(noise=[0.5, 2.0, 1.0]).fit(X, y)
+
+
 def test_a_column_of_text_is_named() -> None:
     X = pd.DataFrame({"a": [1.0, 2.0], "tool": ["T1", "T2"]})
     with pytest.raises(ValueError, match="X, column 'tool': could not convert string to float: 'T1'"):
         talc.Learner().fit(X, [1.0, 2.0])
+
+
+def test_a_column_of_dates_is_named() -> None:
+    for zone in (None, "Europe/Zurich"):
+        X = pd.DataFrame({"a": [1.0, 2.0], "when": pd.date_range("2026-03-02", periods=2, tz=zone)})
+        with pytest.raises(TypeError, match="X, column 'when' holds dates: expected numbers; give them as times"):
+            talc.Learner().fit(X, [1.0, 2.0])
+
+
+def test_what_is_missing_in_nullable_columns_is_missing() -> None:
+    X = pd.DataFrame({"a": np.arange(40.0), "b": np.sin(np.arange(40.0))})
+    y = pd.Series(3.0 * X["a"])
+    X.loc[5, "a"] = y[1::4] = np.nan
+    with_na, of_na = X.convert_dtypes(), y.convert_dtypes()
+    assert with_na.loc[5, "a"] is of_na[1] is pd.NA
+    plain, nullable = talc.Learner().fit(X[:30], y[:30]), talc.Learner().fit(with_na[:30], of_na[:30])
+    np.testing.assert_array_equal(nullable.predict(with_na[30:]), plain.predict(X[30:]))
+    with pytest.raises(ValueError, match="X, column 'tool': could not convert string to float: 'T1'"):
+        talc.Learner().fit(with_na.assign(tool="T1"), of_na)
 
 
 def test_rows_to_predict_must_follow(days: ThermalSeries) -> None:

@@ -97,3 +97,18 @@ def test_times_since_the_start_are_times_too(recorded: pd.DataFrame, as_index: b
     assert found["EZ0A_sigma"].notna().all()
     if as_index:
         assert list(found.index) == list(since)
+
+
+@pytest.mark.parametrize(("error", "other"), [("drift1", "drift2"), ("dev_x", "dev_y"), ("Z drift", "thermal error Y")])
+def test_the_neighbour_of_an_error_is_no_input_in_silence(recorded: pd.DataFrame, error: str, other: str) -> None:
+    table = recorded.rename(columns={"EY0A": error, "EZ0A": other}).drop(columns=list(THERMAL_ERRORS)[2:])[:30]
+    with pytest.raises(ValueError, match=f"column '{other}' resembles '{error}', which is an error: as an input"):
+        talc.rehearse(table, errors=[error])
+    inputs = [name for name in table.columns if name != error]
+    assert f"{error}_predicted" in talc.rehearse(table, errors=[error], inputs=inputs)
+    assert f"{other}_predicted" in talc.rehearse(table, errors=[error, other])
+
+
+def test_letters_and_numbers_alone_are_names_of_inputs(recorded: pd.DataFrame) -> None:
+    table = recorded.iloc[:30, :3].set_axis(["x1", "x2", "a"], axis=1).assign(y=recorded["EY0A"][:30])
+    assert len(talc.rehearse(table, errors=["y"])) == 30
