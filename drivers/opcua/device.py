@@ -59,7 +59,7 @@ class OpcUaDevice:
             return fault
         raw = found.value
         if node.form is not None:
-            number = _number_in(raw, node, node.form)
+            number = _number_in(found, node, node.form)
             invalid = None if isinstance(number, Fault) else node.raw.fault(node.invalid, number)
             return number if isinstance(number, Fault) else invalid or node.value(number)
         if node.element is not None:
@@ -81,14 +81,11 @@ class OpcUaDevice:
         return None
 
 
-def _number_in(raw: object, node: OpcUaNode, form: struct.Struct) -> float | Fault:
+def _number_in(found: NodeValue, node: OpcUaNode, form: struct.Struct) -> float | Fault:
     """The number that the node's bytes hold, without the bits that it leaves out."""
-    try:
-        data = raw if isinstance(raw, bytes) else bytes(raw) if isinstance(raw, list) else None
-    except (TypeError, ValueError):  # a list of something else
-        data = None
+    data = found.data
     if data is None:
-        return Fault(Quality.SENSOR_FAULT, f"the node holds no bytes: {_shown(raw)}")
+        return Fault(Quality.SENSOR_FAULT, f"the node holds no bytes: {_shown(found.value)}")
     first = node.element or 0
     if len(data) < (needed := first + form.size):
         return Fault(Quality.SENSOR_FAULT, f"the node holds {len(data)} of the {needed} bytes that the channel needs")

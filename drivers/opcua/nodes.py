@@ -76,6 +76,16 @@ class NodeValue:
     """From the value's source timestamp to the server's own present time; None if it states none."""
 
     @property
+    def data(self) -> bytes | None:
+        """The bytes that it holds, as a ByteString or an array; None: it holds something else."""
+        if isinstance(self.value, bytes):
+            return self.value
+        try:
+            return bytes(self.value) if isinstance(self.value, list) else None
+        except (TypeError, ValueError):  # an array of something else
+            return None
+
+    @property
     def is_unknown(self) -> bool:
         """Whether the server does not have the node."""
         return self.status & _CODE in _UNKNOWN

@@ -23,6 +23,8 @@ from gateway.scan import node_draft, object_draft, open_bus
 
 _MOST_BYTES = 64
 """Of an object that holds a text."""
+_MOST_PLACES = 16
+"""Of the bytes of a node, at which a number may begin."""
 _FORMATS = {
     "int8": "b", "uint8": "B", "int16": "h", "uint16": "H", "int32": "i", "uint32": "I", "int64": "q", "uint64": "Q",
     "float32": "f", "float64": "d",
@@ -132,16 +134,20 @@ def _number(data: bytes, kind: str) -> str:
 @click.option("--server-certificate", help="The server's: no other is accepted.")
 @click.option("--timeout", "timeout_s", type=click.FloatRange(0.01, 60), default=5.0, show_default=True)
 @Draft
+@click.option(
+    "--type", "kind", type=click.Choice(list(_FORMATS)), help="Of the draft: how nodes of bytes hold numbers."
+)
 @click.option("--scale", type=float, default=1.0, show_default=True, help="Of the draft: value = number * scale.")
 @click.option("--quantity", default="degC", show_default=True, help="Of the draft: unit of the values.")
 def nodes_command(
     url: str, nodes: tuple[str, ...], user: str | None, password_file: str | None, certificate: str | None,
-    private_key: str | None, server_certificate: str | None, timeout_s: float, draft: Path | None, scale: float,
-    quantity: str,
+    private_key: str | None, server_certificate: str | None, timeout_s: float, draft: Path | None, kind: str | None,
+    scale: float, quantity: str,
 ) -> None:  # fmt: skip
     """Read NODES ('ns=2;s=/Plc/MW200' i=2258) of the OPC UA server at URL (opc.tcp://host:4840).
 
-    Shows value, type, status and age by the server's own clock.
+    Shows value, type, status and age by the server's own clock; of a node that holds bytes, as the process data of an
+    IO-Link device, also the numbers that they may be.
     """
     new_file(draft)
     given: dict[str, object] = {
@@ -159,19 +165,41 @@ def nodes_command(
     table = Table("node", "value", "type", "status", "age", title=printable(url), title_justify="left")
     for name, one in zip(nodes, found, strict=True):
         age = "" if one.age_s is None else f"{one.age_s:.0f} s"
-        kind = "" if one.value is None else type(one.value).__name__
-        table.add_row(printable(name), printable(repr(one.value)[:60]), kind, one.status_name, age)
+        python_type = "" if one.value is None else type(one.value).__name__
+        table.add_row(printable(name), printable(repr(one.value)[:60]), python_type, one.status_name, age)
     terminal().print(table)
-    numbers = {
-        name: one.value
-        for name, one in zip(nodes, found, strict=True)
-        if isinstance(one.value, int | float) and one.fault() is None
-    }
+    good = {name: one for name, one in zip(nodes, found, strict=True) if one.fault() is None}
+    data = {name: one.data for name, one in good.items() if one.data}
+    for name, bytes_held in data.items():
+        terminal().print(_bytes_table(name, bytes_held))
+    numbers: dict[str, object] = {n: one.value for n, one in good.items() if isinstance(one.value, int | float)}
     if draft is not None:
-        if not numbers:
-            raise click.UsageError("no node holds a good number: no draft was written")
-        write_draft(draft, node_draft(numbers, scale=scale, unit=quantity, place=url, when=now_text()), 1)
-    sys.exit(0 if numbers else EXIT_WORLD)
+        drafted = numbers | (data if kind is not None else {})
+        if not drafted:
+            hint = "; --type says how its bytes hold one" if data else ""
+            raise click.UsageError(f"no node holds a good number{hint}: no draft was written")
+        text = node_draft(drafted, scale=scale, unit=quantity, place=url, when=now_text(), kind=kind)
+        write_draft(draft, text, 1)
+    sys.exit(0 if numbers or data else EXIT_WORLD)
+
+
+def _bytes_table(name: str, data: bytes) -> Table:
+    """The numbers that some bytes may be, from each of the first on, the most significant byte first."""
+    kinds = ("uint8", "int16", "int32", "float32")
+    table = Table(
+        "byte", "hex", "uint8", "int16", "x 0.1", "int32", "float32", title=printable(name), title_justify="left"
+    )
+    for first in range(min(len(data), _MOST_PLACES)):
+        shown = {}
+        for kind in kinds:
+            form = struct.Struct(">" + _FORMATS[kind])
+            if len(data) >= first + form.size:
+                (number,) = form.unpack_from(data, first)
+                shown[kind] = str(number) if isinstance(number, int) else number_text(number)
+        tenth = f"{int(shown['int16']) * 0.1:.1f}" if "int16" in shown else ""
+        cells = [shown.get(kind, "") for kind in kinds]
+        table.add_row(str(first), f"{data[first]:02X}", *cells[:2], tenth, *cells[2:])
+    return table
 
 
 async def _read_nodes(bus: OpcUaBus, names: Sequence[NodeName]) -> list[NodeValue]:

@@ -24,12 +24,20 @@ def object_draft(seen: Mapping[CanObject, str], *, kind: str, scale: float, unit
     return draft_text("canopen", "type, scale and unit", unit, blocks, place, when)
 
 
-def node_draft(seen: Mapping[str, object], *, scale: float, unit: str, place: str, when: str) -> str:
-    """A profile of these nodes of an OPC UA server; `seen`: the number that each held."""
+def node_draft(
+    seen: Mapping[str, object], *, scale: float, unit: str, place: str, when: str, kind: str | None = None
+) -> str:
+    """A profile of these nodes of an OPC UA server.
+
+    seen: what each held, a number or bytes
+    kind: how bytes hold the number, from the first one on
+    """
     scaling = [] if scale == 1 else [f"scale = {scale!r}"]
-    blocks = [
-        ["[[node]]", f"# seen: {value!r}", f"node = {toml_value(name)}", *scaling] for name, value in seen.items()
-    ]
+    blocks = []
+    for name, value in seen.items():
+        held = value.hex(" ") if isinstance(value, bytes) else repr(value)
+        of_bytes = ["element = 0", f"type = {toml_value(kind)}"] if isinstance(value, bytes) else []
+        blocks.append(["[[node]]", f"# seen: {held}", f"node = {toml_value(name)}", *of_bytes, *scaling])
     return draft_text("opcua", "scale and unit", unit, blocks, place, when)
 
 

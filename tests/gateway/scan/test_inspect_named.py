@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner, Result
 
+from drivers.opcua import OpcUaProfile
 from drivers.profiles import load_profile
 from gateway.cli import main
 from simulators.devices import SlcanAdapter
@@ -58,6 +59,30 @@ async def test_nodes_of_a_server(tmp_path: Path) -> None:
     assert row(done.output, names[2])[3] == "BadNodeIdUnknown"
     assert f'# seen: 61.25\nnode = "{names[0]}"' in draft.read_text()
     assert load_profile(str(draft)).channels == 2, "the numbers"
+
+
+async def test_nodes_that_hold_bytes(tmp_path: Path) -> None:
+    """As the process data of an IO-Link device."""
+    server, draft = Drives(), tmp_path / "draft.toml"
+    await server.start()
+    name = f"nsu={URI};s=bytes"
+    try:
+        await server.set("bytes", bytes.fromhex("FFDF41BC0000"))
+        alone = await inspect("nodes", server.url, name, "--draft", str(tmp_path / "other.toml"))
+        done = await inspect("nodes", server.url, name, "--draft", str(draft), "--type", "int16", "--scale", "0.1")
+    finally:
+        await server.server.stop()
+    assert alone.exit_code == 2
+    assert "no node holds a good number; --type says how its bytes hold one: no draft was written" in alone.output
+    assert done.exit_code == 0, done.output
+    assert row(done.output, "0") == ["0", "FF", "255", "-33", "-3.3", "-2145860", "nan"]
+    assert row(done.output, "2")[-1] == "23.50"
+    assert row(done.output, "5") == ["5", "00", "0", "", "", "", ""]
+    profile = load_profile(str(draft))
+    assert "# seen: ff df 41 bc 00 00" in draft.read_text()
+    assert isinstance(profile, OpcUaProfile)
+    (node,) = profile.nodes
+    assert (node.node, node.element, node.type, node.scale) == (name, 0, "int16", 0.1)
 
 
 @pytest.mark.parametrize(
