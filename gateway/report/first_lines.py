@@ -44,7 +44,7 @@ def losses(data: ReportData, s: Summary) -> tuple[tuple[str, str], ...]:
     """What was lost: the kind of loss, and how much."""
     found = [*_probing(data), *_gaps(data), *_stale(data)]
     if data.mode != "compensate" and data.recorded is None:
-        told = f"[compensation] mode is '{data.mode}': the figures say what it would have left"
+        told = f"[compensation] mode is '{data.mode}'" + (": the figures say what it would have left" if s.rows else "")
         found.append(("nothing was written to the control", told))
     worse = [
         f"{r.name} {before} → {after} {r.unit}"
@@ -143,7 +143,8 @@ def _probing(data: ReportData) -> list[tuple[str, str]]:
     if not data.cycles_seen:
         return []
     many, share = _many(data.cycles_seen), 100.0 - _productive(data)
-    told = f"{many} cycles of {CYCLE_S / 60:.0f} min, {hours(many * CYCLE_S)}, {share:.1f} % of the time"
+    cycles = f"{many} cycle{'' if many == 1 else 's'} of {CYCLE_S / 60:.0f} min"
+    told = f"{cycles}, {hours(many * CYCLE_S)}, {share:.1f} % of the time"
     found = [("probing", told)]
     refused = [cycle.refused for cycle in data.cycles_seen if cycle.refused]
     if refused:

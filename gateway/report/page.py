@@ -65,16 +65,15 @@ def build(data: ReportData) -> str:
     errors = [(e, error_charts(data, e)) for e in range(len(THERMAL_ERRORS)) if _known(data, e)]
     groups = [group for group in (tool, inputs, *(group for _, group in errors)) if group is not None]
     told = [(data.moment(at), event) for at, event in data.events if event.kind is not EventKind.STATE_UPDATE]
-    return _PAGES.get_template(
-        "page.html"
-    ).render(
+    first = -data.step_s if data.recorded is None else 0.0  # a gateway's step ends at its instant
+    return _PAGES.get_template("page.html").render(
         data=data,
         s=s,
         styles=_styles(),
         verdict=verdict(data, s),
         losses=losses(data, s),
         shifts=by_shift(data, s),
-        begin=data.moment(-data.step_s if data.recorded is None else 0.0),  # a gateway's step ends at its instant
+        begin=data.moment(first),
         end=data.moment(float(data.time_s[-1])),
         lasted=hours(s.hours * 3600.0),
         corrections=data.moment(s.begin_hours * 3600.0),
@@ -196,5 +195,7 @@ def _moved(reason: ErrorReason) -> str:
 
 
 def _known(data: ReportData, e: int) -> bool:
-    """Whether a recording contains this error at all; a run has all nine."""
-    return data.recorded is None or bool(np.isfinite(data.recorded[:, e]).any())
+    """Whether a recording contains this error at all; a run has all nine as soon as one has been measured."""
+    if data.recorded is not None:
+        return bool(np.isfinite(data.recorded[:, e]).any())
+    return data.truth is not None or data.judged_from is not None or bool(np.isfinite(data.measured).any())

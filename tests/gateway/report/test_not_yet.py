@@ -84,6 +84,17 @@ def test_what_is_missing_is_said(
     assert "mill" in page
 
 
+def test_what_has_not_been_measured_has_no_chart_and_no_figures(tmp_path: Path) -> None:
+    path = tmp_path / "g.sqlite"
+    page = page_of(path, two_temperatures(path, {"nc": NC, "probing": {"armed": True}}), 3, refused=True)
+    assert "temperatures, °C" in page
+    assert "Each error" not in page
+    assert "EY0A" not in page
+    assert "the figures say" not in page
+    assert "1 cycle of 2 min" in page
+    assert "0 state updates, 1 cycle rejected." in page
+
+
 def test_a_database_without_a_run_says_how_to_begin_one(tmp_path: Path) -> None:
     path = tmp_path / "g.sqlite"
     with Store(path, "first", SteppedClock()):
