@@ -1,0 +1,54 @@
+"""The page for operators on a panel of 10 inches and 1024 × 600, read from two metres."""
+
+import json
+import math
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Page, expect
+
+from gateway.web.catalogue import LANGUAGES, texts
+from tests.benches.page_rig import LIMIT_MS, MILL_SETTINGS, page_rig, played_mill
+
+pytestmark = [pytest.mark.peer, pytest.mark.slow]
+
+WIDTH, HEIGHT = 1024, 600
+MM_PER_PIXEL = 10.0 * 25.4 / math.hypot(WIDTH, HEIGHT)
+AWAY_MM = 2000.0
+LEGIBLE = 16.0
+"""Minutes of arc: the least height of a capital letter that ISO 9241-303 allows."""
+ACUITY = 5.0
+"""Minutes of arc: the height of a letter that somebody of normal sight (6/6, ISO 8596) just reads."""
+
+_CAPITAL = """(element) => {
+  const canvas = document.createElement("canvas").getContext("2d"), style = getComputedStyle(element);
+  canvas.font = `${style.fontWeight} ${style.fontSize} ${style.fontFamily}`;
+  return canvas.measureText("H").actualBoundingBoxAscent;
+}"""
+
+expect.set_options(timeout=LIMIT_MS)
+
+
+def minutes_of_arc(page: Page, selector: str) -> float:
+    """Height of a capital letter from two metres."""
+    height_mm = page.locator(selector).first.evaluate(_CAPITAL) * MM_PER_PIXEL
+    return 60.0 * math.degrees(math.atan(height_mm / AWAY_MM))
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_the_verdict_its_reason_and_the_numbers_are_read_from_two_metres(tmp_path: Path, language: str) -> None:
+    settings = tmp_path / "web.toml"
+    settings.write_text(MILL_SETTINGS, encoding="utf-8")
+    said = texts(language)
+    with page_rig() as rig:
+        gateway = played_mill(rig, settings)
+        with rig.page(f"/machine/mill?lang={language}", WIDTH, HEIGHT, locale=f"{language}-CH") as page:
+            expect(page.locator("#because p").first).to_be_visible()
+            assert minutes_of_arc(page, "#word") >= LEGIBLE
+            assert minutes_of_arc(page, "#because p") >= 1.3 * ACUITY
+            assert minutes_of_arc(page, "#axes .number") >= 1.3 * ACUITY
+            for changes, verdict in (({"phase": "no_good"}, "word.not_ready"), ({"corrected": {}}, "word.unknown")):
+                gateway.say("decision " + json.dumps({"phase": "compensation"} | changes))
+                expect(page.locator("#word")).to_have_text(said[verdict])
+                for seen in ("#word", "#because", "#helps p", "[data-of=half]"):
+                    expect(page.locator(seen).first).to_be_in_viewport(ratio=1.0)
