@@ -5,7 +5,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from drivers.section import NotEmpty, Port, Section, SerialPort, wrong
+from drivers.section import HostName, Port, Section, SerialPort, wrong
 
 Parity = Literal["N", "E", "O"]
 SLOWEST_BAUD, FASTEST_BAUD = 300, 4_000_000
@@ -71,7 +71,7 @@ class SerialSettings(BusSettings):
 class HostSettings(BusSettings):
     """A port of a host."""
 
-    host: NotEmpty
+    host: HostName
     """Host name or address."""
     port: Port
     """TCP port."""

@@ -3,6 +3,7 @@
 import json
 import re
 from collections.abc import Mapping
+from ipaddress import ip_address
 from pathlib import Path
 from typing import Annotated, TypeVar
 
@@ -11,6 +12,7 @@ from pydantic_core import PydanticCustomError
 
 _URL = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*://")
 _REMOTE = re.compile(r"(?:rfc2217|socket)://(?:\[[0-9A-Fa-f:.]+\]|[A-Za-z0-9._-]+):(?P<port>\d{1,5})/?")
+_NAME = re.compile(r"[\w.-]+")
 OTHER_ENCODING = "cp1252"
 """Of a file that a profile refers to (DBC, EDS)."""
 WRONG = "wrong"
@@ -90,8 +92,22 @@ def _serial_port(name: str, info: ValidationInfo) -> str:
     return name
 
 
+def _host(text: str) -> str:
+    """A name or an address: neither a URL nor with a port."""
+    if _NAME.fullmatch(text) is None:
+        try:
+            ip_address(text)
+        except ValueError:
+            raise ValueError(
+                f"{text!r}: expected the name or address of a host, without protocol; its port is a field of its own"
+            ) from None
+    return text
+
+
 FilePath = Annotated[Path, AfterValidator(beside_the_file)]
 NotEmpty = Annotated[str, Field(min_length=1)]
+HostName = Annotated[NotEmpty, AfterValidator(_host)]
+"""Name or address of a host."""
 SerialPort = Annotated[NotEmpty, AfterValidator(_serial_port)]
 Port = Annotated[int, Field(ge=1, le=65535)]
 """A TCP or UDP port."""

@@ -4,7 +4,7 @@ from typing import ClassVar, Final
 
 from drivers.base import SetupError
 from drivers.nc import AXES
-from drivers.section import FilePath, NotEmpty, NotNegative, Port, Positive, Section
+from drivers.section import FilePath, HostName, NotNegative, Port, Positive, Section
 from drivers.signature import shared_key
 
 DEFAULT_PORT = 7621
@@ -16,7 +16,7 @@ STATES: Final = ("spindle_speed", *(f"speed_{axis}" for axis in AXES), "coolant"
 class AgentAddress(Section):
     """Where to find the agent, and the key that it shares with the gateway."""
 
-    host: NotEmpty = "127.0.0.1"
+    host: HostName = "127.0.0.1"
     """Host of the agent. If it is another computer, use a tunnel: lines are signed but not encrypted."""
     port: Port = DEFAULT_PORT
     """The agent's port."""

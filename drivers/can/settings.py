@@ -1,5 +1,6 @@
 """Settings of a CAN bus."""
 
+import re
 from ipaddress import ip_address
 from typing import ClassVar, Final, Literal, Self, get_args
 
@@ -12,6 +13,10 @@ Interface = Literal["socketcan", "slcan", "udp_multicast", "virtual"]
 Bitrate = Literal[10_000, 20_000, 50_000, 100_000, 125_000, 250_000, 500_000, 1_000_000]
 CAN_INTERFACES: Final[tuple[Interface, ...]] = get_args(Interface)
 CAN_BITRATES: Final[tuple[Bitrate, ...]] = get_args(Bitrate)
+
+
+_SYSTEM_NAME = re.compile(r"[^\s/:]{1,15}")
+"""Of a network interface on Linux."""
 
 
 def is_multicast_group(text: str) -> bool:
@@ -44,6 +49,8 @@ class CanInterfaceSettings(BusSettings):
     def _reachable(self) -> Self:
         if self.interface == "udp_multicast" and not is_multicast_group(self.channel):
             raise wrong(f"{self.channel!r}: expected a multicast group, such as 239.74.163.2", "channel")
+        if self.interface == "socketcan" and _SYSTEM_NAME.fullmatch(self.channel) is None:
+            raise wrong(f"{self.channel!r}: expected the system's name of a CAN interface, such as can0", "channel")
         return self
 
     @property

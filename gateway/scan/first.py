@@ -9,7 +9,7 @@ from pydantic import Field
 
 from drivers.bus_settings import FASTEST_BAUD, SLOWEST_BAUD
 from drivers.mtconnect import AgentUrl, MachineOfAgent, SuggestedItems
-from drivers.section import NotEmpty, Section, matching
+from drivers.section import HostName, NotEmpty, Section, matching
 from gateway.config import Name, parse, read_as, toml_value
 from gateway.scan.found import Place
 from gateway.scan.fragment import CONFIRM, merged
@@ -33,7 +33,7 @@ class LinuxCncAnswers(Section):
     """Where the agent is, LinuxCNC's or another control's."""
 
     kind: Literal["linuxcnc", "agent"]
-    host: NotEmpty = "127.0.0.1"
+    host: HostName = "127.0.0.1"
     """Host of the agent."""
     key_file: NotEmpty = "talc.key"
     """A copy of the agent's key; a relative path starts at the configuration's folder."""

@@ -1,4 +1,4 @@
-"""A serial port's relative path starts at the configuration's folder, as every path of the file does."""
+"""Where buses are: serial ports, whose relative path starts at the configuration's folder, CAN channels, and hosts."""
 
 from pathlib import Path
 
@@ -105,3 +105,30 @@ def test_a_scan_writes_the_port_so_that_the_file_finds_it(tmp_path: Path, monkey
     assert f'port = "{tmp_path}/here/line"' in above
     assert merged(above, [place], tmp_path / "gateway.toml") == above, "the same line, found again"
     assert loaded(tmp_path, above).buses[0].place == f"{tmp_path}/here/line"
+
+
+@pytest.mark.parametrize("channel", ["/dev/ttyACM0", "socket://10.0.0.9:4001", "can 0", "a_name_of_16_chars", "can0:1"])
+def test_a_channel_that_the_system_cannot_have_is_refused(channel: str, tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="expected the system's name of a CAN interface, such as can0"):
+        loaded(tmp_path, TEXT.replace('"can0"', f'"{channel}"'))
+
+
+HOST = """
+[[bus]]
+name = "tcp1"
+kind = "{}"
+host = "{}"
+port = 502
+"""
+
+
+@pytest.mark.parametrize("kind", ["modbus_tcp", "modbus_rtu_tcp", "me_ethernet"])
+@pytest.mark.parametrize("host", ["http://10.0.0.9", "10.0.0.9:502", "adam.plant:502", "adam/1", "adam 1", "[fe80::9]"])
+def test_a_host_with_protocol_or_port_is_refused(kind: str, host: str, tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="without protocol; its port is a field of its own"):
+        loaded(tmp_path, TEXT + HOST.format(kind, host))
+
+
+@pytest.mark.parametrize("host", ["10.0.0.9", "adam", "adam-6015.plant", "fe80::9", "fe80::9%eth0", "prüfstand", "a_1"])
+def test_names_and_addresses_of_hosts_are_taken(host: str, tmp_path: Path) -> None:
+    assert loaded(tmp_path, TEXT + HOST.format("modbus_tcp", host)).buses[-1].place == f"{host}:502"
