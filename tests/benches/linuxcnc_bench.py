@@ -75,12 +75,12 @@ async def running(
             await operator.ask("switch_on")
             await operator.ask("home")
             nc_settings = LinuxCncSettings(key_file=key_file, port=listener.getsockname()[1], timeout_s=ANSWER_S)
-            nc = AgentControl(nc_settings, SystemClock())
-            await nc.connect()
+            bench = AgentBench(operator, AgentControl(nc_settings, SystemClock()), nc_settings)
+            await bench.nc.connect()
             try:
-                yield AgentBench(operator, nc, nc_settings)
+                yield bench
             finally:
-                await nc.close()
+                await bench.nc.close()
                 print("LinuxCNC's messages:", await operator.ask("messages"))  # pytest shows it when a test fails
 
 

@@ -187,29 +187,31 @@ class Control:
         return radius_mm / self._settings.machine.radius if name == "er0t" else 1.0
 
     def _check_watched(self, command: dict[str, Any]) -> None:
-        if not self._owner or command.get("owner") != self._owner or not self._pins["watching"]:
+        if not self._owner or command.get("owner") != self._owner or not self._watched():
             raise Refusal("no heartbeat: claim the control and keep it alive before writing")
 
     def claim(self, command: dict[str, Any]) -> None:
         who = owner(command)
         silence, ramp = (number(command.get(name), name) for name in ("silence_s", "ramp_um_per_s"))
         earlier = whole(command, "predecessor") if "predecessor" in command else 0
-        if self._owner not in (0, who, earlier) and self._pins["watching"]:
+        watched = self._watched()
+        if self._owner not in (0, who, earlier) and watched:
             raise Refusal(f"the control's compensation belongs to gateway {self._owner}, not to this one")
         if not (0.05 <= silence <= 86400.0 and 0.0 <= ramp <= 1000.0):
             raise Refusal("expected silence_s 0.05 to 86400 and ramp_um_per_s 0 to 1000")
         if why := self._settings.machine.elsewhere(hal.get_value):
             raise Refusal(why)
+        goes_on = watched and self._owner in (who, earlier) and self._owner != 0
         self._owner = who
         self._pins["silence"], self._pins["ramp"], self._pins["free"] = silence, ramp, False
-        self._beat()
+        self._beat(goes_on)
 
     def heartbeat(self, command: dict[str, Any]) -> bool:
         """Whether the watchdog was active until now."""
         if (who := owner(command)) != self._owner:
             raise Refusal(f"the control's compensation belongs to gateway {self._owner}, not to {who}")
-        watched = bool(self._pins["watching"])
-        self._beat()
+        watched = self._watched()
+        self._beat(watched)
         return watched
 
     def release(self, command: dict[str, Any]) -> None:
@@ -240,8 +242,12 @@ class Control:
         stale = "" if self._poll() is not None else "LinuxCNC does not run, or its state stands still"
         return {"values": [hal_value(name) for name in names], "stale": stale}
 
-    def _beat(self) -> None:
-        if not self._pins["watching"]:
+    def _watched(self) -> bool:
+        """Also from a beat on until the component has seen it: on a busy computer that takes a while."""
+        return bool(self._pins["watching"]) or self._pins["beat"] != self._pins["beat-seen"]
+
+    def _beat(self, goes_on: bool) -> None:
+        if not goes_on:
             self._want(
                 [self._pins[f"{name}-in-force"] for name in ERRORS]
             )  # a ramp has begun: it ends here, and does not go back to where it came from

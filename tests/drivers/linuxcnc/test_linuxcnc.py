@@ -212,6 +212,50 @@ async def test_another_gateway_is_refused_while_the_first_is_alive(bench: AgentB
         await bench.nc.heartbeat(7)
 
 
+async def impatient(bench: AgentBench) -> AgentControl:
+    """In place of the bench's: waits no longer than 20 s until an offset is in force."""
+    await bench.nc.close()
+    bench.nc = AgentControl(bench.settings.model_copy(update={"timeout_s": 20.0}), SystemClock())
+    await bench.nc.connect()
+    return bench.nc
+
+
+async def test_a_claim_counts_before_the_real_time_thread_has_seen_it(bench: AgentBench) -> None:
+    """On a busy computer this takes a while; meanwhile nobody else may claim, and the owner may write."""
+    nc = await impatient(bench)
+    await bench.operator.ask("freeze", "rtapi_app")
+    await nc.claim(7, WatchdogTerms(600.0, 1.0))
+    with pytest.raises(Refused, match="belongs to gateway 7"):
+        await nc.claim(8, WatchdogTerms(600.0, 1.0))
+    await nc.write_compensation((3.0, -2.0, 0.5))
+    assert await nc.heartbeat(7)
+    assert await nc.read_compensation() == (0.0, 0.0, 0.0)
+    await bench.operator.ask("thaw", "rtapi_app")
+
+    async def in_force() -> bool:
+        return await nc.read_compensation() == pytest.approx((3.0, -2.0, 0.5), abs=1e-3)
+
+    await until(in_force)
+
+
+async def test_a_claim_after_a_release_that_the_real_time_thread_has_not_seen_holds_what_is_in_force(
+    tmp_path: Path,
+) -> None:
+    async with running(tmp_path, {"SLEW": 0.001}) as bench:
+        await claimed(bench, WatchdogTerms(600.0, 1.0))
+        nc = await impatient(bench)
+        await nc.claim(7, WatchdogTerms(600.0, 1.0))
+        await nc.write_compensation((150.0, 0.0, 0.0))  # on its way when the time is over
+        await bench.operator.ask("freeze", "rtapi_app")
+        there = await nc.read_compensation()
+        assert 1.0 < there[0] < 149.0
+        await nc.release(7)
+        await nc.claim(8, WatchdogTerms(600.0, 1.0))
+        await bench.operator.ask("thaw", "rtapi_app")
+        await pass_time(bench, 2.0)
+        assert await nc.read_compensation() == pytest.approx(there, abs=1e-3)
+
+
 async def test_a_wrong_key_and_a_closed_port_are_reported(bench: AgentBench, tmp_path: Path) -> None:
     (tmp_path / "other").write_text("x" * 40)
     port = bench.settings.port
