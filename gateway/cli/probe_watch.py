@@ -2,7 +2,7 @@
 
 import asyncio
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, field
 from itertools import pairwise
@@ -36,7 +36,7 @@ class DeviceFigures:
     bus: str
     channels: tuple[str, ...]
     answers: deque[float] = field(default_factory=lambda: deque(maxlen=_WINDOW))
-    """Monotonic seconds of the last reads that were answered, except the very first read, which is made immediately,
+    """Monotonic seconds at which the last answered reads ended, except the very first read, which is made immediately,
     outside the bus's schedule, and opens the connection."""
     answered_at: float | None = None
     """Monotonic seconds of the last one, including the first read."""
@@ -51,8 +51,11 @@ class DeviceFigures:
     good_at: dict[str, float] = field(default_factory=dict)
     """Channel to the monotonic seconds of its last good value."""
 
-    def take(self, readings: Sequence[Reading]) -> None:
-        """The readings of one period."""
+    def take(self, readings: Sequence[Reading], now_s: float) -> None:
+        """The readings of one period.
+
+        now_s: monotonic, when they came; their own times are those of the values, of which some are older
+        """
         self.periods += 1
         self.latest |= {reading.channel: reading for reading in readings}
         self.good_at |= {r.channel: r.monotonic_s for r in readings if r.quality.usable}
@@ -63,7 +66,7 @@ class DeviceFigures:
         else:
             self.answered_at = first.monotonic_s
             if self.periods > 1:
-                self.answers.append(first.monotonic_s)
+                self.answers.append(now_s)
             for reading in readings:
                 if reading.detail:
                     self._fails(f"{reading.channel}: {reading.detail}", reading.monotonic_s)
@@ -101,8 +104,9 @@ class DeviceFigures:
 class ProbeView:
     """What is shown, and how. Independent of the terminal."""
 
-    def __init__(self, machine: str, lines: Sequence[Line], now_s: float) -> None:
-        self._machine, self._began = machine, now_s
+    def __init__(self, machine: str, lines: Sequence[Line], now: Callable[[], float]) -> None:
+        """now: monotonic seconds"""
+        self._machine, self._now, self._began = machine, now, now()
         self.devices = [
             DeviceFigures(driver.device, line.bus.name, driver.channels) for line in lines for driver in line.drivers
         ]
@@ -111,7 +115,7 @@ class ProbeView:
     def take(self, readings: Sequence[Reading]) -> None:
         """The readings of one device."""
         if readings:
-            self._of_channel[readings[0].channel].take(readings)
+            self._of_channel[readings[0].channel].take(readings, self._now())
 
     @property
     def all_good(self) -> bool:
@@ -205,7 +209,7 @@ def watch_channels(config: GatewayConfig, seconds: float | None, every_s: float 
 async def _watch(config: GatewayConfig, seconds: float | None, every_s: float | None) -> bool:
     console = terminal()
     lines = lines_of(config, RealClock())
-    view = ProbeView(config.machine.name, lines, monotonic())
+    view = ProbeView(config.machine.name, lines, monotonic)
     stop = asyncio.Event()
     stop_on_signals(stop)
     on_terminal = console.is_terminal

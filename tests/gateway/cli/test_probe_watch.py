@@ -46,10 +46,22 @@ def watched() -> DeviceFigures:
 def test_rate_and_jitter_are_those_of_the_answers() -> None:
     device = watched()
     for at_s in (0.0, 1.0, 2.0, 3.25, 4.0):
-        device.take(readings(device.channels, at_s))
+        device.take(readings(device.channels, at_s), at_s)
     assert device.rate_hz == pytest.approx(1.0)
     assert device.jitter_s == pytest.approx(0.25)
     assert (device.lost, device.good, device.complete) == (0, 2, True)
+
+
+@pytest.mark.parametrize("ages_s", [(1.0, 2.0, 3.0, 4.0), (0.0, 100.0, 100.0, 0.0)], ids=["same value", "older"])
+def test_values_older_than_their_reading_do_not_change_the_rate(ages_s: tuple[float, ...]) -> None:
+    """As the numbers of an MQTT topic that state their own time, which may stand still or go back."""
+    device = watched()
+    device.take(readings(device.channels, 0.0), 0.0)
+    for now_s, age_s in enumerate(ages_s, start=1):
+        device.take(readings(device.channels, now_s - age_s), now_s)
+    assert device.rate_hz == pytest.approx(1.0)
+    assert device.jitter_s == pytest.approx(0.0)
+    assert device.good_at["a"] == 4.0 - ages_s[-1], "the age of the value is its own"
 
 
 async def test_healthy_devices_on_several_buses_have_no_jitter() -> None:
@@ -58,7 +70,7 @@ async def test_healthy_devices_on_several_buses_have_no_jitter() -> None:
     for number in range(4):
         bus = ScriptedBus(f"bus{number}")
         lines.append(Line(bus, (ScriptedDevice(f"device{number}", clock, bus),), phase_s=number / 4))
-    watch = ProbeView("mill", lines, 0.0)
+    watch = ProbeView("mill", lines, clock.monotonic)
     async with Acquisition(lines, clock, watch.take, lambda _: None):
         await clock.run_until(0.1)
         assert [device.answered_at for device in watch.devices] == [0.0] * 4
@@ -69,9 +81,9 @@ async def test_healthy_devices_on_several_buses_have_no_jitter() -> None:
 
 def test_silent_device_counts_lost_periods_and_keeps_the_age_of_its_last_value() -> None:
     device = watched()
-    device.take(readings(device.channels, 1.0))
+    device.take(readings(device.channels, 1.0), 1.0)
     for at_s in (2.0, 3.0):
-        device.take(readings(device.channels, at_s, Quality.COMM_FAULT, "unit 1 did not answer"))
+        device.take(readings(device.channels, at_s, Quality.COMM_FAULT, "unit 1 did not answer"), at_s)
     assert (device.lost, device.error, device.error_at) == (2, "unit 1 did not answer", 3.0)
     assert device.answered_at == 1.0
     assert device.good_at == {"a": 1.0, "b": 1.0}
@@ -79,7 +91,7 @@ def test_silent_device_counts_lost_periods_and_keeps_the_age_of_its_last_value()
 
 def test_broken_sensor_is_no_lost_period() -> None:
     device = watched()
-    device.take([*readings(["a"], 1.0), *readings(["b"], 1.0, Quality.SENSOR_FAULT, "broken wire")])
+    device.take([*readings(["a"], 1.0), *readings(["b"], 1.0, Quality.SENSOR_FAULT, "broken wire")], 1.0)
     assert (device.lost, device.good, device.error) == (0, 1, "b: broken wire")
 
 
@@ -90,7 +102,7 @@ def big_watch() -> ProbeView:
     for number in range(1, 6):
         channels = {f"somewhere_on_the_machine_{number}_{i}": i for i in range(6)}
         lines.append(Line(bus, (make_device(f"rtd{number}", bus, "icpdas_m7015", number, channels, {}, clock),)))
-    watch = ProbeView("mill", lines, 0.0)
+    watch = ProbeView("mill", lines, lambda: 0.0)
     for device in watch.devices:
         silent = device.name == "rtd3"
         text = "bus rtu1, device rtd3: unit 3 did not answer within 0.5 s (check power, wiring, unit id and baud)"
