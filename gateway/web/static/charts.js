@@ -76,10 +76,37 @@ const scroll = (u, event) => {
   const by = event.deltaX || (event.shiftKey ? event.deltaY : 0);
   if (!by || u.data[0].length < 2) return;
   event.preventDefault();
+  goBy(u, by / u.over.clientWidth);
+};
+// widths: how far, of what is seen
+const goBy = (u, widths) => {
   const { min, max } = u.scales.x, last = u.data[0].at(-1);
-  const wanted = (max - min) * by / u.over.clientWidth;
+  const wanted = (max - min) * widths;
   const shift = Math.min(Math.max(wanted, last - HALF_YEAR_S - min), last - max);
   if (shift) u.setScale("x", { min: min + shift, max: max + shift });
+};
+const pointAt = (u, j) => charts.forEach((each) => each.setCursor({ left: each.valToPos(u.data[0][j], "x"), top: each.over.clientHeight / 2 }));
+const ZOOM = 2;
+const zoomAt = (u, j, by) => {
+  const { min, max } = u.scales.x, all = u.data[0], at = all[j];
+  u.setScale("x", { min: Math.max(at - (at - min) * by, all[0]), max: Math.min(at + (max - at) * by, all.at(-1)) });
+  pointAt(u, j);
+};
+// By keyboard: arrows move the cursor, + and - zoom at it, PageUp and PageDown go back and forth, Home shows everything.
+const KEYS = {
+  ArrowLeft: (u, j, seen) => pointAt(u, Math.max(j - 1, seen[0])), ArrowRight: (u, j, seen) => pointAt(u, Math.min(j + 1, seen[1])),
+  "+": (u, j) => zoomAt(u, j, 1 / ZOOM), "-": (u, j) => zoomAt(u, j, ZOOM),
+  PageUp: (u) => goBy(u, -1 / ZOOM), PageDown: (u) => goBy(u, 1 / ZOOM),
+  Home: (u) => u.setScale("x", { min: u.data[0][0], max: u.data[0].at(-1) }),
+};
+const press = (i, event) => {
+  const u = charts[i], key = event.key, seen = u && u.series[0].idxs;
+  if (!seen || !Object.hasOwn(KEYS, key) || event.ctrlKey || event.altKey || event.metaKey || u.data[0].length < 2) return;
+  event.preventDefault();
+  // A screen reader says what this chart shows, and not what the others show at the same time.
+  document.querySelectorAll("#axes .reading").forEach((note, k) => note.setAttribute("aria-live", k === i ? "polite" : "off"));
+  const j = u.cursor.idx;
+  KEYS[key](u, j === null || j === undefined ? seen[1] : j, seen);
 };
 const columns = (i) => {
   const { t, without, left, half, measured_t, measured, ahead, ahead_half } = course, old = before();
@@ -149,6 +176,7 @@ export const showCourse = (c) => {
 // Whatever is known was said of another point of the tool.
 export const forgetCourse = () => { zoomed = false; course = null; past = null; pastTo = null; askedMs = -Infinity; };
 export const readyCharts = () => {
+  document.querySelectorAll("#axes .chart").forEach((place, i) => place.addEventListener("keydown", (event) => press(i, event)));
   $("span").addEventListener("change", () => { zoomed = false; loadPast(); });
   let width = innerWidth;
   addEventListener("resize", () => { if (innerWidth !== width) { width = innerWidth; drawCharts(); } });
