@@ -1,4 +1,4 @@
-"""The documentation's site builds without a warning, has every page, and loads nothing from elsewhere."""
+"""The documentation's site builds without a warning, has every page, loads nothing from elsewhere, and is searched."""
 
 import json
 import os
@@ -8,30 +8,69 @@ import sys
 from pathlib import Path
 
 import pytest
+from playwright.sync_api import Page, expect, sync_playwright
+
+from tests.benches.page_rig import CHROMIUM, LIMIT_MS
 
 ROOT = Path(__file__).parents[1]
 
 
-@pytest.mark.slow
-def test_the_site_builds_strictly_and_needs_no_network(tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(tmp_path)]
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with the whole site."""
+    folder = tmp_path_factory.mktemp("site")
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(folder)]
     done = subprocess.run(
         command, cwd=ROOT, capture_output=True, text=True, env={**os.environ, "NO_MKDOCS_2_WARNING": "1"}
     )
     assert done.returncode == 0, done.stderr
+    return folder
+
+
+def type_in(page: Page, words: str) -> None:
+    """Look for words as a reader does: the search hears keys."""
+    field = page.locator("input.md-search__input")
+    field.fill("")
+    field.press_sequentially(words)
+
+
+@pytest.mark.peer
+@pytest.mark.slow
+def test_a_page_opened_as_a_file_finds_words_and_options(site: Path) -> None:
+    assert CHROMIUM.exists(), "chromium is missing: install Debian's chromium"
+    with (
+        sync_playwright() as playwright,
+        playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"]) as browser,
+        browser.new_context(offline=True) as context,
+    ):
+        page = context.new_page()
+        page.set_default_timeout(LIMIT_MS)
+        page.goto((site / "index.html").as_uri())
+        titles, count = page.locator(".md-search-result__link h1"), page.locator(".md-search-result__meta")
+        type_in(page, "GroupLassoARX")
+        expect(titles).to_have_text(["talc's API"], timeout=LIMIT_MS)
+        for option in ("--time-format", "replay --time-format"):
+            type_in(page, "wordthatnopagehas")
+            expect(count).to_have_text("No matching documents", timeout=LIMIT_MS)
+            type_in(page, option)
+            expect(count).to_have_text(re.compile(r"^\d+ matching"), timeout=LIMIT_MS)
+
+
+@pytest.mark.slow
+def test_the_site_builds_strictly_and_needs_no_network(site: Path) -> None:
     pages = {page.relative_to(ROOT / "docs").with_suffix("") for page in (ROOT / "docs").glob("**/*.md")}
-    assert pages <= {page.relative_to(tmp_path).with_suffix("") for page in tmp_path.rglob("*.html")}
-    api = (tmp_path / "api.html").read_text(encoding="utf-8")
+    assert pages <= {page.relative_to(site).with_suffix("") for page in site.rglob("*.html")}
+    api = (site / "api.html").read_text(encoding="utf-8")
     assert all(f'id="talc.{name}"' in api for name in ("Learner", "Learner.predict", "rehearse", "GroupLassoARX"))
-    notebook = (tmp_path / "notebooks" / "own_recording.html").read_text(encoding="utf-8")
+    notebook = (site / "notebooks" / "own_recording.html").read_text(encoding="utf-8")
     assert "no correction, µm" in notebook, "what its cells printed"
     # A page opened as a file may neither fetch the index nor start a worker: both come as scripts beside it.
-    index = (tmp_path / "search" / "search_index.js").read_text(encoding="utf-8")
+    index = (site / "search" / "search_index.js").read_text(encoding="utf-8")
     assert any("offsets" in entry["text"] for entry in json.loads(index.removeprefix("var __index = "))["docs"])
-    home = (tmp_path / "index.html").read_text(encoding="utf-8")
+    home = (site / "index.html").read_text(encoding="utf-8")
     for script in re.findall(r'<script src="([^"]+)"', home):
-        assert (tmp_path / script).is_file(), script
+        assert (site / script).is_file(), script
     assert '<script src="assets/javascripts/iframe-worker.js">' in home
-    for page in tmp_path.rglob("*.html"):
+    for page in site.rglob("*.html"):
         text = page.read_text(encoding="utf-8")
         assert re.findall(r"<(?:script|link|img)[^>]* (?:src|href)=\"?(https?://[^\"> ]+)", text) == []

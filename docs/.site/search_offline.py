@@ -1,14 +1,19 @@
-"""A hook of MkDocs: adds the script by which a page opened as a file can search; there browsers start no worker."""
+"""A hook of MkDocs: adds the scripts of the search.
+
+A page opened as a file needs iframe-worker.js: there browsers start no worker. search-options.js lets one look for
+options of the command line.
+"""
 
 from pathlib import Path
 
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 
-_SCRIPT = Path(__file__).with_name("iframe-worker.js")
+_SCRIPTS = [Path(__file__).with_name(name) for name in ("iframe-worker.js", "search-options.js")]
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
     """The site's files; MkDocs leaves out folders with a dot, such as this one."""
-    files.append(File.generated(config, f"assets/javascripts/{_SCRIPT.name}", abs_src_path=str(_SCRIPT)))
+    for script in _SCRIPTS:
+        files.append(File.generated(config, f"assets/javascripts/{script.name}", abs_src_path=str(script)))
     return files
