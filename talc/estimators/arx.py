@@ -1,7 +1,8 @@
 """The papers' models, and the sparse output-error models beside them, with scikit-learn's conventions."""
 
 from abc import ABC, abstractmethod
-from typing import Any, Literal, Self
+from operator import index as whole
+from typing import Any, Literal, Self, get_args, get_origin, get_type_hints
 from warnings import warn
 
 import numpy as np
@@ -48,6 +49,7 @@ class TrainedModels(Conventions, ABC):
             raise ValueError(f"X has {len(rows.values)} rows, y {len(measured)}: expected the same number")
         if not np.isfinite(measured).any():
             raise ValueError("y holds no measurement: all of it is NaN")
+        _check_parameters(self)
         settings, clock = self._settings(), RowClock(rows, self.step_s)
         index = clock.take(rows)
         self._clock, self._k = clock, int(index[-1])
@@ -257,6 +259,21 @@ class SparseOutputError(TrainedModels):
             max_inputs=self.max_inputs,
             judged_by=self.judged_by,
         )
+
+
+def _check_parameters(estimator: TrainedModels) -> None:
+    """Raises ValueError: one is none of the words that it may be, or no whole number. The settings check sizes."""
+    for name, kind in get_type_hints(type(estimator).__init__).items():
+        value = getattr(estimator, name, None)
+        if get_origin(kind) is Literal and value not in get_args(kind):
+            raise ValueError(f"{name} = {value!r}: expected one of {', '.join(get_args(kind))}")
+        if kind is int:
+            try:
+                right = whole(value) >= 0  # type: ignore[arg-type]  # what a user gave
+            except TypeError:
+                right = False
+            if not right:
+                raise ValueError(f"{name} = {value!r}: expected a whole number, 0 or more")
 
 
 def _trained(

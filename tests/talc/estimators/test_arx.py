@@ -78,3 +78,20 @@ def test_too_few_measurements_give_the_mean_and_a_warning() -> None:
     later = X.copy()
     later.index = later.index + pd.Timedelta("1D")
     assert (model.predict(later)[:, 1] == y["error 1"].mean()).all()
+
+
+@pytest.mark.parametrize(
+    ("estimator", "text"),
+    [
+        (talc.GroupLassoARX(criterion="bics"), "criterion = 'bics': expected one of adapted_bic, bic, aic, mdl"),  # type: ignore[arg-type]
+        (talc.GroupLassoARX(estimator="ols"), "estimator = 'ols': expected one of least_squares, guarded, refined"),  # type: ignore[arg-type]
+        (talc.ClusterKernelARX(max_inputs=2.5), "max_inputs = 2.5: expected a whole number, 0 or more"),  # type: ignore[arg-type]
+        (talc.GroupLassoARX(seed=-1), "seed = -1: expected a whole number, 0 or more"),
+        (talc.SparseOutputError(judged_by="all"), "judged_by = 'all': expected one of unseen, seen"),  # type: ignore[arg-type]
+        (talc.GroupLassoARX(max_na=9), "max_na = 9: expected 0 to 5"),
+    ],
+)
+def test_a_parameter_that_means_nothing_is_named(estimator: talc.GroupLassoARX, text: str) -> None:
+    X = np.random.default_rng(1).normal(size=(60, 2)).cumsum(axis=0)
+    with pytest.raises(ValueError, match=text):
+        estimator.fit(X, X[:, 0])
