@@ -38,6 +38,8 @@ _MOST_DECISIONS, _MOST_MEASUREMENTS, _MOST_EVENTS, _MOST_KEYS, _MOST_EXPLAINED =
 OLD_S = 900.0
 """An estimate older than this is no longer shown as that of now, as the compensation no longer uses it by default."""
 _STEPS_MISSED = 3.0
+SILENT_S = 60.0
+"""A gateway that runs says how it is every 10 s."""
 _LARGEST = 1e6
 """µm or µm/m. What exceeds it is no thermal error and no offset of a machine: it counts as unknown."""
 
@@ -140,6 +142,8 @@ class MachineSeen:
     """When this process last received anything, or saw the token."""
     gone: datetime | None = None
     """When the token disappeared."""
+    silent: bool = False
+    """The token is there, and nothing has come for SILENT_S: it hangs, or what it publishes is lost."""
     boot: str = ""
     latest: datetime | None = None
     """The gateway's time of the latest message, and when it was received, monotonic seconds."""
@@ -174,6 +178,15 @@ class MachineSeen:
         if self.gone is not None:
             self._begin_anew(self.boot)
         self.alive, self.heard, self.gone = True, now, None
+
+    @property
+    def present(self) -> bool:
+        """Whether what was heard last may be what is now."""
+        return self.alive and not self.silent
+
+    def listen(self, now_s: float) -> None:
+        """See whether it is silent at this monotonic time."""
+        self.silent = self.alive and self.latest is not None and now_s - self.latest_s > SILENT_S
 
     def disappear(self, now: datetime) -> None:
         """The liveliness token is gone, and with it everything that was fresh."""

@@ -64,8 +64,11 @@ class SiteSeen:
 
     @contextmanager
     def machines(self) -> Iterator[dict[str, MachineSeen]]:
-        """By name; nothing changes meanwhile."""
+        """By name, as at this moment; nothing changes meanwhile."""
         with self._lock:
+            now_s = self.now_s()
+            for seen in self._machines.values():
+                seen.listen(now_s)
             yield self._machines
 
     def may_be(self, machine: str) -> bool:

@@ -42,7 +42,7 @@ _NOTABLE = frozenset({EventKind.OPERATOR, EventKind.SENSOR_SUSPECT, EventKind.LI
 
 def waits(seen: MachineSeen) -> Iterator[SaidRow]:
     """What is not armed, phase, next probing and why, what blocks it, what the operator should do."""
-    for text in seen.status.unarmed if seen.alive and seen.status is not None else ():
+    for text in seen.status.unarmed if seen.present and seen.status is not None else ():
         yield SaidRow("label.unarmed", name(text), "notice")
     if seen.decision is not None:
         yield SaidRow("label.phase", Sentence("sentence.word", {"word": Word(f"phase.{seen.decision.phase}")}))
@@ -191,7 +191,7 @@ def watched(seen: MachineSeen) -> Sentence | None:
 def health(seen: MachineSeen) -> Iterator[SaidRow]:
     """How the gateway itself is."""
     yield SaidRow(
-        "label.gateway", Sentence("gateway.alive" if seen.alive else "gateway.gone"), "" if seen.alive else "bad"
+        "label.gateway", Sentence("gateway.alive" if seen.present else "gateway.gone"), "" if seen.present else "bad"
     )
     yield _channels(seen)
     step = seen.compensation

@@ -5,7 +5,7 @@ this width."""
 from typing import Final
 
 WORDS: Final = ("word.ready", "word.unsure", "word.not_ready", "word.unknown", "word.no_tolerance", "word.probing",
-                "word.no_data", "word.old", "word.gone", "word.never", "word.lost")  # fmt: skip
+                "word.no_data", "word.old", "word.gone", "word.silent", "word.never", "word.lost")  # fmt: skip
 """One of them stands there."""
 
 BECAUSE: Final = ("because.left", "because.no_good", "because.not_taken", "because.bounded", "because.no_estimate",

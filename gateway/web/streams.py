@@ -133,8 +133,8 @@ class Streams:
             if browser.explanations != seen.explanations:
                 browser.explanations = seen.explanations
                 browser.send("corrections", tuple(corrections(seen)))
-            if browser.past != (seen.past, seen.alive):  # nothing is foreseen of a gateway that is gone
-                browser.past = seen.past, seen.alive
+            if browser.past != (seen.past, seen.present):  # nothing is foreseen of a gateway that is gone
+                browser.past = seen.past, seen.present
                 browser.send("course", shown_course(seen, viewpoint.matrix))
 
     def _own_rows(self) -> tuple[SaidRow, ...]:

@@ -59,7 +59,7 @@ class ToolNow:
 
 def tool_now(seen: MachineSeen, matrix: FloatArray, now_s: float) -> ToolNow:
     """By the latest decision and what the control has in force. Nothing of a gateway that is gone counts as now."""
-    if seen.decision is None or not seen.alive:
+    if seen.decision is None or not seen.present:
         return ToolNow(None)
     if is_old(seen, now_s):
         return ToolNow(None, old=True)
@@ -69,7 +69,7 @@ def tool_now(seen: MachineSeen, matrix: FloatArray, now_s: float) -> ToolNow:
 
 def verdict_of(seen: MachineSeen, viewpoint: Viewpoint, now_s: float) -> Verdict:
     """The verdict for one browser at this monotonic time."""
-    if not seen.alive:
+    if not seen.present:
         return _absent(seen)
     if seen.decision is None:
         return Verdict(Colour.GREY, "word.no_data", (Sentence("because.no_step"),))
@@ -111,6 +111,10 @@ def _colour(near: FloatArray, far: FloatArray, tolerance_um: float) -> Colour:
 def _absent(seen: MachineSeen) -> Verdict:
     if seen.heard is None:
         return Verdict(Colour.GREY, "word.never", (Sentence("because.never"), Sentence("do.start")))
+    if seen.silent:
+        return Verdict(
+            Colour.GREY, "word.silent", (Sentence("because.silent", {"heard": at(seen.heard)}), Sentence("do.restart"))
+        )
     said = Sentence("because.gone", {"at": at(seen.gone or seen.heard), "heard": at(seen.heard)})
     return Verdict(Colour.GREY, "word.gone", (said, Sentence("do.start")))
 

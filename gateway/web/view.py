@@ -78,10 +78,10 @@ def view(seen: MachineSeen, viewpoint: Viewpoint, now_s: float, own: tuple[SaidR
         heard=_seconds(seen.heard),
         gateway_time=_seconds(seen.latest),
         simulated=seen.simulated,
-        alive=seen.alive,
+        alive=seen.present,
         commands=seen.status is not None and seen.status.commands,
         paused=seen.status is not None and seen.status.paused is not None,
-        unarmed=seen.alive and seen.status is not None and bool(seen.status.unarmed),
+        unarmed=seen.present and seen.status is not None and bool(seen.status.unarmed),
         notices=tuple(_orders(seen)),
         verdict=_shown(verdict_of(seen, viewpoint, now_s)),
         planned=_planned_loads(seen),
@@ -113,7 +113,7 @@ def _shown(verdict: Verdict) -> ShownVerdict:
 
 
 def _orders(seen: MachineSeen) -> Iterator[Sentence]:
-    if not seen.alive or seen.status is None:
+    if not seen.present or seen.status is None:
         return
     for key, order in (("notice.disarmed", seen.status.disarmed), ("notice.paused", seen.status.paused)):
         if order is not None:
@@ -121,7 +121,7 @@ def _orders(seen: MachineSeen) -> Iterator[Sentence]:
 
 
 def _unarmed(seen: MachineSeen) -> Iterator[Sentence]:
-    for text in seen.status.unarmed if seen.alive and seen.status is not None else ():
+    for text in seen.status.unarmed if seen.present and seen.status is not None else ():
         yield Sentence("notice.unarmed", {"text": ToldName(text)})
 
 
@@ -179,7 +179,7 @@ def shown_course(seen: MachineSeen, matrix: FloatArray) -> ShownCourse:
     past = course(matrix, seen.estimates)
     dots = seen.measurements
     found = moved(matrix, np.stack([m.errors for m in dots])) if dots else np.empty((0, 3))
-    coming = ahead(seen, matrix) if seen.alive else None
+    coming = ahead(seen, matrix) if seen.present else None
     later: list[datetime] = []
     values, halves = np.empty((0, 3)), np.empty((0, 3))
     if coming is not None and (known := np.asarray(np.isfinite(coming.half).all(axis=1))).any():
@@ -212,8 +212,8 @@ class ListedMachine:
     heard: str | None
 
 
-_WORST_FIRST = ("word.not_ready", "word.gone", "word.never", "word.old", "word.no_data", "word.unknown", "word.unsure",
-                "word.probing", "word.no_tolerance", "word.ready")  # fmt: skip
+_WORST_FIRST = ("word.not_ready", "word.gone", "word.silent", "word.never", "word.old", "word.no_data", "word.unknown",
+                "word.unsure", "word.probing", "word.no_tolerance", "word.ready")  # fmt: skip
 
 
 def listed(

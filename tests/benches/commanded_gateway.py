@@ -16,6 +16,8 @@ from gateway.telemetry import CoursePage, PublishedCourse, TelemetryPublisher
 from talc.frame import Event, EventKind
 from talc.names import THERMAL_ERRORS
 
+_STATUS_S = 5.0
+
 
 async def main(port: int, machine: str, operator: str, key_file: Path) -> None:
     """Until standard input ends."""
@@ -43,9 +45,17 @@ async def main(port: int, machine: str, operator: str, key_file: Path) -> None:
             return CommandOutcome(command, clock.utc(), not refused, refused or "it is done")
 
         publisher.take_commands(obey)
+
+        async def keep_telling() -> None:
+            while True:
+                tell()
+                await asyncio.sleep(_STATUS_S)
+
         tell()
         print("listening", flush=True)
+        telling = asyncio.create_task(keep_telling())
         await asyncio.to_thread(sys.stdin.readline)
+        telling.cancel()
 
 
 if __name__ == "__main__":

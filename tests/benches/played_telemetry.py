@@ -10,6 +10,7 @@ import gzip
 import json
 import math
 import sys
+import threading
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
@@ -24,6 +25,7 @@ from talc.names import THERMAL_ERRORS
 from tests.benches.small_run import small_run
 
 SAMPLES = Path(__file__).with_name("demo_telemetry.jsonl")
+_STATUS_S = 5.0
 _TIMES = ("time", "source_time", "asked", "ended")
 
 
@@ -41,21 +43,30 @@ class PlayedGateway:
         self._session, self._root, self._boot = session, keys.root("talc", machine), boot
         self._last: dict[str, dict[str, Any]] = {}
         self._sequence = 0
+        self._lock = threading.RLock()
         self._queryable = session.declare_queryable(f"{self._root}/**", self._answer)
         self._token = session.liveliness().declare_token(f"{self._root}/{keys.ALIVE}")
 
     def publish(self, suffix: str, message: dict[str, Any]) -> None:
         """Under the next number of this run."""
-        self._sequence += 1
-        self._last[suffix] = message | {"boot": self._boot, "seq": self._sequence}
-        whole = json.dumps(self._last[suffix])
-        self._session.put(f"{self._root}/{suffix}", whole, congestion_control=zenoh.CongestionControl.BLOCK)
+        with self._lock:
+            self._sequence += 1
+            self._last[suffix] = message | {"boot": self._boot, "seq": self._sequence}
+            whole = json.dumps(self._last[suffix])
+            self._session.put(f"{self._root}/{suffix}", whole, congestion_control=zenoh.CongestionControl.BLOCK)
 
     def again(self, suffix: str, changes: dict[str, Any]) -> None:
         """The last message of a key, or that of another key of its kind, with other fields; its time is now."""
         kind = keys.kind_of(suffix)
-        like = self._last.get(suffix) or next(m for key, m in self._last.items() if keys.kind_of(key) == kind)
-        self.publish(suffix, like | {"time": datetime.now(UTC).isoformat()} | changes)
+        with self._lock:
+            like = self._last.get(suffix) or next(m for key, m in self._last.items() if keys.kind_of(key) == kind)
+            self.publish(suffix, like | {"time": datetime.now(UTC).isoformat()} | changes)
+
+    def keep_saying(self, ended: threading.Event) -> None:
+        """How it is, as a gateway does, until this event."""
+        while not ended.wait(_STATUS_S):
+            if "status" in self._last:
+                self.again("status", {})
 
     def _answer(self, query: zenoh.Query) -> None:
         if keys.asks_for(keys.COURSE, str(query.key_expr)):
@@ -115,9 +126,14 @@ def main(port: int, machine: str, what: str) -> None:
         for suffix, message in samples:
             gateway.publish(suffix, message)
         print("published", flush=True)
+        ended = threading.Event()
+        speaker = threading.Thread(target=gateway.keep_saying, args=(ended,))
+        speaker.start()
         for line in sys.stdin:
             suffix, _, changes = line.strip().partition(" ")
             gateway.again(suffix, json.loads(changes))
+        ended.set()
+        speaker.join()
 
 
 if __name__ == "__main__":

@@ -10,6 +10,7 @@ WITHOUT_HELP = {
     "because.no_tolerance",
     "because.old",
     "because.probing",
+    "because.silent",
 }
 """Nothing is said of what helps beside these."""
 

@@ -71,7 +71,7 @@ async def test_an_open_page_gets_the_whole_state_and_then_each_change() -> None:
 
 async def test_when_nothing_more_can_be_sent_open_pages_lose_their_connection() -> None:
     """Otherwise they would show the last state for ever as that of now."""
-    times = [0.0]
+    times = [0.0, 0.0]
 
     def now_s() -> float:
         return times.pop()

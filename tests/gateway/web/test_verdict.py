@@ -5,7 +5,7 @@ from datetime import timedelta
 import numpy as np
 import pytest
 
-from gateway.heard import Applied, applied
+from gateway.heard import Applied, SiteSeen, applied
 from gateway.nc import Source
 from gateway.telemetry import PauseStanding
 from gateway.web.at_tool import WorkPoint, at_the_tool, half_width, moved
@@ -193,6 +193,33 @@ def test_it_says_whether_a_measurement_would_be_enough_and_that_no_forecast_is_p
     half = float(np.max(half_width(MATRIX, np.full(9, 0.5))))
     too_little = verdict_of(heard.seen, within(0.9 * half), heard.now_s)
     assert [said.say for said in too_little.helps] == ["when.no_forecast", "help.measure_not_enough"]
+
+
+def test_a_gateway_that_is_connected_and_says_nothing_is_silent() -> None:
+    """It says how it is every 10 s; one that hangs keeps its token."""
+    heard = HeardMachine()
+    heard.compensation()
+    heard.decision()
+    site = SiteSeen("talc", now_s=lambda: heard.now_s)
+    heard_last = heard.now
+    with site.machines() as machines:
+        machines["mill"] = heard.seen
+    for _ in range(20):
+        heard.passes(timedelta(seconds=10.0))
+        heard.status()
+        heard_last = heard.now
+        with site.machines() as machines:
+            assert verdict_of(machines["mill"], within(10.0), heard.now_s).word == "word.ready"
+    heard.passes(timedelta(seconds=61.0))
+    with site.machines() as machines:
+        silent = verdict_of(machines["mill"], within(10.0), heard.now_s)
+        assert (silent.colour, silent.word) == (Colour.GREY, "word.silent")
+        assert silent.because[0] == Sentence("because.silent", {"heard": at(heard_last)})
+        shown = view(machines["mill"], within(10.0), heard.now_s)
+        assert (shown.alive, shown.axes) == (False, ())
+    heard.status()
+    with site.machines() as machines:
+        assert verdict_of(machines["mill"], within(10.0), heard.now_s).word == "word.ready", "it speaks again"
 
 
 def test_what_is_not_armed_is_said_first() -> None:
