@@ -30,8 +30,8 @@ async def say(process: Process, line: str) -> None:
     assert process.stdin is not None
     assert process.stdout is not None
     process.stdin.write(line.encode() + b"\n")
-    while (await process.stdout.readline()).strip() != b"done":
-        pass
+    while (answer := (await process.stdout.readline()).strip()) != b"done":
+        assert answer, "the peer ended"
 
 
 @pytest.mark.peer
@@ -122,6 +122,30 @@ async def test_bytes_of_a_node_as_numbers(tmp_path: Path, name: str) -> None:
         if name == "counts":
             await server.set(name, [1, 256])
             assert told(await device.read())[0] == ("sensor_fault", "the node holds no bytes: [1, 256]")
+    finally:
+        await bus.close()
+        await server.server.stop()
+
+
+@pytest.mark.simulated_time
+async def test_a_device_that_loses_its_node_when_it_is_unplugged_returns_with_it(tmp_path: Path) -> None:
+    profile = tmp_path / "bytes.toml"
+    nodes = "".join(f'[[node]]\nnode = "s={name}"\n' for name in ("motor", "bearing"))
+    profile.write_text(HEAD + nodes, encoding="utf-8")
+    server = Drives()
+    await server.start()
+    bus = make_bus("opc1", "opcua", {"url": server.url, "security": "none", "timeout_s": 5.0})
+    device = make_device("bytes", bus, str(profile), 1, {"motor": 0, "bearing": 1}, {}, SystemClock())
+    try:
+        await bus.connect()
+        await device.connect()
+        assert told(await device.read()) == [61.25, 431.0]
+        await server.server.delete_nodes([server.server.get_node(server.node("motor"))])
+        motor, bearing = await device.read()
+        assert (motor.quality, bearing.value) == (Quality.COMM_FAULT, 431.0)
+        assert "BadNodeIdUnknown" in motor.detail
+        await server.server.nodes.objects.add_variable(server.node("motor"), "motor", 62.5)
+        assert told(await device.read()) == [62.5, 431.0]
     finally:
         await bus.close()
         await server.server.stop()
