@@ -74,10 +74,10 @@ def _now(act: Callable[[], None]) -> Act:
 
 
 @asynccontextmanager
-async def faulty_machine(
-    folder: Path, clock: SimulatedClock, seed: int, hours: float, pause_s: float | None = None
-) -> AsyncIterator[dict[str, int]]:
-    """The machine and its bad day, in this process; yields its TCP ports. Faults at random: see `pause_s` above."""
+async def breakable_machine(
+    folder: Path, clock: SimulatedClock, seed: int, hours: float
+) -> AsyncIterator[tuple[BenchMachine, dict[str, int], dict[str, tuple[Act, Act]]]]:
+    """The machine in this process; yields it, its TCP ports, and of each fault how it begins and ends."""
     names = load_machine().channels
     machine = BenchMachine(seed, clock, hours)
     units = {u: M7015(machine.temperatures(names[6 * u - 6 : 6 * u])) for u in (1, 2, 3)}
@@ -105,10 +105,19 @@ async def faulty_machine(
             "the displacement's adapter is pulled out": (eddy.unplug, eddy.plug),
             "a wire is short-circuited": sensor(units[1].faults, SensorFault.SHORT),
         }
+        yield machine, {"tcp_port": tcp_port, "nc_port": int(url.rsplit(":", 1)[1].split("/")[0])}, faults
+
+
+@asynccontextmanager
+async def faulty_machine(
+    folder: Path, clock: SimulatedClock, seed: int, hours: float, pause_s: float | None = None
+) -> AsyncIterator[dict[str, int]]:
+    """The machine and its bad day, in this process; yields its TCP ports. Faults at random: see `pause_s` above."""
+    async with breakable_machine(folder, clock, seed, hours) as (machine, ports, faults):
         plan = _in_turn(list(faults)) if pause_s is None else _at_random(seed, list(faults), pause_s)
         day = asyncio.create_task(_bad_day(clock, machine, faults, plan, folder / "faults.jsonl"))
         try:
-            yield {"tcp_port": tcp_port, "nc_port": int(url.rsplit(":", 1)[1].split("/")[0])}
+            yield ports
         finally:
             day.cancel()
             await asyncio.gather(day, return_exceptions=True)

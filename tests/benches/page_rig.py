@@ -1,5 +1,7 @@
 """The page for operators in Debian's chromium, beside gateways that can be killed."""
 
+import json
+import signal
 import subprocess
 import sys
 from collections.abc import Iterator, Sequence
@@ -24,12 +26,16 @@ class ChildProgram:
     Parameters
     ----------
     arguments: after `python -m`
+    log: what it says goes there, and is not heard
     """
 
-    def __init__(self, *arguments: str) -> None:
-        self._process = subprocess.Popen(
-            [sys.executable, "-m", *arguments], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, bufsize=1
-        )
+    def __init__(self, *arguments: str, log: Path | None = None) -> None:
+        with ExitStack() as stack:
+            out = None if log is None else stack.enter_context(log.open("ab"))
+            self._process = subprocess.Popen(
+                [sys.executable, "-m", *arguments],
+                stdin=subprocess.PIPE, stdout=subprocess.PIPE if out is None else out, stderr=out, text=True, bufsize=1,
+            )  # fmt: skip
 
     def hear(self) -> str:
         """Its next line."""
@@ -46,6 +52,11 @@ class ChildProgram:
     def pid(self) -> int:
         """Its number in /proc."""
         return self._process.pid
+
+    def interrupt(self) -> None:
+        """As Ctrl-C does; returns when it has ended."""
+        self._process.send_signal(signal.SIGINT)
+        self._process.communicate()
 
     def kill(self) -> None:
         """As a power cut does."""
@@ -79,6 +90,20 @@ class PageRig:
         assert found.hear() == "listening"
         return found
 
+    def live_machine(self, folder: Path) -> tuple[ChildProgram, dict[str, int]]:
+        """An emulated machine whose wires break as it is told, and its TCP ports."""
+        found = self._started("tests.benches.live_machine", str(folder))
+        return found, json.loads(found.hear())
+
+    def live_gateway(self, config: Path) -> ChildProgram:
+        """The service itself. Its log goes to a file beside its configuration."""
+        return self._started("gateway", "run", str(config), log=config.with_suffix(".log"))
+
+    def demo(self, folder: Path, port: int, hours: float) -> ChildProgram:
+        """An emulated machine in fast motion, and the gateway that is at it."""
+        words = ("--hours", str(hours), "--folder", str(folder), "--zenoh-port", str(port))
+        return self._started("gateway", "demo", *words, log=folder / "said")
+
     def serve(self, ports: Sequence[int], settings: Path) -> None:
         """Start the page's program."""
         connect = [word for port in ports for word in ("--connect", f"tcp/127.0.0.1:{port}")]
@@ -86,8 +111,8 @@ class PageRig:
         self.web = self._started("gateway", "web", *connect, *settled)
         self.address = self.web.hear()
 
-    def _started(self, *arguments: str) -> ChildProgram:
-        program = ChildProgram(*arguments)
+    def _started(self, *arguments: str, log: Path | None = None) -> ChildProgram:
+        program = ChildProgram(*arguments, log=log)
         self._stack.callback(program.kill)
         return program
 

@@ -1,0 +1,105 @@
+"""The page for operators beside a gateway that runs: service, wires, control, store and page are the real programs.
+
+The machine is emulated: once in fast motion, so that something is learnt, and once at this computer's own speed, so
+that wires break, the control goes and a person gives orders.
+"""
+
+import re
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import expect
+
+from gateway.passwords import make_hash
+from gateway.storage import History
+from tests.benches.page_rig import LIMIT_MS, ChildProgram, page_rig, ports
+from tests.benches.soak import config
+
+pytestmark = [pytest.mark.peer, pytest.mark.slow]
+
+LEARNT_MS = 5 * LIMIT_MS
+"""For what takes the demo half a minute."""
+PATH = "/machine/bench"
+OPERATOR = """
+[[telemetry.operator]]
+name = "anna"
+key_file = "anna.key"
+may = ["pause", "resume"]
+"""
+
+expect.set_options(timeout=LIMIT_MS)
+
+
+def test_each_part_has_data_of_a_gateway_that_learns(tmp_path: Path) -> None:
+    settings, (port,) = tmp_path / "web.toml", ports(1)
+    settings.write_text("[machine.bench]\ntolerance_um = 8.0\nsphere_radius_mm = 200.0\n", encoding="utf-8")
+    with page_rig() as rig:
+        rig.serve([port], settings)
+        demo = rig.demo(tmp_path, port, 1000.0)
+        with rig.page(PATH) as page:
+            expect(page.locator("#word")).to_have_text(re.compile("^(Ready|Not sure|Not ready)$"), timeout=LEARNT_MS)
+            expect(page.locator("#because")).to_contain_text("left at the tool (95 %)", timeout=LEARNT_MS)
+            expect(page.locator("#axes .u-over")).to_have_count(3)
+            for axis in "XYZ":
+                half = page.locator(f"[data-axis={axis}] [data-of=half]")
+                expect(half).to_have_text(re.compile(r"^\d+\.\d\u202fµm$"), timeout=LEARNT_MS)
+            expect(page.locator("#waits")).to_contain_text("compensation")
+            expect(page.locator("#waits")).to_contain_text("Last measurement")
+            expect(page.locator("#channels li")).to_have_count(30)
+            expect(page.locator("#drives tbody tr")).to_have_count(9)
+            expect(page.locator("#health")).to_contain_text("30 of 30 good")
+            page.select_option("#event-kind", "")
+            expect(page.locator("#events tbody tr")).not_to_have_count(0)
+            expect(page.locator("#corrections tbody tr")).not_to_have_count(0)
+            expect(page.locator("#heard")).to_contain_text("imulated")
+            demo.interrupt()
+            expect(page.locator("#word")).to_have_text("Gone")
+
+
+def tell(machine: ChildProgram, what: str) -> None:
+    machine.say(what)
+    assert machine.hear() == "done"
+
+
+def test_faults_orders_and_a_power_cut_of_a_gateway_that_runs(tmp_path: Path) -> None:
+    (tmp_path / "anna.key").write_text("anna" * 10, encoding="utf-8")
+    (tmp_path / "anna.key").chmod(0o600)
+    users = f'[users]\nanna = "{make_hash("secret")}"\n[operators]\nanna = "anna.key"\n'
+    (tmp_path / "web.toml").write_text(users, encoding="utf-8")
+    file = tmp_path / "gateway.toml"
+    with page_rig() as rig:
+        machine, places = rig.live_machine(tmp_path)
+        settings = config(tmp_path, places, real=True)
+        file.write_text(file.read_text("utf-8") + OPERATOR, encoding="utf-8")
+        gateway = rig.live_gateway(file)
+        rig.serve([int(settings.telemetry.listen[0].rsplit(":", 1)[1])], tmp_path / "web.toml")
+        with rig.page(PATH, user=("anna", "secret")) as page:
+            health, in_doubt = page.locator("#health"), page.locator("#channels li.not-good")
+            expect(health).to_contain_text("30 of 30 good")
+            expect(health).to_contain_text("ready")
+            expect(in_doubt).to_have_count(0)
+
+            tell(machine, "begin a wire is broken")
+            expect(in_doubt).to_have_count(1)
+            expect(in_doubt).to_contain_text("spindle_rear")
+            expect(page.locator("#doubts")).to_contain_text("spindle_rear")
+            tell(machine, "end a wire is broken")
+            expect(in_doubt).to_have_count(0)
+
+            tell(machine, "begin the control is off")
+            expect(health).to_contain_text("does not answer")
+            tell(machine, "end the control is off")
+            expect(health).not_to_contain_text("does not answer")
+
+            page.click("#command-pause")
+            page.click("#confirm-yes")
+            expect(page.locator("#command-answer")).to_contain_text("Accepted")
+            expect(page.locator("#notices")).to_contain_text("The compensation is paused by anna")
+            gateway.kill()
+            expect(page.locator("#word")).to_have_text("Gone")
+            rig.live_gateway(file)
+            expect(page.locator("#word")).not_to_have_text("Gone")
+            expect(health).to_contain_text("30 of 30 good")
+            expect(page.locator("#notices")).to_contain_text("The compensation is paused by anna")
+    with History(settings.storage.path) as history:
+        assert [(o.command.name, o.command.by, o.accepted) for o in history.commands()] == [("pause", "anna", True)]
