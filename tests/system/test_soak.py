@@ -18,7 +18,8 @@ from gateway.events import EventReported, GatewayEvent, SensorsJudged
 from talc.frame import EventKind, Frame
 from talc.settings import SensorCheckSettings
 from tests.benches.plant_days import NAMES, plant_days
-from tests.benches.simulated_time import held_time, simulated_time
+from tests.benches.simulated_time import held_time, jump_wall_clock, simulated_time
+from tests.benches.small_run import START
 from tests.benches.soak import RightClock, SoakPlan, fast_forward, soaked, table
 from tests.benches.soak_judged import SURPRISE, Alarm, SoakFault, asked_again, false_alarms, reported
 
@@ -42,6 +43,7 @@ def ended(at_s: float, text: str = "device rtd1: answers again") -> Alarm:
 def test_hours_of_faults_and_restarts(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level(logging.CRITICAL)  # pytest keeps every record
     with fast_forward():
+        jump_wall_clock(int(START - time.time()))  # the moment of the beginning decides what happens, too
         found = asyncio.run(soaked(tmp_path, SoakPlan(days=0.1, seed=3, pause_s=1200.0, run_s=2400.0)))
     assert found.good, table(found)
 
