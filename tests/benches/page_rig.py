@@ -1,6 +1,7 @@
 """The page for operators in Debian's chromium, beside gateways that can be killed."""
 
 import json
+import re
 import signal
 import subprocess
 import sys
@@ -163,6 +164,27 @@ def page_rig() -> Iterator[PageRig]:
         browser = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
         stack.callback(browser.close)
         yield PageRig(browser, stack)
+
+
+def expect_each_part(page: Page, limit_ms: float = LIMIT_MS) -> None:
+    """The page of a machine that has been learnt has data in each of its parts.
+
+    Parameters
+    ----------
+    limit_ms: until the first decision and the first axis error are there
+    """
+    expect(page.locator("#because")).to_contain_text("left at the tool (95 %)", timeout=limit_ms)
+    for axis in "XYZ":
+        half = page.locator(f"[data-axis={axis}] [data-of=half]")
+        expect(half).to_have_text(re.compile(r"^\d+\.\d\u202fµm$"), timeout=limit_ms)
+    expect(page.locator("#waits")).to_contain_text("compensation")
+    expect(page.locator("#waits")).to_contain_text("Last measurement")
+    expect(page.locator("#channels li")).to_have_count(30)
+    expect(page.locator("#drives tbody tr")).to_have_count(9)
+    expect(page.locator("#health")).to_contain_text("30 of 30 good")
+    page.select_option("#event-kind", "")
+    expect(page.locator("#events tbody tr")).not_to_have_count(0)
+    expect(page.locator("#corrections tbody tr")).not_to_have_count(0)
 
 
 def ports(n: int) -> list[int]:

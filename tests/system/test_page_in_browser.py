@@ -17,7 +17,7 @@ from playwright.sync_api import Page, Response, expect
 
 from gateway.passwords import make_hash
 from tests.benches.npm_peer import PEERS, node_with
-from tests.benches.page_rig import LIMIT_MS, MILL_SETTINGS, SCREENS, page_rig, played_mill, ports
+from tests.benches.page_rig import LIMIT_MS, MILL_SETTINGS, SCREENS, expect_each_part, page_rig, played_mill, ports
 
 pytestmark = [pytest.mark.peer, pytest.mark.slow]
 
@@ -57,19 +57,8 @@ def test_each_part_shows_live_data(settings: Path) -> None:
                     assert widest(page) <= width
                     picture(page, f"page-{width}-{'dark' if dark else 'light'}", whole=(width, dark) == (1400, False))
         with rig.page("/machine/mill") as page:
-            expect(page.locator("#because")).to_contain_text("left at the tool (95 %)")
-            for axis in "XYZ":
-                expect(page.locator(f"[data-axis={axis}] [data-of=half]")).to_have_text(
-                    re.compile(r"^\d+\.\d\u202fµm$")
-                )
-            expect(page.locator("#waits")).to_contain_text("compensation")
-            expect(page.locator("#waits")).to_contain_text("Last measurement")
+            expect_each_part(page)
             expect(page.locator("#waits")).to_contain_text("Waiting costs")
-            expect(page.locator("#channels li")).to_have_count(30)
-            expect(page.locator("#drives tbody tr")).to_have_count(9)
-            expect(page.locator("#health")).to_contain_text("30 of 30 good")
-            page.select_option("#event-kind", "")
-            expect(page.locator("#events tbody tr")).not_to_have_count(0)
             expect(page.locator("#corrections tbody tr").first).to_contain_text("chosen inputs")
             lines = page.locator("#corrections tbody tr").count()
             page.select_option("#correction-error", "EZ0A")
@@ -166,13 +155,12 @@ def test_the_report_of_a_day_opens_in_a_sandbox_in_which_its_charts_still_work(s
             expect(page.locator("#report")).to_have_attribute(
                 "href", "/machine/mill/report/2026-03-02?zone=Europe%2FZurich"
             )
+            said = list[str]()
+            page.context.on("console", lambda message: said.append(message.text))
+            page.context.on("weberror", lambda error: said.append(str(error.error)))
             with page.context.expect_page() as opened:
                 page.click("#report")
             report = opened.value
-            said = list[str]()
-            report.on("console", lambda message: said.append(message.text))
-            report.on("pageerror", lambda error: said.append(str(error)))
-            report.reload()
             expect(report.locator("h1")).to_contain_text("at the tool: 40 → 4")
             expect(report.locator(".live .u-over").first).to_be_attached()
             report.click("#time button[name=closer]")

@@ -4,7 +4,9 @@ The machine is emulated: once in fast motion, so that something is learnt, and o
 that wires break, the control goes and a person gives orders.
 """
 
+import os
 import re
+import signal
 from pathlib import Path
 
 import pytest
@@ -12,7 +14,7 @@ from playwright.sync_api import expect
 
 from gateway.passwords import make_hash
 from gateway.storage import History
-from tests.benches.page_rig import LIMIT_MS, ChildProgram, page_rig, ports
+from tests.benches.page_rig import LIMIT_MS, ChildProgram, expect_each_part, page_rig, ports
 from tests.benches.soak import config
 
 pytestmark = [pytest.mark.peer, pytest.mark.slow]
@@ -38,19 +40,8 @@ def test_each_part_has_data_of_a_gateway_that_learns(tmp_path: Path) -> None:
         demo = rig.demo(tmp_path, port, 1000.0)
         with rig.page(PATH) as page:
             expect(page.locator("#word")).to_have_text(re.compile("^(Ready|Not sure|Not ready)$"), timeout=LEARNT_MS)
-            expect(page.locator("#because")).to_contain_text("left at the tool (95 %)", timeout=LEARNT_MS)
+            expect_each_part(page, LEARNT_MS)
             expect(page.locator("#axes .u-over")).to_have_count(3)
-            for axis in "XYZ":
-                half = page.locator(f"[data-axis={axis}] [data-of=half]")
-                expect(half).to_have_text(re.compile(r"^\d+\.\d\u202fµm$"), timeout=LEARNT_MS)
-            expect(page.locator("#waits")).to_contain_text("compensation")
-            expect(page.locator("#waits")).to_contain_text("Last measurement")
-            expect(page.locator("#channels li")).to_have_count(30)
-            expect(page.locator("#drives tbody tr")).to_have_count(9)
-            expect(page.locator("#health")).to_contain_text("30 of 30 good")
-            page.select_option("#event-kind", "")
-            expect(page.locator("#events tbody tr")).not_to_have_count(0)
-            expect(page.locator("#corrections tbody tr")).not_to_have_count(0)
             expect(page.locator("#heard")).to_contain_text("imulated")
             demo.interrupt()
             expect(page.locator("#word")).to_have_text("Gone")
@@ -94,6 +85,12 @@ def test_faults_orders_and_a_power_cut_of_a_gateway_that_runs(tmp_path: Path) ->
             page.click("#command-pause")
             page.click("#confirm-yes")
             expect(page.locator("#command-answer")).to_contain_text("Accepted")
+            expect(page.locator("#notices")).to_contain_text("The compensation is paused by anna")
+            os.kill(gateway.pid, signal.SIGSTOP)
+            expect(page.locator("#word")).to_have_text(re.compile("^(Gone|Silent)$"))
+            expect(page.locator("#notices")).to_be_empty()
+            os.kill(gateway.pid, signal.SIGCONT)
+            expect(page.locator("#word")).not_to_have_text(re.compile("^(Gone|Silent)$"))
             expect(page.locator("#notices")).to_contain_text("The compensation is paused by anna")
             gateway.kill()
             expect(page.locator("#word")).to_have_text("Gone")
