@@ -17,6 +17,7 @@ __all__ = [
     "mqtt",
     "mtconnect",
     "nc",
+    "number_types",
     "only_read",
     "opcua",
     "problems",

@@ -5,6 +5,7 @@ import struct
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Literal
 
 import click
 from rich.table import Table
@@ -12,6 +13,7 @@ from rich.table import Table
 from drivers.base import Refused
 from drivers.can import CAN_BITRATES, CAN_INTERFACES
 from drivers.canopen import CanObject, CanOpenBus, CanOpenSettings
+from drivers.number_types import BYTE_FORMATS, ByteNumber
 from drivers.opcua import NodeName, NodeValue, OpcUaBus, OpcUaBusSettings, node_name
 from drivers.problems import read_settings
 from gateway.acquisition import number_text
@@ -25,10 +27,10 @@ _MOST_BYTES = 64
 """Of an object that holds a text."""
 _MOST_PLACES = 16
 """Of the bytes of a node, at which a number may begin."""
-_FORMATS = {
-    "int8": "b", "uint8": "B", "int16": "h", "uint16": "H", "int32": "i", "uint32": "I", "int64": "q", "uint64": "Q",
-    "float32": "f", "float64": "d",
-}  # fmt: skip
+_KINDS: tuple[ByteNumber, ...] = (
+    "int8", "uint8", "int16", "uint16", "int32", "uint32", "int64", "uint64", "float32", "float64",
+)  # fmt: skip
+"""What bytes are shown as; a truth value would be shown twice."""
 
 
 class ObjectPlace(click.ParamType[CanObject]):
@@ -56,12 +58,12 @@ class ObjectPlace(click.ParamType[CanObject]):
 @click.option("--timeout", "timeout_s", type=click.FloatRange(0.01, 60), default=1.0, show_default=True)
 @click.option("--udp-port", type=int, default=43113, show_default=True, help="For udp_multicast only.")
 @Draft
-@click.option("--type", "kind", type=click.Choice(list(_FORMATS)), help="Of the draft: type of all these objects.")
+@click.option("--type", "kind", type=click.Choice(_KINDS), help="Of the draft: type of all these objects.")
 @click.option("--scale", type=float, default=1.0, show_default=True, help="Of the draft: value = number * scale.")
 @click.option("--quantity", default="degC", show_default=True, help="Of the draft: unit of the values.")
 def objects_command(
     channel: str, node: int, objects: tuple[CanObject, ...], interface: str, bitrate: int, timeout_s: float,
-    udp_port: int, draft: Path | None, kind: str | None, scale: float, quantity: str,
+    udp_port: int, draft: Path | None, kind: ByteNumber | None, scale: float, quantity: str,
 ) -> None:  # fmt: skip
     """Read OBJECTS (2100:01 6000) of one CANopen NODE by SDO. CHANNEL is can0, or the serial port of an slcan adapter.
 
@@ -85,7 +87,7 @@ def objects_command(
     for text in refused:
         console.print(f"- {text}", highlight=False, soft_wrap=True)
     if draft is not None and kind is not None and seen:
-        size = struct.calcsize(_FORMATS[kind])
+        size = struct.calcsize(BYTE_FORMATS[kind])
         fitting = {found: _number(data, kind) for found, data in seen.items() if len(data) == size}
         if not fitting:
             raise click.UsageError(f"--type {kind}: none of the objects has {size} bytes")
@@ -110,14 +112,18 @@ async def _read_objects(
     return seen, refused
 
 
-def _columns(seen: Mapping[CanObject, bytes]) -> list[str]:
+def _columns(seen: Mapping[CanObject, bytes]) -> list[ByteNumber]:
     """The types that at least one of the objects has the size of."""
     sizes = {len(data) for data in seen.values()}
-    return [kind for kind, form in _FORMATS.items() if struct.calcsize(form) in sizes]
+    return [kind for kind in _KINDS if struct.calcsize(BYTE_FORMATS[kind]) in sizes]
 
 
-def _number(data: bytes, kind: str) -> str:
-    form = struct.Struct("<" + _FORMATS[kind])
+def _number(data: bytes, kind: ByteNumber, order: Literal["<", ">"] = "<") -> str:
+    """Empty if the bytes are not as many as the type has.
+
+    order: `<`, the least significant byte first, as in CANopen
+    """
+    form = struct.Struct(order + BYTE_FORMATS[kind])
     if len(data) != form.size:
         return ""
     (number,) = form.unpack(data)
@@ -134,9 +140,7 @@ def _number(data: bytes, kind: str) -> str:
 @click.option("--server-certificate", help="The server's: no other is accepted.")
 @click.option("--timeout", "timeout_s", type=click.FloatRange(0.01, 60), default=5.0, show_default=True)
 @Draft
-@click.option(
-    "--type", "kind", type=click.Choice(list(_FORMATS)), help="Of the draft: how nodes of bytes hold numbers."
-)
+@click.option("--type", "kind", type=click.Choice(_KINDS), help="Of the draft: how nodes of bytes hold numbers.")
 @click.option("--scale", type=float, default=1.0, show_default=True, help="Of the draft: value = number * scale.")
 @click.option("--quantity", default="degC", show_default=True, help="Of the draft: unit of the values.")
 def nodes_command(
@@ -185,20 +189,15 @@ def nodes_command(
 
 def _bytes_table(name: str, data: bytes) -> Table:
     """The numbers that some bytes may be, from each of the first on, the most significant byte first."""
-    kinds = ("uint8", "int16", "int32", "float32")
+    kinds: tuple[ByteNumber, ...] = ("uint8", "int16", "int32", "float32")
     table = Table(
         "byte", "hex", "uint8", "int16", "x 0.1", "int32", "float32", title=printable(name), title_justify="left"
     )
     for first in range(min(len(data), _MOST_PLACES)):
-        shown = {}
-        for kind in kinds:
-            form = struct.Struct(">" + _FORMATS[kind])
-            if len(data) >= first + form.size:
-                (number,) = form.unpack_from(data, first)
-                shown[kind] = str(number) if isinstance(number, int) else number_text(number)
-        tenth = f"{int(shown['int16']) * 0.1:.1f}" if "int16" in shown else ""
-        cells = [shown.get(kind, "") for kind in kinds]
-        table.add_row(str(first), f"{data[first]:02X}", *cells[:2], tenth, *cells[2:])
+        ends = (first + struct.calcsize(BYTE_FORMATS[kind]) for kind in kinds)
+        byte, word, *wider = (_number(data[first:end], kind, ">") for kind, end in zip(kinds, ends, strict=True))
+        tenth = f"{int(word) * 0.1:.1f}" if word else ""
+        table.add_row(str(first), f"{data[first]:02X}", byte, word, tenth, *wider)
     return table
 
 
