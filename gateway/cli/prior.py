@@ -41,11 +41,7 @@ def make(given: Sequence[Path | str], kind: str | None, output: Path, password_f
     Raises StoreError if nothing was learnt, CollectError for a site that cannot be read, click.UsageError.
     """
     _check_given(given, output)
-    sources = [
-        source
-        for place in given
-        for source in (_of_address(place, password_file) if isinstance(place, str) else _sources(place))
-    ]
+    sources = [source for place in given for source in _sources(place, password_file)]
     learnt, machines = [], dict[str, str]()
     for source in _of_kind(sources, kind):
         if source.name in machines:
@@ -85,7 +81,9 @@ def _same(one: Path | str, other: Path | str) -> bool:
     return one.samefile(other) if isinstance(one, Path) and isinstance(other, Path) else one == other
 
 
-def _sources(path: Path) -> list[_LearntMachine]:
+def _sources(path: Path | str, password_file: Path | None) -> list[_LearntMachine]:
+    if isinstance(path, str):
+        return _of_address(path, password_file)
     if not path.is_dir():
         with History(path) as history:
             machine = stored_config(history).machine

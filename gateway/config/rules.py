@@ -98,14 +98,10 @@ def cautions(config: GatewayConfig) -> list[Problem]:
 
 def _manuals_addresses(config: GatewayConfig) -> Iterator[Problem]:
     """Addresses as manuals number them: a device that has them all the same shows some other number."""
-    others = {bus.name for bus in config.buses if isinstance(bus, OtherBus)}
     for device in config.devices:
-        if device.bus in others or device.profile in profile_names():
-            continue
         profile = config.profile_of(device)
-        loaded = load_profile(profile) if isinstance(profile, str) else profile
-        if isinstance(loaded, ModbusProfile):
-            for channel, meant in addresses_as_in_manuals(loaded, device.channels).items():
+        if isinstance(profile, ModbusProfile):  # the user's own
+            for channel, meant in addresses_as_in_manuals(profile, device.channels).items():
                 yield Problem(f"device '{device.name}', channels.{channel}", meant)
 
 

@@ -184,6 +184,11 @@ class MachineSeen:
         """Whether what was heard last may be what is now."""
         return self.alive and not self.silent
 
+    @property
+    def unarmed(self) -> tuple[str, ...]:
+        """What its configuration leaves off, in words; nothing is known of one that is not present."""
+        return self.status.unarmed if self.present and self.status is not None else ()
+
     def listen(self, now_s: float) -> None:
         """See whether it is silent at this monotonic time."""
         self.silent = self.alive and self.latest is not None and now_s - self.latest_s > SILENT_S

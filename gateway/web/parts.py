@@ -42,7 +42,7 @@ _NOTABLE = frozenset({EventKind.OPERATOR, EventKind.SENSOR_SUSPECT, EventKind.LI
 
 def waits(seen: MachineSeen) -> Iterator[SaidRow]:
     """What is not armed, phase, next probing and why, what blocks it, what the operator should do."""
-    for text in seen.status.unarmed if seen.present and seen.status is not None else ():
+    for text in seen.unarmed:
         yield SaidRow("label.unarmed", name(text), "notice")
     if seen.decision is not None:
         yield SaidRow("label.phase", Sentence("sentence.word", {"word": Word(f"phase.{seen.decision.phase}")}))

@@ -81,7 +81,7 @@ def view(seen: MachineSeen, viewpoint: Viewpoint, now_s: float, own: tuple[SaidR
         alive=seen.present,
         commands=seen.status is not None and seen.status.commands,
         paused=seen.status is not None and seen.status.paused is not None,
-        unarmed=seen.present and seen.status is not None and bool(seen.status.unarmed),
+        unarmed=bool(seen.unarmed),
         notices=tuple(_orders(seen)),
         verdict=_shown(verdict_of(seen, viewpoint, now_s)),
         planned=_planned_loads(seen),
@@ -118,11 +118,6 @@ def _orders(seen: MachineSeen) -> Iterator[Sentence]:
     for key, order in (("notice.disarmed", seen.status.disarmed), ("notice.paused", seen.status.paused)):
         if order is not None:
             yield Sentence(key, {"by": ToldName(order.by), "at": at(datetime.fromisoformat(order.since))})
-
-
-def _unarmed(seen: MachineSeen) -> Iterator[Sentence]:
-    for text in seen.status.unarmed if seen.present and seen.status is not None else ():
-        yield Sentence("notice.unarmed", {"text": ToldName(text)})
 
 
 def _axes(seen: MachineSeen, matrix: FloatArray, now_s: float) -> tuple[ShownAxis, ...]:
@@ -228,7 +223,7 @@ def listed(
             verdict.colour.value,
             verdict.word,
             verdict.because,
-            (*_orders(seen), *_unarmed(seen)),
+            (*_orders(seen), *(Sentence("notice.unarmed", {"text": ToldName(text)}) for text in seen.unarmed)),
             _seconds(seen.heard),
         )
         for seen, verdict in judged

@@ -119,8 +119,9 @@ def _write(memory: _Memory, block: _ProfileTable, index: int, raw: float) -> Non
         return
     form = _FORMS[kind]
     if form not in "fd":
-        bits, signed = 8 * struct.calcsize(form) - block.get("shift", 0), form.islower()
-        raw = round(clamp(raw, -(2 ** (bits - 1)) if signed else 0, 2 ** (bits - signed) - 1)) << block.get("shift", 0)
+        shift, signed = block.get("shift", 0), form.islower()
+        bits = 8 * struct.calcsize(form) - shift
+        raw = round(clamp(raw, -(2 ** (bits - 1)) if signed else 0, 2 ** (bits - signed) - 1)) << shift
     data = struct.pack(">" + form, raw)
     words = list(_words(data, block.get("byte_order", "big")))
     if block.get("word_order") == "little":
