@@ -47,7 +47,9 @@ def machines_in_database(url: str, password_file: Path | None = None) -> list[Co
 
 
 def _machine(connection: DatabaseConnection, name: str, places_text: str, read: _Connect) -> CollectedMachine:
-    query = f"SELECT {', '.join(map(quoted, RUN_COLUMNS))} FROM talc.runs WHERE machine = %s"
+    known = relation_columns(connection, "runs")
+    texts = (quoted(name) if name in known else f"{OTHER}->>'{name}' AS {quoted(name)}" for name in RUN_COLUMNS)
+    query = f"SELECT {', '.join(texts)} FROM talc.runs WHERE machine = %s"
     runs = connection.cursor(row_factory=dict_row).execute(query.encode(), (name,)).fetchall()
     try:
         places = places_of(name, places_text)

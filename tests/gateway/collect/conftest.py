@@ -1,10 +1,18 @@
-"""Three machines that have run, and the folder of a collector that has all of it."""
+"""Three machines that have run, the folder of a collector that has all of it, and a database server."""
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from tests.benches.collected_machines import collected, work
+from tests.benches.postgres import Postgres, postgres
+
+
+@pytest.fixture(scope="module")
+def server() -> Iterator[Postgres]:
+    with postgres() as running:
+        yield running
 
 
 @pytest.fixture(scope="module")

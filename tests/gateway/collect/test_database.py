@@ -1,6 +1,5 @@
 """A site in PostgreSQL has what its folder has, row by row, whatever is killed meanwhile. The server is Debian's."""
 
-from collections.abc import Iterator
 from contextlib import closing, suppress
 from datetime import UTC, datetime
 from itertools import count
@@ -18,7 +17,7 @@ from gateway.storage.readings import Pruning
 from gateway.storage.schema import connect
 from gateway.telemetry import StoredColumn, StoredRows, StoredTable
 from tests.benches.plant_authority import PlantAuthority
-from tests.benches.postgres import Postgres, postgres
+from tests.benches.postgres import Postgres
 from tests.benches.stepped_clock import SteppedClock
 from tests.benches.stored_site import FIRST_K, StoredSite, step
 
@@ -26,12 +25,6 @@ pytestmark = pytest.mark.peer
 FOUND = datetime(2026, 3, 3, 7, tzinfo=UTC)
 E = "e" * 32
 _databases = count()
-
-
-@pytest.fixture(scope="module")
-def server() -> Iterator[Postgres]:
-    with postgres() as running:
-        yield running
 
 
 @pytest.fixture

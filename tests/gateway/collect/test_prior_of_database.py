@@ -1,6 +1,5 @@
 """A prior from a site in PostgreSQL is the one from its folder, byte by byte. The server is Debian's."""
 
-from collections.abc import Iterator
 from itertools import count
 from pathlib import Path
 
@@ -9,16 +8,10 @@ import pytest
 from gateway.collect import CollectedMachine, machines_in, machines_in_database
 from tests.benches.collected_machines import collected, work
 from tests.benches.machines_of_a_kind import talc_gateway
-from tests.benches.postgres import Postgres, postgres
+from tests.benches.postgres import Postgres
 
 pytestmark = pytest.mark.peer
 _names = count()
-
-
-@pytest.fixture(scope="module")
-def server() -> Iterator[Postgres]:
-    with postgres() as running:
-        yield running
 
 
 @pytest.fixture
@@ -143,6 +136,12 @@ def test_a_role_that_may_only_read_is_enough(server: Postgres, url: str, site: P
         server.query(database(url), statement)
     read = machines_in_database(server.url(database(url), "reader"))
     assert [steps(machine) for machine in read] == [steps(machine) for machine in machines_in(site)]
+
+
+def test_a_column_that_runs_do_not_have_is_empty(server: Postgres, url: str) -> None:
+    """As of gateways that did not have it yet when they were collected."""
+    server.query(database(url), "ALTER TABLE talc.runs DROP COLUMN kind")
+    assert [machine.kind for machine in machines_in_database(url)] == [None, None, None]
 
 
 def test_a_machine_without_a_run_yet_is_left_out(server: Postgres, url: str, site: Path) -> None:
