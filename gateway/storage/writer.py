@@ -82,7 +82,7 @@ class DatabaseWriter:
         self._waiting = Waiting()
         self._gather_s = min(_GATHER_S, commit_s / 5)
         self._every_s = commit_s - 2 * self._gather_s
-        """Between commits: a reading may wait for others before the one and after the other; in all `commit_s`."""
+        """From the first row to its commit; readings may wait for others before and after it; `commit_s` in all."""
         self._gathered = False
         """Whether anything waits that does not wait for more readings."""
         self._open: list[Item] = []
@@ -158,12 +158,14 @@ class DatabaseWriter:
     def put(self, statement: str, rows: Rows, *, kind: WaitingKind = WaitingKind.KEPT, commit: bool = False) -> None:
         """Execute the statement for each row; commit: at once, as soon as nothing else waits. Never raises."""
         with self._changed:
-            if self._waiting.full(kind) and not self._problem and self._makes_progress():
+            works = self._asked_s is None or time.monotonic() - self._committed_s < _LOOK_EVERY_S
+            if self._waiting.full(kind) and not self._problem and works:
                 self._changed.wait_for(lambda: not self._waiting.full(kind) or self._problem, _YIELD_S)
             self._last += 1
             self._waiting.put(Item(self._last, statement, rows, kind, commit))
             if kind is not WaitingKind.READINGS or commit or self._waiting.rows >= _MOST_GATHERED:
                 self._gathered = True
+            if self._gathered or len(self._waiting) == 1:
                 self._changed.notify_all()
 
     def flush(self, kinds: Collection[WaitingKind] = tuple(WaitingKind), limit_s: float | None = None) -> None:
@@ -205,8 +207,9 @@ class DatabaseWriter:
         """Nobody waits for the thread any more."""
         return self._ended or self._abandoned
 
-    def _makes_progress(self) -> bool:
-        return time.monotonic() - self._committed_s < _LOOK_EVERY_S
+    @property
+    def _is_called(self) -> bool:
+        return self._gathered or self._closing or bool(self._to_mend)
 
     # In the thread ---------------------------------------------------------------------------------------------------
 
@@ -293,10 +296,10 @@ class DatabaseWriter:
         """Until the writer is closed and nothing waits any more. Raises the database's errors."""
         opened = self._path.stat()
         self._delete_old(connection)
-        committed = pruned = time.monotonic()
-        wanted = False
+        pruned = time.monotonic()
+        due, wanted = pruned + self._every_s, False
         while True:
-            item = self._next()
+            item = self._next(min(due, pruned + _PRUNE_EVERY_S, self._looked_s + self._look_s))
             if item is None and self._closing and not len(self._waiting):
                 self._commit(connection)
                 self._end(connection)
@@ -306,13 +309,15 @@ class DatabaseWriter:
             if item is not None and item.statement:
                 self._execute(connection, item)
             now = time.monotonic()
+            if self._open or self._problem:
+                due = min(due, now + self._every_s)
             if now - pruned >= _PRUNE_EVERY_S:
                 self._delete_old(connection)
                 pruned = now
             wanted = wanted or (item is not None and item.commit)
-            if (wanted and not self._gathered) or now - committed >= self._every_s:
+            if (wanted and not self._gathered) or now >= due:
                 self._commit(connection)
-                committed, wanted = now, False
+                due, wanted = math.inf, False
             if now - self._looked_s >= self._look_s:
                 self._look()
                 self._check_place(opened)
@@ -346,10 +351,12 @@ class DatabaseWriter:
             raise GoneError("the database was deleted while the gateway ran") from None
         raise GoneError("another file was put in its place while the gateway ran")
 
-    def _next(self) -> Item | None:
+    def _next(self, until_s: float) -> Item | None:
+        """What is to be executed next; None: nothing came until then, or the writer is closed."""
         with self._changed:
             self._asked_s = None
-            self._changed.wait_for(lambda: self._gathered or self._closing or self._to_mend, self._gather_s)
+            if self._changed.wait_for(lambda: self._is_called or len(self._waiting), until_s - time.monotonic()):
+                self._changed.wait_for(lambda: self._is_called, self._gather_s)
             self._asked_s = time.monotonic()
             if self._to_mend:
                 raise StoreError(self._to_mend)
@@ -379,7 +386,7 @@ class DatabaseWriter:
     def _commit(self, connection: sqlite3.Connection) -> None:
         connection.commit()
         with self._changed:
-            works = self._open or not len(self._waiting)  # or the disk may be full for anything but nothing
+            works = bool(self._open) or not len(self._waiting)  # or the disk may be full for anything but nothing
             self._open.clear()
             self._committed_s = time.monotonic()
             self._problem = "" if works else self._problem

@@ -32,12 +32,18 @@ def _library() -> ctypes.CDLL:
             made.replace(path)  # at once, as other workers may look
     library = ctypes.CDLL(str(path))
     library.real_monotonic_s.restype = ctypes.c_double
+    library.steps_of_simulated_time.restype = ctypes.c_uint64
     return library
 
 
 def real_monotonic_s() -> float:
     """The computer's own clock, also within simulated time."""
     return float(_library().real_monotonic_s())
+
+
+def steps_of_time() -> int:
+    """How often simulated time has gone on so far: each ends the waits with the earliest deadline."""
+    return int(_library().steps_of_simulated_time())
 
 
 def jump_wall_clock(seconds: int) -> None:

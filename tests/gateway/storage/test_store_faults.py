@@ -223,6 +223,20 @@ async def test_what_another_program_locks_out_waits_and_is_stored_when_the_lock_
     assert stored(path) == list(range(1, 20))
 
 
+def test_the_first_rows_that_are_stored_again_end_the_problem(tmp_path: Path) -> None:
+    path = tmp_path / "g.sqlite"
+    with Store(path, "boot1", SteppedClock(), commit_s=10 * LIMIT_S, retry_s=RETRY_S) as store:
+        make(store, 1)
+        store.flush()
+        with locked(path):
+            make(store, 2)
+            store.record(ProbingRequested(7))
+            until(store, failing=True)
+        until(store, failing=False)
+        store.flush()
+    assert stored(path) == [1, 2]
+
+
 async def test_the_event_loop_runs_while_a_number_waits_for_another_programs_lock(tmp_path: Path) -> None:
     path = tmp_path / "g.sqlite"
     with Store(path, "boot1", SteppedClock(), retry_s=LIMIT_S) as store:
