@@ -8,6 +8,7 @@ may have expired, at subscriptions that do not exist. Frames, answers and faults
 import asyncio
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
+from functools import partialmethod
 from typing import Any
 from unittest.mock import patch
 
@@ -18,6 +19,7 @@ from asyncua.server.uaprocessor import UaProcessor
 
 from drivers.can import interface, receiver
 from gateway import service
+from gateway.storage import Store
 from gateway.watches import clock, health
 
 _CAN_WAIT_S = 300.0
@@ -57,6 +59,7 @@ def rare_looks() -> Iterator[None]:
             (health, "HEALTH_PERIOD_S", _LOOK_S),
             (clock, "_PERIOD_S", _LOOK_S),
             (service, "_SHORTEST_LOOK_S", _LOOK_S),
+            (Store, "__init__", partialmethod(Store.__init__, look_s=_LOOK_S)),
             (Client, "_stale_watchdog_loop", _never),
             (UaProcessor, "_session_watchdog_loop", _never),
             (InternalSession, "_timeout_loop", _never),
