@@ -40,4 +40,7 @@ def opening(config: GatewayConfig) -> Iterator[str]:
         yield f"store: {config.storage.path}; published as {root}/**, {', '.join(places) or 'no endpoint'}"
     else:
         yield f"store: {config.storage.path}"
+    metrics = config.metrics
+    if metrics.listen is not None:
+        yield f"metrics: {'https' if metrics.tls else 'http'}://{metrics.listen}/metrics"
     yield from unarmed(config)
