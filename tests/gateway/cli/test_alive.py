@@ -4,7 +4,7 @@ import asyncio
 from contextlib import AbstractContextManager, nullcontext
 
 from gateway.cli.alive import WatchedClock
-from gateway.config import GatewayConfig, parse
+from gateway.config import GatewayConfig, parse, validate
 from gateway.past import Past
 from gateway.service import Service
 from talc.control import Controller
@@ -81,6 +81,46 @@ async def test_no_loop_of_a_service_that_runs_is_stuck() -> None:
     finally:
         stop.set()
         await running
+
+
+def with_control() -> GatewayConfig:
+    return validate(
+        {
+            "machine": {"name": "mill"},
+            "nc": {"kind": "sinumerik", "url": "opc.tcp://nowhere:4840", "security": "none"},
+        }
+    )
+
+
+async def test_a_control_that_hangs_is_named_while_one_is_configured() -> None:
+    time, hung = _HeldClock(), asyncio.Event()
+    clock = WatchedClock(time)
+    names = [*LOOPS, "nc"]
+    clock.expect(with_control())
+    going = asyncio.Event()
+    tasks = [asyncio.create_task(looping(clock, hung if name == "nc" else going), name=name) for name in names]
+    try:
+        for now in range(0, 300, 10):
+            await time.pass_to(float(now))
+            assert clock.stuck() == []
+        hung.set()
+        for now in range(300, 380, 10):
+            await time.pass_to(float(now))
+        assert clock.stuck() == ["nc"]
+        clock.expect(configuration("first"))
+        assert clock.stuck() == [], "a reload has removed it"
+    finally:
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+
+
+async def test_a_control_whose_loop_never_begins_is_named() -> None:
+    time = _HeldClock()
+    clock = WatchedClock(time)
+    clock.expect(with_control())
+    time.now = 3600.0
+    assert set(clock.stuck()) == {*LOOPS, "nc"}
 
 
 async def test_a_bus_that_a_reload_removes_is_no_longer_expected() -> None:

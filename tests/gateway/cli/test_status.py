@@ -69,6 +69,11 @@ def test_the_command_reads_and_its_exit_code_says_it(tmp_path: Path) -> None:
     assert answer.exit_code == 3
     assert "mill: IS NOT RUNNING, starting, no decision yet" in answer.output
     assert "bed_front: not read lately" in answer.output
+    lines = answer.output.splitlines()
+    assert lines[lines.index("compensation monitor, probing not armed") + 1] == (
+        "nothing will be learnt and nothing corrected: there is no [nc]"
+    )
     found = json.loads(CliRunner().invoke(main, ["status", file, "--json"], catch_exceptions=False).output)
     assert (found["machine"], found["running"], found["well"]) == ("mill", False, False)
+    assert found["unarmed"] == ["nothing will be learnt and nothing corrected: there is no [nc]"]
     assert not (tmp_path / "gateway.sqlite").exists(), "nothing is made"

@@ -10,10 +10,10 @@ from rich.console import Console
 
 from drivers.base import SystemClock
 from gateway.cli import main
-from gateway.cli.view import ViewState, render
+from gateway.cli.view import LiveView, ViewState, render
 from gateway.config import Telemetry, load
 from gateway.events import EventReported, ReadingsTaken
-from gateway.telemetry import ReadingMessage, TelemetryPublisher
+from gateway.telemetry import ReadingMessage, StatusMessage, TelemetryPublisher
 from talc.frame import Event, EventKind
 from tests.benches.command import LIMIT_S, beside, here
 from tests.benches.free_port import free_port
@@ -162,3 +162,32 @@ def test_the_screen_shows_each_value_or_why_there_is_none() -> None:
     assert "bed_front" in shown.get()
     assert "21.6 degC" in shown.get()
     assert "sensor_fault" in shown.get()
+
+
+def off(*unarmed: str) -> StatusMessage:
+    return StatusMessage("b", 1, "2026-01-05T06:00:00+00:00", "system", None, None, 0, {}, None, None, unarmed=unarmed)
+
+
+NOT_ARMED = "nothing will be learnt: probing is not armed ([probing] armed = true)"
+
+
+def test_the_screen_shows_what_is_not_armed_until_it_is() -> None:
+    state, console = ViewState("mill"), Console(width=80)
+    state.apply(off(NOT_ARMED))
+    with console.capture() as shown:
+        console.print(render(state))
+    assert NOT_ARMED in shown.get()
+    state.apply(off())
+    with console.capture() as shown:
+        console.print(render(state))
+    assert "not armed" not in shown.get()
+
+
+def test_the_lines_say_what_is_not_armed(capsys: pytest.CaptureFixture[str]) -> None:
+    state = ViewState("mill")
+    state.apply(off(NOT_ARMED))
+    with LiveView(state, plain=True, summary_at_once=True):
+        pass
+    summary, *more = capsys.readouterr().out.splitlines()
+    assert "0 measurements" in summary
+    assert more == [f"  {NOT_ARMED}"]

@@ -119,8 +119,12 @@ async def test_an_exchange_is_reported_once_and_so_is_its_end(caplog: pytest.Log
     assert told_k - (K0 + 3 * DAY) <= 1.5 * SETTINGS.window_steps
     assert len(teacher.rows) == 3
     assert teacher.rows[-1] < 3 * DAY, "learnt from what was suspect"
-    await run(watching, x[4 * DAY :], K0 + 4 * DAY)
+    caplog.clear()
+    with caplog.at_level(logging.DEBUG, logger="gateway.control.sensor_watch"):
+        await run(watching, x[4 * DAY :], K0 + 4 * DAY)
     assert [kind for kind, _, _ in ear.events] == [EventKind.SENSOR_SUSPECT, EventKind.SENSORS_AGREE]
+    ended = [r.levelno for r in caplog.records if r.getMessage() == "sensors: all agree again"]
+    assert ended == [logging.WARNING], "at the level at which the exchange was reported"
     assert ear.judgements[-1][0].findings == ()
 
 

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gateway.apart import WorkError
+from gateway.apart import WorkError, apart
 from gateway.config import Probing
 from gateway.control import GridLoop, GridSampler, Schedule, has_failed
 from gateway.control.trainer import models_of_failure, train_apart
@@ -51,6 +51,11 @@ def is_computing(pid: int) -> bool:
 async def test_gives_bit_for_bit_the_models_of_this_process() -> None:
     assert (await train_apart(JOB)).fingerprint() == train(JOB).fingerprint()
     assert children(os.getpid()) == []
+
+
+async def test_it_computes_at_a_lower_priority_than_the_gateway() -> None:
+    own = os.getpriority(os.PRIO_PROCESS, 0)
+    assert await apart(os.getpriority, os.PRIO_PROCESS, 0) == min(own + 10, 19)
 
 
 async def test_what_the_training_raises_is_reported() -> None:
