@@ -1,6 +1,7 @@
 """`talc-gateway status`: the condition of a configuration's gateway, from its database and lock on this computer."""
 
 import json
+import os
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -36,7 +37,7 @@ class Status:
     disarmed: str | None
     """Who has disarmed the gateway, and since when; None: nobody."""
     readings: dict[str, tuple[float | None, str, str]]
-    """Channel to the latest value of the last minutes, unit and quality."""
+    """Channel to the latest value of the last minutes in this run, unit and quality."""
     missing: tuple[str, ...]
     """Channels that were not read in that time, or are not good."""
     problems: tuple[str, ...]
@@ -121,8 +122,34 @@ def _reading(status: Status, name: str) -> str:
 def _held(path: Path) -> bool:
     """Whether a gateway has the database's lock. Asked of the kernel: trying it could keep a gateway from starting."""
     try:
-        inode = path.with_name(path.name + ".lock").stat().st_ino
-        locks = Path("/proc/locks").read_text(encoding="ascii").splitlines()
+        with path.with_name(path.name + ".lock").open("rb") as lock:
+            inode = os.fstat(lock.fileno()).st_ino
+            opened = Path(f"/proc/self/fdinfo/{lock.fileno()}").read_text(encoding="ascii")
+        mounts = Path("/proc/self/mountinfo").read_text(encoding="utf-8")
+        locks = Path("/proc/locks").read_text(encoding="ascii")
     except OSError:
         return False
-    return any("FLOCK" in line and f":{inode} " in line for line in locks)
+    return is_locked(locks, file_system_of(opened, mounts), inode)
+
+
+def file_system_of(opened: str, mounts: str) -> str:
+    """Major and minor number of the file system of an open file, as /proc/locks has them; empty: not known.
+
+    `stat` has others on file systems with volumes of their own.
+
+    Parameters
+    ----------
+    opened: of /proc/self/fdinfo
+    mounts: of /proc/self/mountinfo
+    """
+    (mount,) = (line.split()[1] for line in opened.splitlines() if line.startswith("mnt_id:"))
+    for line in mounts.splitlines():
+        number, _, numbers, *_ = line.split()
+        if number == mount:
+            return ":".join(f"{int(one):02x}" for one in numbers.split(":"))
+    return ""
+
+
+def is_locked(locks: str, device: str, inode: int) -> bool:
+    """Whether a whole file is locked, by the text of /proc/locks: files on two disks may have the same number."""
+    return any("FLOCK" in line and f"{device}:{inode} " in line for line in locks.splitlines())

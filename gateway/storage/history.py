@@ -271,8 +271,11 @@ class History:
         return None if row is None else (int(row[0]), str(row[1]))
 
     def latest_readings(self, since: datetime) -> dict[str, tuple[float | None, str, str]]:
-        """Channel to its latest value, unit and quality, of what was read since then."""
-        found = "SELECT channel, value, unit, quality, max(time) FROM sample WHERE time >= ? GROUP BY channel"
+        """Channel to its latest value, unit and quality, of what the latest run has read since then."""
+        found = (
+            "SELECT channel, value, unit, quality, max(time) FROM sample"
+            " WHERE time >= ? AND boot = (SELECT max(number) FROM boot) GROUP BY channel"
+        )
         return {row[0]: row[1:4] for row in self._connection.execute(found, (since.timestamp(),))}
 
     def events(self, within: TimeSpan | None = None) -> list[tuple[datetime, int | None, Event]]:

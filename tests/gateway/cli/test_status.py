@@ -11,7 +11,7 @@ from click.testing import CliRunner
 from drivers.base import Quality
 from gateway.acquisition import Sample
 from gateway.cli import main
-from gateway.cli.status import status_of
+from gateway.cli.status import file_system_of, is_locked, status_of
 from gateway.commands import Command, CommandName, CommandOutcome
 from gateway.config import GatewayConfig, load
 from gateway.events import CommandGiven, DecisionMade, EventReported, FrameMade, ReadingsTaken
@@ -60,6 +60,32 @@ def test_a_gateway_that_runs_decides_and_reads_is_well_and_later_is_not(tmp_path
         assert (broken.well, broken.missing) == (False, ("bed_front",))
     ended = status_of(config, now)
     assert (ended.running, ended.well) == (False, False)
+
+
+def test_a_new_run_is_not_well_by_what_the_one_before_it_has_read(tmp_path: Path) -> None:
+    config, clock = configured(tmp_path), SteppedClock()
+    now = clock.utc()
+    k = int(now.timestamp()) // STEP_S
+    for boot, reads in (("boot-1", True), ("boot-2", False)):
+        with Store(config.storage.path, boot, clock) as store:
+            store.begin(config.canonical(), config.fingerprint(), "", None)
+            if reads:
+                store.record(FrameMade(Frame(k, np.array([20.5]), np.array([True]))))
+                store.record(DecisionMade(decision(k)))
+                store.record(ReadingsTaken([sample(20.5, Quality.GOOD, now)]))
+            store.flush()
+            found = status_of(config, now)
+            assert (found.well, found.missing) == (reads, () if reads else ("bed_front",))
+
+
+def test_a_file_of_the_same_number_on_another_disk_is_another_file() -> None:
+    locks = "1: POSIX  ADVISORY  WRITE 7 00:1a:3 0 EOF\n2: FLOCK  ADVISORY  WRITE 12 fe:00:3 0 EOF\n"
+    mounts = "21 1 254:0 / / rw - ext4 /dev/vda rw\n29 21 0:26 / /run rw - tmpfs tmpfs rw\n"
+    root, run = (file_system_of(f"pos:\t0\nflags:\t0100000\nmnt_id:\t{mount}\nino:\t3\n", mounts) for mount in (21, 29))
+    assert is_locked(locks, root, 3)
+    assert not is_locked(locks, root, 2)
+    assert not is_locked(locks, run, 3)
+    assert is_locked(locks, file_system_of("mnt_id:\t99\n", mounts), 3), "not known where: as if it were this one"
 
 
 def test_the_command_reads_and_its_exit_code_says_it(tmp_path: Path) -> None:
