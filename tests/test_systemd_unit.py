@@ -32,6 +32,15 @@ def test_a_training_that_takes_all_memory_ends_alone() -> None:
     assert unit()["Service"]["OOMPolicy"] == "continue", "systemd's own policy stops all of the service"
 
 
+def test_serial_adapters_are_allowed_also_those_plugged_in_later() -> None:
+    """systemd leaves out a kind of devices that the kernel does not know when the service starts."""
+    lines = UNIT.read_text("utf-8").splitlines()
+    allowed = {line.removeprefix("DeviceAllow=") for line in lines if line.startswith("DeviceAllow=")}
+    assert allowed == {f"char-{kind} rw" for kind in ("ttyUSB", "ttyACM", "ttyAMA", "ttyS")}
+    for kind in ("Wants", "After"):
+        assert f"{kind}=modprobe@usbserial.service modprobe@cdc_acm.service" in lines
+
+
 @pytest.mark.peer
 def test_systemd_finds_it_hardened_and_without_mistakes() -> None:
     """Read by systemd-analyze; nothing is started."""
