@@ -223,7 +223,9 @@ def _ready(config: GatewayConfig | None, played: Sequence[Played], folder: Path)
     for bus in config.buses:
         if isinstance(bus, SerialSettings):  # a pseudo-terminal has no RTS
             places[bus.name] = {**places[bus.name], "rs485_rts": None, "rs485_before_s": None, "rs485_after_s": None}
-    file.write_text(wires_toml(config, places), encoding="utf-8")
+    part = file.with_name(file.name + ".part")
+    part.write_text(wires_toml(config, places), encoding="utf-8")
+    part.replace(file)  # whole whenever it is there: scripts wait for it
     return f"ready: talc-gateway probe {file}; Ctrl-C stops"
 
 

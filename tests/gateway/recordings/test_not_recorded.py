@@ -86,3 +86,18 @@ def test_play_says_why_they_are_absent(tmp_path: Path) -> None:
     assert "hall (opcua): is never recorded, so it is absent now" in answer.output
     assert "nc1 (agent): is never recorded, so it is absent now" in answer.output
     assert "rtu1 (modbus_rtu): did not open while recording, so it is absent now" in answer.output
+
+
+def test_play_puts_its_configuration_there_whole(tmp_path: Path) -> None:
+    """A script that waits for the file never finds a part of it: the file is exchanged, not written into."""
+    packed, path = packed_toml(load(config(tmp_path, LINE + '[machine]\nname = "mill"\n'))), tmp_path / "field.wire"
+    with WireLogWriter(path, packed, datetime.now(UTC), most_bytes=1_000_000):
+        pass
+    shown = tmp_path / "play" / "gateway.toml"
+    shown.parent.mkdir()
+    shown.write_text("of an earlier recording", encoding="utf-8")
+    (tmp_path / "former").hardlink_to(shown)
+    assert run("play", path, "--folder", shown.parent, "--seconds", 0.1).exit_code == 0
+    assert (tmp_path / "former").read_text(encoding="utf-8") == "of an earlier recording"
+    assert "rtd1" in shown.read_text(encoding="utf-8")
+    assert not list(shown.parent.glob("*.part"))
