@@ -72,7 +72,8 @@ def test_the_wheel_holds_the_service_and_no_simulators_studies_benchmarks_or_tes
     assert packages == INSTALLED
     assert not [name for name in names if Path(name).name.startswith(("test_", "conftest"))]
     assert not [name for name in names if name.endswith((".cpp", ".hpp", ".lock"))]
-    for needed in ("drivers/profiles/icpdas_m7015.toml", "gateway/__main__.py"):
+    notices = ("talc/licences/nanobind.txt", "talc/licences/robin-map.txt")  # of what is compiled into the kernel
+    for needed in ("drivers/profiles/icpdas_m7015.toml", "gateway/__main__.py", *notices):
         assert needed in names
     assert [name for name in names if name.startswith("talc/_kernel") and name.endswith(".so")]
 

@@ -15,6 +15,7 @@ from shutil import copytree, which
 import pytest
 
 from tests.benches.booted_debian import BootedDebian, debootstrapped
+from tests.benches.locked import locked
 from tests.benches.service_under_systemd import SystemdPace, furnish, newer, tries
 
 pytestmark = [pytest.mark.slow, pytest.mark.peer]
@@ -94,13 +95,21 @@ def check_contents(package: Path, tmp_path: Path) -> None:
     assert (prebuilt / "made-for").read_text().split()[1].startswith("2.9")
     about = tmp_path / "usr/share/doc/talc-gateway"
     bom = json.loads((about / "sbom.cdx.json").read_text(encoding="utf-8"))
-    packages = [part for part in bom["components"] if part["purl"].startswith("pkg:pypi/")]
-    listed = {f"{part['name'].lower().replace('_', '-')}=={part['version']}" for part in packages}
-    assert [part["name"] for part in bom["components"] if part not in packages] == ["uplot"]
-    locked = (ROOT / "requirements" / "run.lock").read_text(encoding="utf-8").splitlines()
-    versions = {line.split()[0].lower() for line in locked if "==" in line and not line.startswith((" ", "#"))}
-    assert {name for name in listed if not name.startswith(("talc-gateway==", "talc-gateway-simulators=="))} <= versions
-    assert "python-can" in (about / "licences.txt").read_text(encoding="utf-8")
+    minor = run("/usr/bin/python3", "-c", 'import sys; print("{}.{}".format(*sys.version_info))').strip()
+    version = (tmp_path / OWN / "version").read_text().strip()
+    wanted = {f"pkg:pypi/{one.replace('==', '@')}" for one in locked(ROOT / "requirements" / "run.lock", minor)}
+    wanted |= {f"pkg:pypi/{name}@{version}" for name in ("talc-gateway", "talc-gateway-simulators")}
+    parts = {part["purl"] for part in bom["components"]}
+    others = {purl for purl in parts - wanted if purl.startswith(("pkg:npm/uplot@", "pkg:github/tessil/robin-map@v"))}
+    (binding,) = (one for one in locked(ROOT / "requirements" / "build.lock", minor) if one.startswith("nanobind=="))
+    assert len(others) == 2
+    assert parts - others == wanted | {f"pkg:pypi/{binding.replace('==', '@')}"}
+    notices = (about / "licences.txt").read_text(encoding="utf-8")
+    assert "Copyright (c) 2022 Wenzel Jakob" in notices
+    assert "Copyright (c) 2017 Thibaut Goetghebuer-Planchon" in notices
+    for page in ("install-pi.md", "cyber-resilience.md", "SECURITY.md"):
+        assert (about / page).is_file(), page
+    assert "python-can" in notices
     unit = (tmp_path / "usr/lib/systemd/system/talc-gateway.service").read_text()
     assert "ExecStart=/opt/talc-gateway/bin/talc-gateway run /etc/talc-gateway/gateway.toml" in unit
 
