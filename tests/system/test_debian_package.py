@@ -110,6 +110,8 @@ def check_contents(package: Path, tmp_path: Path) -> None:
     for page in ("install-pi.md", "cyber-resilience.md", "SECURITY.md"):
         assert (about / page).is_file(), page
     assert "python-can" in notices
+    (code,) = (tmp_path / OWN).glob("lib/python3.*/site-packages/asyncua/__pycache__/__init__.*.pyc")
+    assert int.from_bytes(code.read_bytes()[4:8], "little") == 1, "unchecked-hash, as docs/cyber-resilience.md says"
     unit = (tmp_path / "usr/lib/systemd/system/talc-gateway.service").read_text()
     assert "ExecStart=/opt/talc-gateway/bin/talc-gateway run /etc/talc-gateway/gateway.toml" in unit
 
