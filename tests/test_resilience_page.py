@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 from gateway.config import GatewayConfig, validate
-from gateway.config.telemetry_rules import telemetry_problems
+from gateway.config.telemetry_rules import telemetry_cautions, telemetry_problems
 
 PAGE = Path(__file__).parents[1] / "docs" / "cyber-resilience.md"
 
@@ -39,8 +39,14 @@ def test_listening_beyond_it_needs_tls_or_a_word() -> None:
 
 
 def test_what_it_connects_to_is_used_as_written() -> None:
-    assert list(telemetry_problems(with_telemetry(connect=["tcp/192.168.1.5:7447"]).telemetry)) == []
-    assert "`connect` is used as written: `tcp/…` is not encrypted" in row("confidentiality, integrity")
+    open_one = with_telemetry(connect=["tcp/192.168.1.5:7447"]).telemetry
+    assert list(telemetry_problems(open_one)) == []
+    assert [caution.what for caution in telemetry_cautions(open_one)] == [
+        "'tcp/192.168.1.5:7447' is reached without encryption; use tls/…"
+    ]
+    assert "`connect` is used as written: `tcp/…` is not encrypted, of which `check` warns" in row(
+        "confidentiality, integrity"
+    )
 
 
 def test_a_changed_source_has_no_effect_until_its_byte_code_is_deleted(tmp_path: Path) -> None:
