@@ -117,6 +117,9 @@ TABLE: dict[str, HowShown] = {
     r"inspect registers .*": RunElsewhere("tests/gateway/scan/test_inspect.py", '"registers"'),
     r"inspect (objects|nodes) .*": RunElsewhere("tests/gateway/scan/test_inspect_named.py", '"(objects|nodes)"'),
     r"inspect topics .*": RunElsewhere("tests/gateway/scan/test_inspect_topics.py", '"topics"'),
+    r"(check|run|status) rehearsal\.toml|probe rehearsal\.toml --try-writing": RunElsewhere(
+        "tests/simulators/nc/test_nc_alone.py", '"run", str'
+    ),
     # Python.
     r"(.venv/bin/)?python -m (gateway\.config\.reference|tests\.benches\.faults\.page|tests\.benches\.tried)"
     r"( > .*)?": RunPrints(),
@@ -127,6 +130,7 @@ TABLE: dict[str, HowShown] = {
     r"python -m simulators\.devices.*": RunElsewhere(
         "tests/simulators/devices/test_emulate.py", '"simulators.devices"'
     ),
+    r"python -m simulators\.nc .*": RunElsewhere("tests/simulators/nc/test_nc_alone.py", '"simulators.nc", "--port"'),
     r"python -m simulators\.(plant|three_body)\.generate": RunByNone("replaces the models that the tests compare with"),
     r"python -m benchmarks\.method_figures": RunElsewhere("tests/benchmarks/test_method_figures.py", r"figures\.main"),
     r"python -m pip wheel .*": RunElsewhere("tests/test_wheel.py", '"wheel", "--no-deps"'),

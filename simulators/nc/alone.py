@@ -1,0 +1,169 @@
+"""The emulated control as a program of its own: an imagined machine in real time, and what it says while it runs."""
+
+import asyncio
+import math
+import time
+from collections.abc import Callable
+from datetime import UTC, datetime
+
+from simulators.nc.control import EmulatedControl
+from simulators.nc.cycle import CycleSettings, CycleState, ReasonCode
+from simulators.nc.nck import R_ANSWERS, R_REASON, R_REQUEST, R_STATE, Nck
+from simulators.nc.program import Activity, DayPart, LoadCase, MeanLoads
+from simulators.nc.variables import COOLANT, DRIVES_ON, PROBE_IN_SPINDLE
+from simulators.nc.watchdog import R_OWNER, R_SILENCE, R_WATCH, WatchState
+
+GROWTH_UM = (0.0, 8.0, 15.0)
+"""How far the table has moved in X, Y, Z once it is warm."""
+REFERENCE_CYCLES = 5
+"""So many probing cycles end before the table moves: a gateway's reference, [probing] reference_cycles."""
+PART_S, PARTS = 120.0, 22500
+"""The machine rests and works by turns, for a month; then it rests."""
+WORK = MeanLoads(x=1200.0, y=900.0, z=400.0, a=0.5, c=2.0, spindle=8000.0, coolant=1.0)
+LOOK_S = 0.1
+TOLD_UM = 0.5
+"""Smallest change of an offset that is told; zero is always told."""
+
+
+class OwnTime:
+    """Seconds since it was made, at the speed of this computer's clock."""
+
+    def __init__(self) -> None:
+        self._began_s = time.monotonic()
+
+    def monotonic(self) -> float:
+        return time.monotonic() - self._began_s
+
+    def utc(self) -> datetime:
+        return datetime.now(UTC)
+
+    async def sleep_until(self, monotonic_s: float) -> None:
+        await asyncio.sleep(monotonic_s - self.monotonic())
+
+
+class GrowingTable:
+    """A machine that stands still until its reference has been taken; then its table moves by GROWTH_UM.
+
+    It moves as a first-order lag with the time constant `warm_s`, whatever the machine does.
+    """
+
+    def __init__(self, warm_s: float) -> None:
+        self._warm_s = warm_s
+        self.cycles: list[tuple[float, float]] = []
+        """Start and end of each probing cycle that is over; the control's own list."""
+
+    def tool_deviation_um(self, time_s: float, *_: float) -> tuple[float, float, float]:
+        if len(self.cycles) < REFERENCE_CYCLES:
+            return 0.0, 0.0, 0.0
+        part = -math.expm1(-max(0.0, time_s - self.cycles[REFERENCE_CYCLES - 1][1]) / self._warm_s)
+        x, y, z = (part * growth for growth in GROWTH_UM)
+        return x, y, z
+
+
+class ControlTold:
+    """What has happened at the control since it was last asked, in plain words."""
+
+    def __init__(self) -> None:
+        self._owner, self._watch = 0.0, 0.0
+        self._request, self._cycle = 0.0, (0, CycleState.IDLE)
+        self._shift = (0.0, 0.0, 0.0)
+
+    def news(self, nck: Nck, now_s: float) -> list[str]:
+        """One line for each change. nck: as advanced until `now_s`."""
+        return [*self._of_the_claim(nck), *self._of_probing(nck), *self._of_the_offsets(nck, now_s)]
+
+    def _of_the_claim(self, nck: Nck) -> list[str]:
+        lines = []
+        owner, watch = nck.r[R_OWNER], nck.r[R_WATCH]
+        if owner != self._owner:
+            lines.append(f"claimed by gateway {owner:.0f} (R93)" if owner else f"gateway {self._owner:.0f} has left")
+        if watch != self._watch and watch == WatchState.ALIVE:
+            lines.append("the watchdog hears the gateway's beat (R96 = 1): offsets may be written")
+        elif watch != self._watch and watch == WatchState.SILENT:
+            why = f"no beat for {nck.r[R_SILENCE]:g} s" if owner else "nobody has claimed the control"
+            lines.append(f"the watchdog hears nothing (R96 = 2), {why}: it takes the offsets back")
+        self._owner, self._watch = owner, watch
+        return lines
+
+    def _of_probing(self, nck: Nck) -> list[str]:
+        lines = []
+        (before, was), now = self._cycle, (int(nck.r[R_ANSWERS]), CycleState(int(nck.r[R_STATE])))
+        if now[0] != before and was in (CycleState.ACCEPTED, CycleState.RUNNING):
+            lines.append(f"probing cycle {before} has ended")  # and the next one was requested at once
+        if nck.r[R_REQUEST] != self._request:
+            lines.append(f"probing cycle {nck.r[R_REQUEST]:.0f} is requested (R60)")
+        if now != (before, was):
+            reason = ReasonCode(int(nck.r[R_REASON]))
+            why = f": {reason.name.lower().replace('_', ' ')} (R66 = {reason.value})" if reason else ""
+            lines.append(f"probing cycle {now[0]} is {now[1].name.lower()} (R65 = {now[1].value}){why}")
+        self._request, self._cycle = nck.r[R_REQUEST], now
+        return lines
+
+    def _of_the_offsets(self, nck: Nck, now_s: float) -> list[str]:
+        positions = nck.state(now_s).positions
+        shift = nck.shift_um((positions["X"], positions["Y"], positions["Z"]))
+        change = max(abs(new - old) for new, old in zip(shift, self._shift, strict=True))
+        if change < TOLD_UM and (any(shift) or not any(self._shift)):
+            return []
+        self._shift = shift
+        x, y, z = shift
+        return [f"the tool is shifted by X {x:+.1f}, Y {y:+.1f}, Z {z:+.1f} µm"]
+
+
+def lone_control(clock: OwnTime, cycle: CycleSettings, warm_s: float, port: int) -> EmulatedControl:
+    """The control of a machine whose table grows, and which rests and works by turns.
+
+    warm_s: time constant of the growth, s; port: 0 takes a free one
+    """
+    parts = (
+        DayPart(k * PART_S, (k + 1) * PART_S, *((Activity.FINISHING, WORK) if k % 2 else (Activity.PAUSE, MeanLoads())))
+        for k in range(PARTS + 1)
+    )
+    table = GrowingTable(warm_s)
+    control = EmulatedControl(table, clock, LoadCase(list(parts)), cycle=cycle, port=port)
+    table.cycles = control.nck.cycle.ended
+    return control
+
+
+def lines_for(url: str, cycle: CycleSettings) -> str:
+    """What a gateway's configuration says to reach that control: [nc], and the sphere in [probing]."""
+    return f"""[nc]
+kind = "sinumerik"
+url = "{url}"
+security = "none"
+[nc.nodes]
+probe_in_spindle = "{PROBE_IN_SPINDLE}"
+drives_on = "{DRIVES_ON}"
+[nc.states.coolant]
+path = "{COOLANT}"
+
+[probing]
+sphere_radius_mm = {cycle.radius_mm!r}
+sphere_height_mm = {cycle.height_mm!r}
+poses_deg = {[list(pose) for pose in cycle.poses_deg]}"""
+
+
+async def run_alone(
+    cycle: CycleSettings, warm_s: float, port: int, told: Callable[[str], None], stop: asyncio.Event
+) -> None:
+    """Run until `stop`; `told` gets the lines of the configuration first, then what happens.
+
+    Raises OSError if the port is taken.
+    """
+    clock = OwnTime()
+    control = lone_control(clock, cycle, warm_s, port)
+    url, seen = await control.start(), ControlTold()
+    try:
+        told(lines_for(url, cycle))
+        told(f"# ready; the table moves after {REFERENCE_CYCLES} probing cycles; Ctrl-C ends it")
+        while not stop.is_set():
+            now_s = control.now()
+            for line in seen.news(control.nck, now_s):
+                told(f"# {now_s:8.1f} s  {line}")
+            try:
+                await asyncio.wait_for(stop.wait(), LOOK_S)
+            except TimeoutError:
+                continue
+    finally:
+        await control.stop()
+    told("# ended")

@@ -1,0 +1,200 @@
+"""The emulated control as a program, and the rehearsal that docs/arming.md describes: a real gateway beside it."""
+
+import re
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import AsyncIterator, Callable, Iterator
+from contextlib import asynccontextmanager, contextmanager
+from pathlib import Path
+
+import pytest
+
+from simulators.devices import Adam6015, TcpHost
+from simulators.nc import Activity, CycleSettings, DayPart, LoadCase, MeanLoads, Nck
+from simulators.nc.alone import REFERENCE_CYCLES, ControlTold, GrowingTable
+from simulators.nc.nck import JOG, R_REQUEST
+from simulators.nc.watchdog import R_BEAT, R_OWNER, R_RAMP, R_SILENCE
+from tests.benches.command import LIMIT_S, beside, here
+from tests.benches.free_port import free_port
+
+PAGE = Path(__file__).parents[3] / "docs" / "arming.md"
+SHIFTED = re.compile(r"shifted by X (\S+), Y (\S+), Z (\S+) µm")
+SENSORS = """
+[machine]
+name = "rehearsal"
+[storage]
+path = "rehearsal.sqlite"
+[telemetry]
+listen = ["tcp/127.0.0.1:{telemetry}"]
+[[bus]]
+name = "tcp1"
+kind = "modbus_tcp"
+host = "127.0.0.1"
+port = {modbus}
+[[device]]
+name = "adam"
+bus = "tcp1"
+profile = "advantech_adam6015"
+channels = {{ column = 0, table = 1 }}
+"""
+QUICKLY = """
+[grid]
+step_s = 2.0
+[talc.learner]
+shortest_interval_steps = 2
+longest_interval_steps = 4
+[compensation]
+mode = "compensate"
+slew_um_per_s = 10.0
+watchdog_s = 4.0
+"""
+NC, PROBING = (
+    "period_s = 0.2\ntimeout_s = 30.0\n",
+    """armed = true
+lead_s = 0.0
+poll_s = 0.2
+prefer_idle_s = 0.0
+pause_s = 0.0
+surprise_sigmas = 1000.0
+""",
+)
+"""The printed lines, with a gateway that learns in seconds instead of hours."""
+
+
+class Program:
+    """A process and what it has printed."""
+
+    def __init__(self, process: "subprocess.Popen[bytes]", out: Path) -> None:
+        self.process, self._out = process, out
+
+    def lines(self) -> list[str]:
+        return self._out.read_text("utf-8").splitlines()
+
+    def until(self, holds: Callable[[list[str]], bool]) -> list[str]:
+        """What it has printed once this holds."""
+        end = time.monotonic() + LIMIT_S
+        while not holds(lines := self.lines()):
+            assert self.process.poll() is None, "\n".join(lines)
+            assert time.monotonic() < end, "\n".join(lines)
+            time.sleep(0.1)
+        return lines
+
+
+@contextmanager
+def program(out: Path, *arguments: str) -> Iterator[Program]:
+    """`python -m` with these, killed at the end unless it has ended."""
+    with out.open("wb") as file:
+        process = subprocess.Popen([sys.executable, "-m", *arguments], stdout=file, stderr=subprocess.STDOUT)
+    try:
+        yield Program(process, out)
+    finally:
+        process.kill()
+        process.wait()
+
+
+@asynccontextmanager
+async def adam() -> AsyncIterator[int]:
+    """A thermometer module at rest; its TCP port."""
+    host = TcpHost({1: Adam6015(lambda: [20.0] * 7)})
+    yield await host.start()
+    await host.stop()
+
+
+def last_shift(lines: list[str]) -> tuple[float, ...]:
+    found = [SHIFTED.search(line) for line in lines]
+    return tuple(map(float, ([f.groups() for f in found if f] or [("0", "0", "0")])[-1]))
+
+
+def hears_nothing(lines: list[str]) -> bool:
+    """The last that the watchdog said."""
+    return "hears nothing" in [line for line in lines if "the watchdog hears" in line][-1]
+
+
+@pytest.mark.slow
+def test_the_rehearsal_of_the_page(tmp_path: Path) -> None:
+    """The table moves 8 and 15 µm in Y and Z: the tool follows, and is taken back when the gateway was killed."""
+    file, port = tmp_path / "rehearsal.toml", free_port()
+    command = ("simulators.nc", "--port", str(port), "--cycle-s", "0.5", "--warm-s", "5")
+    with beside(adam()) as modbus, program(tmp_path / "nc", *command) as control:
+        printed = control.until(lambda lines: any(line.startswith("# ready") for line in lines))
+        lines = "\n".join(line for line in printed if not line.startswith("#"))
+        assert lines.replace(str(port), "4841") in PAGE.read_text("utf-8")
+        lines = lines.replace("[nc]\n", f"[nc]\n{NC}").replace("[probing]\n", f"[probing]\n{PROBING}")
+        sensors = SENSORS.format(telemetry=free_port(), modbus=modbus)
+        file.write_text(sensors + lines + QUICKLY, encoding="utf-8")
+        assert "compensation compensate, probing armed" in here("check", str(file)).out
+        probed = here("probe", str(file), "--try-writing")
+        assert (probed.code, "everything that is needed" in probed.out) == (0, True), probed.together
+        with program(tmp_path / "gateway", "gateway", "run", str(file)) as gateway:
+            followed = control.until(lambda lines: last_shift(lines)[2] > 10.0)
+            assert "compensation compensate, probing armed" in here("status", str(file)).out
+            gateway.process.kill()
+            control.until(lambda lines: hears_nothing(lines) and last_shift(lines) == (0.0, 0.0, 0.0))
+        control.process.send_signal(signal.SIGTERM)
+        assert control.process.wait(LIMIT_S) == 0
+        assert control.lines()[-1] == "# ended"
+    assert any("claimed by gateway" in line for line in followed)
+    assert abs(last_shift(followed)[0]) < 5.0, "the table does not move in X"
+
+
+def test_what_a_gateway_does_is_told_once() -> None:
+    rest = LoadCase([DayPart(0.0, 1.0, Activity.PAUSE, MeanLoads())])
+    table, told = GrowingTable(300.0), ControlTold()
+    nck = Nck(table, rest, cycle=CycleSettings(duration_s=12.0, approach_s=1.0))
+
+    def news(now_s: float) -> list[str]:
+        nck.advance(now_s)
+        return told.news(nck, now_s)
+
+    assert news(0.0) == []
+    for number, value in ((R_SILENCE, 10.0), (R_RAMP, 1e-3), (R_OWNER, 7.0), (R_BEAT, 1.0)):
+        nck.write_r(number, value, 1.0)
+    assert news(1.0) == [
+        "claimed by gateway 7 (R93)",
+        "the watchdog hears the gateway's beat (R96 = 1): offsets may be written",
+    ]
+    nck.write_k0(2, -0.004, 2.0)
+    assert news(2.0) == ["the tool is shifted by X +0.0, Y +0.0, Z +4.0 µm"]
+    nck.write_k0(2, -0.0041, 3.0)
+    assert news(3.0) == [], "less than half a micrometre"
+    nck.write_r(R_REQUEST, 5.0, 4.0)
+    assert news(4.0) == ["probing cycle 5 is requested (R60)", "probing cycle 5 is accepted (R65 = 1)"]
+    assert news(6.0) == ["probing cycle 5 is running (R65 = 2)"]
+    nck.set_mode(JOG, 7.0)
+    assert news(7.0) == ["probing cycle 5 is failed (R65 = 5): wrong mode (R66 = 3)"]
+    assert news(12.0) == [
+        "the watchdog hears nothing (R96 = 2), no beat for 10 s: it takes the offsets back",
+        "the tool is shifted by X +0.0, Y +0.0, Z +3.1 µm",
+    ]
+    assert news(20.0) == ["the tool is shifted by X +0.0, Y +0.0, Z +0.0 µm"]
+    nck.write_r(R_OWNER, 0.0, 21.0)
+    assert news(21.0) == ["gateway 7 has left"]
+
+
+def test_the_table_moves_from_the_end_of_the_reference_on() -> None:
+    """A first-order lag: 1 - 1/e of the way after its time constant."""
+    table = GrowingTable(300.0)
+    table.cycles = [(20.0 * k, 20.0 * k + 10.0) for k in range(REFERENCE_CYCLES - 1)]
+    assert table.tool_deviation_um(5000.0) == (0.0, 0.0, 0.0)
+    table.cycles.append((90.0, 100.0))
+    assert table.tool_deviation_um(100.0) == (0.0, 0.0, 0.0)
+    assert table.tool_deviation_um(400.0) == pytest.approx((0.0, 8.0 * 0.63212, 15.0 * 0.63212), rel=1e-5)
+    assert table.tool_deviation_um(5000.0) == pytest.approx((0.0, 8.0, 15.0), abs=1e-4)
+
+
+def test_a_port_that_is_taken_is_named() -> None:
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        done = subprocess.run(
+            [sys.executable, "-m", "simulators.nc", "--port", str(port)],
+            capture_output=True, text=True, timeout=LIMIT_S, check=False,
+        )  # fmt: skip
+    assert done.returncode == 2
+    assert str(port) in done.stderr
+    assert "choose another --port" in done.stderr.splitlines()[-1]
+    assert "Traceback" not in done.stderr
