@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from typing import Final, Literal, get_args
 
 from drivers.faults import RawNumber
+from drivers.section import wrong
 
 ByteNumber = Literal[
     "bool", "int8", "int16", "int32", "int64", "uint8", "uint16", "uint32", "uint64", "float32", "float64"
@@ -14,5 +15,12 @@ BYTE_FORMATS: Final[Mapping[ByteNumber, str]] = dict(zip(get_args(ByteNumber), "
 
 def raw_number(kind: ByteNumber, name: str) -> RawNumber:
     """The raw number of this type; name: for messages."""
-    bits = 8 if kind == "bool" else int(kind.lstrip("uintfloa"))
+    bits = 1 if kind == "bool" else int(kind.lstrip("uintfloa"))
     return RawNumber(name, bits, signed=kind.startswith("int"), real=kind.startswith("float"))
+
+
+def check_shift(shift: int, kind: ByteNumber | Literal["bit"]) -> None:
+    """For validators: raises an error for a shift that leaves nothing of the number, or is of a real one."""
+    whole = None if kind == "bit" else raw_number(kind, "")
+    if shift and (whole is None or whole.real or shift >= whole.bits):
+        raise wrong(f"{shift}: expected fewer than the bits of an integer, type is {kind}", "shift")

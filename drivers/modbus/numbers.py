@@ -46,11 +46,6 @@ def as_in_manuals(address: int) -> str:
     return ""
 
 
-def is_wider(kind: NumberType, bits: int) -> bool:
-    """Whether numbers of this type are integers of more than so many bits."""
-    return kind not in _REALS and bits < registers_of(kind) * REGISTER_BITS
-
-
 @dataclass(frozen=True, slots=True)
 class Block:
     """One read request: function code 1 to 4, first address (counted from 0), count of registers or bits."""

@@ -14,10 +14,10 @@ from drivers.modbus.numbers import (
     AddressRange,
     NumberFormat,
     NumberType,
-    is_wider,
     registers_of,
 )
 from drivers.modbus.tables import Address, Judged, RegisterFunction, Scaled
+from drivers.number_types import check_shift
 from drivers.profile import DeviceProfile, Unit
 from drivers.section import Section, wrong
 
@@ -43,7 +43,7 @@ class Values(Scaled):
     def _apart(self) -> Self:
         if self.stride < (least := registers_of(self.type)):
             raise wrong(f"{self.stride}: expected at least {least}, the registers of a {self.type}", "stride")
-        _check_shift(self.shift, self.type)
+        check_shift(self.shift, self.type)
         return self
 
 
@@ -92,7 +92,7 @@ class ChannelBlock(Scaled, Judged):
             raise wrong(f"{self.bit}: only for type 'bit' in registers, function 3 or 4", "bit")
         if self.stride is not None and self.stride < self.width:
             raise wrong(f"{self.stride}: expected at least {self.width}, the registers of a {self.type}", "stride")
-        _check_shift(self.shift, self.type)
+        check_shift(self.shift, self.type)
         self.check()
         return self
 
@@ -179,11 +179,6 @@ class Setting(Section):
         if self.function in BIT_FUNCTIONS and self.equals > 1:
             raise wrong(f"{self.equals}: expected 0 or 1, as function {self.function} reads bits", "equals")
         return self
-
-
-def _check_shift(shift: int, kind: NumberType | Literal["bit"]) -> None:
-    if shift and (kind == "bit" or not is_wider(kind, shift)):
-        raise wrong(f"{shift}: expected fewer than the bits of an integer, type is {kind}", "shift")
 
 
 def _one_table(value: object) -> object:

@@ -7,7 +7,7 @@ from typing import ClassVar, Literal, Self
 from pydantic import Field, model_validator
 
 from drivers.faults import NumberRule, RawNumber
-from drivers.number_types import BYTE_FORMATS, ByteNumber, raw_number
+from drivers.number_types import BYTE_FORMATS, ByteNumber, check_shift, raw_number
 from drivers.opcua.nodes import NodeName, NodeText, node_name
 from drivers.profile import DeviceProfile, LinearValue
 from drivers.section import NotEmpty, Positive, wrong
@@ -36,9 +36,7 @@ class OpcUaNode(LinearValue):
                 if field in self.model_fields_set:
                     raise wrong("only with type, for a node that holds bytes", field)
             return self
-        whole = raw_number(self.type, self.node)
-        if self.shift and (whole.real or self.shift >= whole.bits):
-            raise wrong(f"{self.shift}: expected fewer than the bits of an integer, type is {self.type}", "shift")
+        check_shift(self.shift, self.type)
         for number, rule in enumerate(self.invalid):
             self.raw.check(rule, "invalid", number)
         return self

@@ -158,7 +158,12 @@ async def test_a_device_that_loses_its_node_when_it_is_unplugged_returns_with_it
         ("invalid = [{ equals = 1, quality = 'sensor_fault', detail = 'd' }]", "invalid: only with type"),
         ("type = 'int16'\nshift = 16", "shift: 16: expected fewer than the bits of an integer, type is int16"),
         ("type = 'float32'\nshift = 1", "shift: 1: expected fewer than the bits of an integer, type is float32"),
+        ("type = 'bool'\nshift = 1", "shift: 1: expected fewer than the bits of an integer, type is bool"),
         ("type = 'int24'", "type: .*'int24'"),
+        (
+            "type = 'bool'\ninvalid = [{ equals = 2, quality = 'sensor_fault', detail = 'd' }]",
+            r"invalid\[0\]\.equals: 0x2 can never occur",
+        ),
         (
             "type = 'int16'\nshift = 2\ninvalid = [{ low = 8192, quality = 'sensor_fault', detail = 'd' }]",
             r"invalid\[0\]\.low: 8192: expected -8192 to 8191",
