@@ -28,10 +28,21 @@ BO_ 769 Nested: 8 L
  SG_ Group M : 0|8@1+ (1,0) [0|255] "" L
  SG_ Sub m3M : 20|12@1+ (1,0) [0|4095] "" L
  SG_ Deep m0 : 32|16@1- (0.1,0) [-200|850] "degC" L
+BO_ 770 Wide: 8 L
+ SG_ Page M : 3|12@0+ (1,0) [0|4095] "" L
+ SG_ Far m0 : 16|16@1- (0.1,0) [-200|850] "degC" L
 SG_MUL_VAL_ 769 Sub Group 3-3;
 SG_MUL_VAL_ 769 Deep Sub 2-4, 700-700;
+SG_MUL_VAL_ 770 Far Page 2748-2748;
 """
-NAMES = (("Inputs", "T1"), ("Inputs", "T2"), ("Inputs", "T3"), ("Inputs", "Supply"), ("Nested", "Deep"))
+NAMES = (
+    ("Inputs", "T1"),
+    ("Inputs", "T2"),
+    ("Inputs", "T3"),
+    ("Inputs", "Supply"),
+    ("Nested", "Deep"),
+    ("Wide", "Far"),
+)
 
 
 @asynccontextmanager
@@ -99,6 +110,7 @@ async def test_each_page_is_kept_for_itself(tmp_path: Path) -> None:
         "T3": ("comm_fault", "message Inputs (0x300) with T3 did not arrive"),
         "Supply": (24.0, ""),
         "Deep": (55.5, ""),
+        "Far": ("comm_fault", "message Wide (0x302) with Far did not arrive"),
     }
 
 
@@ -124,3 +136,17 @@ async def test_a_page_that_stops_is_lost_alone(tmp_path: Path) -> None:
         await sent(adapter, driver, [first, second], good("T1", "T2"))
         found = await sent(adapter, driver, [second], lambda found: not good("T1")(found) and good("T2")(found))
     assert (found["T1"][0], found["T2"][0]) == ("comm_fault", 22.5)
+
+
+async def test_a_selector_that_goes_over_two_bytes_the_highest_bit_first(tmp_path: Path) -> None:
+    identifier, far = frame("Wide", {"Page": 0xABC, "Far": 12.5})
+    assert far[:2] == b"\x0a\xbc", "four bits of the first byte, and the second"
+    others = [
+        (identifier, bytes([a, b]) + far[2:]) for a, b in ((0x0A, 0xBD), (0x0A, 0x3C), (0x0B, 0xBC), (0x02, 0xBC))
+    ]
+    supply = frame("Inputs", {"Select": 0, "Supply": 24.0, "T1": 21.5})
+    async with bench(tmp_path) as (adapter, driver):
+        found = await sent(adapter, driver, [supply, *others], good("Supply"))
+        assert found["Far"][0] == "comm_fault"
+        found = await sent(adapter, driver, [(identifier, far)], good("Far"))
+        assert found["Far"] == (12.5, "")

@@ -1,5 +1,6 @@
 """Nodes outside CiA 404: objects by hand or by an EDS, read from the canopen library's own node and by TPDOs."""
 
+import asyncio
 import struct
 from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager
@@ -115,6 +116,28 @@ async def test_mapped_objects_come_by_tpdo(tmp_path: Path, transfer: str) -> Non
         await bus.connect()
         await driver.connect()
         assert [r.value for r in await driver.read()] == pytest.approx([20.0, -3.3])
+    finally:
+        node.stop()
+        await bus.close()
+        await adapter.stop()
+
+
+async def test_values_of_a_node_whose_heartbeat_has_stopped_are_stale(tmp_path: Path) -> None:
+    text = HEAD + '[[object]]\nindex = 0x9130\nsubindex = 1\ntype = "int32"\nscale = 0.1\n'
+    node = Cia404Node(NODE, lambda: [20.0], inputs=1, heartbeat_ms=50)
+    adapter = SlcanAdapter([node])
+    bus = make_bus("can1", "canopen", {"interface": "slcan", "channel": await adapter.start(), "timeout_s": 0.2})
+    driver = make_device("node", bus, written(tmp_path, text), NODE, {"a": 0}, {}, SystemClock())
+    node.start(adapter.send)
+    try:
+        await bus.connect()
+        await driver.connect()
+        assert told(await driver.read()) == [(20.0, "degC")]
+        node.heartbeat_stopped = True
+        await asyncio.sleep(1.0)
+        ((quality, detail),) = told(await driver.read())
+        assert quality == "stale"
+        assert "heartbeat stopped" in detail
     finally:
         node.stop()
         await bus.close()

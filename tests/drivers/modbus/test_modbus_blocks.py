@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.modbus.numbers import Block
-from drivers.modbus.plan import plan_blocks
+from drivers.modbus.plan import ReadPlan, plan_blocks
 
 
 def test_neighbours_are_read_at_once() -> None:
@@ -24,6 +24,19 @@ def test_small_gap_costs_less_than_a_request() -> None:
     assert plan_blocks([(3, 0, 1), (3, 9, 1)], 125, 8) == (Block(3, 0, 10),)
     assert plan_blocks([(3, 0, 1), (3, 10, 1)], 125, 8) == (Block(3, 0, 1), Block(3, 10, 1))
     assert plan_blocks([(3, 0, 1), (3, 2, 1)], 125, 0) == (Block(3, 0, 1), Block(3, 2, 1))
+
+
+def test_no_request_reads_more_bits_than_modbus_allows() -> None:
+    assert plan_blocks([(1, i, 1) for i in range(2001)], 125, 8) == (Block(1, 0, 2000), Block(1, 2000, 1))
+
+
+def test_one_late_refusal_is_not_believed_and_of_a_request_that_was_answered_not_even_three() -> None:
+    plan = ReadPlan([(3, 0, 1)], 125, 8)
+    (request,) = plan.requests
+    assert [plan.is_certain(request) for _ in range(2)] == [False, True]
+    for _ in range(2):
+        plan.answered(request)  # the refusals before it do not count
+        assert [plan.is_certain(request) for _ in range(4)] == [False, False, False, True]
 
 
 @given(

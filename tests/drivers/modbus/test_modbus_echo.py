@@ -59,6 +59,20 @@ async def test_a_line_without_echo_is_recognised() -> None:
     assert len(peer.requests) == 4
 
 
+async def test_without_an_echo_an_answer_that_equals_its_request_is_one() -> None:
+    """A device of which bit 16 is set: it answers 01 02 03 00 00 11 to 01 02 03 00 00 11."""
+
+    def answer(request: bytes) -> bytes:
+        data = b"\x00\x00\x11\x00\x00\x00"[: (int.from_bytes(request[4:6], "big") + 7) // 8]
+        return frame(bytes((request[0], request[1], len(data))) + data)
+
+    async with line() as (bus, peer):
+        peer.reply = answer
+        for _ in range(3):
+            assert await bus.read("d", 1, ITS_OWN) == (0,) * 16 + (1,)
+        assert answer(peer.requests[-1]) == peer.requests[-1]
+
+
 @pytest.mark.parametrize("unset", [None, True])
 async def test_an_echo_alone_is_silence(unset: bool | None) -> None:
     """The unit is off: its own request must not give it bits."""

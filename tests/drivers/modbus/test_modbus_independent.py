@@ -1,5 +1,6 @@
 """A device with several blocks: each is asked again by itself, and what was answered is never asked for twice."""
 
+import asyncio
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 
@@ -135,6 +136,22 @@ async def test_a_check_that_was_disturbed_continues_where_it_was() -> None:
     assert asked == [FC_COIL, FC_TYPES, FC_TYPES]
 
 
+async def test_a_check_that_was_disturbed_begins_again_once_another_module_may_answer() -> None:
+    lost = {FC_COIL: 0, FC_TYPES: 1, FC_BITS: 0, FC_VALUES: 0}
+
+    def swallow(function: int) -> bool:
+        lost[function] -= 1
+        return lost[function] >= 0
+
+    async with module(swallow) as (driver, asked):
+        await driver.close()
+        with pytest.raises(NoAnswer):
+            await driver.connect()
+        await asyncio.sleep(3.0)
+        await driver.connect()
+    assert asked[:3] == [FC_COIL, FC_TYPES, FC_COIL], "not only what was not answered"
+
+
 async def test_a_late_answer_is_used_though_another_block_was_asked_meanwhile() -> None:
     """The answer to the bits comes with that to the registers."""
     late: list[bytes] = []
@@ -167,6 +184,10 @@ async def test_no_request_waits_beyond_the_limit() -> None:
             await _ends_in_time(tcp)
             await _ends_in_time(rtu)
             assert len(peer.requests) == 1, "one for which no time is left is not sent"
+            rtu.limit(0.02)
+            with pytest.raises(NoAnswer, match="no time was left"):
+                await rtu.read("silent", 1, TWO)
+            assert len(peer.requests) == 1, "nor one that could be answered only in the next period"
     finally:
         await tcp.close()
         await server.stop()

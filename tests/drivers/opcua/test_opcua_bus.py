@@ -102,6 +102,8 @@ async def test_values_statuses_and_nodes_that_are_not_there(tmp_path: Path) -> N
             assert told(await device.read())[1] == ("out_of_range", "100.1 is beyond the profile's limits")
             await server.set("motor", float("nan"))
             assert told(await device.read())[0][0] == "sensor_fault"
+            await server.set("axes", [1.5])
+            assert told(await device.read())[2] == ("sensor_fault", "the node holds no element 1: [1.5]")
 
         nothing = PROFILE.split("[[node]]")[0] + '[[node]]\nnode = "s=Motor"\n'
         async with device_at(server.url, tmp_path, nothing, 1) as (_, stranger):
