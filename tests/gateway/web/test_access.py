@@ -157,6 +157,8 @@ def test_only_the_proxys_header_counts() -> None:
     assert client(settings, "10.0.0.2").get("/machine/mill", headers=named).status_code == 200
     assert client(settings, "10.0.0.2").get("/machine/mill").status_code == 403
     assert client(settings, "10.0.0.3").get("/machine/mill", headers=named).status_code == 403
+    two = [*named.items(), ("x-forwarded-user", "eve")]  # one of them is the browser's own
+    assert client(settings, "10.0.0.2").get("/machine/mill", headers=two).status_code == 403
 
 
 @pytest.mark.parametrize("method", ["POST", "PUT", "DELETE", "PATCH", "OPTIONS"])
