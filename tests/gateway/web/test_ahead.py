@@ -107,6 +107,15 @@ def test_a_corrected_machine_is_helped_by_a_measurement() -> None:
     assert "when.not_within" in said, "however the error itself moves"
 
 
+def test_at_the_bound_of_the_compensation_nothing_is_promised() -> None:
+    """How much the bound withholds at this point is not published: what is left is unknown, now and later."""
+    heard = HeardMachine()
+    heard.compensation((0.0, 0.0, 20.0), bounded=(False, False, True))
+    heard.decision(corrected={"EZ0A": 30.0})
+    heard.forecast({"EZ0A": (30.0, 30.0, 30.0)})
+    assert not {"when.ready", "help.best", "help.enough"} & helps(heard).keys()
+
+
 def test_warming_up_is_to_stop_when_more_of_it_brings_nothing() -> None:
     assert "help.stop" in helps(cooling((3.0, 3.0, 3.0), now=3.0, missed=0.5))
     assert "help.stop" not in helps(cooling((3.0, 1.0, 1.0), now=6.0, missed=0.5))

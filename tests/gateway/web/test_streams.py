@@ -5,11 +5,11 @@ import json
 from contextlib import aclosing
 
 from gateway.heard import SiteSeen
-from gateway.telemetry import EventMessage, encode
+from gateway.telemetry import EventMessage, Published, encode
 from gateway.web.at_tool import WorkPoint
 from gateway.web.streams import MOST_BROWSERS, Browser, BrowserQueue, Streams
 from gateway.web.verdict import Viewpoint
-from tests.benches.heard import BEGAN
+from tests.benches.heard import BEGAN, HeardMachine
 
 LOOKING = Viewpoint(WorkPoint(120.0, 0.0, 80.0).matrix(0.12), 10.0)
 LIMIT_S = 60.0
@@ -67,6 +67,43 @@ async def test_an_open_page_gets_the_whole_state_and_then_each_change() -> None:
     assert message.count(b"\n") == 3, "no text of others ends a message"
     (shown,) = json.loads(message.partition(b"data: ")[2])
     assert shown["text"] == "</script>\n\ndata: forged"
+
+
+class OnSite(HeardMachine):
+    """Its messages go to a site."""
+
+    def __init__(self, heard: SiteSeen) -> None:
+        super().__init__()
+        self._site = heard
+
+    def hear(self, suffix: str, message: Published) -> None:
+        self._site.take(f"talc/mill/{suffix}", encode(message))
+
+
+async def test_when_the_gateway_goes_its_forecast_leaves_the_charts() -> None:
+    heard = site()
+    heard.life("talc/mill/alive", alive=True)
+    machine = OnSite(heard)
+    machine.compensation()
+    machine.decision()
+    machine.forecast({"EZ0A": (1.0, 2.0, 3.0)})
+    streams = Streams(heard)
+    sending = asyncio.create_task(streams.run())
+    charts: list[dict[str, list[float]]] = []
+    try:
+        async with asyncio.timeout(LIMIT_S), aclosing(streams.messages(Browser("mill", lambda _: LOOKING))) as messages:
+            async for message in messages:
+                if kind_of(message) == "course":
+                    charts.append(json.loads(message.partition(b"data: ")[2]))
+                    heard.life("talc/mill/alive", alive=False)
+                if len(charts) == 2:
+                    break
+    finally:
+        sending.cancel()
+        await asyncio.gather(sending, return_exceptions=True)
+    before, after = charts
+    assert (len(before["ahead_t"]), after["ahead_t"]) == (4, [])
+    assert before["t"] == after["t"]
 
 
 async def test_when_nothing_more_can_be_sent_open_pages_lose_their_connection() -> None:

@@ -113,6 +113,18 @@ def test_an_estimate_grows_old_although_the_gateway_is_alive() -> None:
     assert view(heard.seen, within(10.0), heard.now_s).axes == ()
 
 
+def test_on_a_coarse_grid_an_estimate_counts_for_three_steps() -> None:
+    heard = HeardMachine()
+    heard.compensation()
+    heard.decision()
+    heard.passes(timedelta(minutes=10))
+    heard.decision(k=1)
+    heard.passes(timedelta(minutes=29))
+    assert verdict_of(heard.seen, within(10.0), heard.now_s).colour is Colour.GREEN
+    heard.passes(timedelta(minutes=2))
+    assert verdict_of(heard.seen, within(10.0), heard.now_s).word == "word.old"
+
+
 def test_while_the_control_probes_it_is_not_ready() -> None:
     heard = HeardMachine()
     heard.compensation()
