@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from drivers.modbus.numbers import AddressRange, as_in_manuals
+from drivers.modbus.numbers import REGISTER_FUNCTIONS, AddressRange, as_in_manuals
 from drivers.modbus.profile import ChannelBlock, ModbusProfile
 
 
@@ -52,7 +52,7 @@ def addresses_as_in_manuals(profile: ModbusProfile, channels: Mapping[str, int])
     Some devices do have such addresses.
     """
     inputs = {name: device_input(profile, number, 0) for name, number in channels.items()}
-    meant = {name: as_in_manuals(one.value[1]) for name, one in inputs.items() if one.block.type != "bit"}
+    meant = {name: as_in_manuals(one.value[1]) for name, one in inputs.items() if one.value[0] in REGISTER_FUNCTIONS}
     return {name: text for name, text in meant.items() if text}
 
 

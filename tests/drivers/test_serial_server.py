@@ -1,6 +1,7 @@
 """Serial ports of a device server: Debian's ser2net, by RFC 2217 and by raw TCP, in front of an emulated line."""
 
 import asyncio
+import os
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
@@ -20,6 +21,7 @@ from tests.benches.stream_server import stream_server
 
 TIMEOUT_S = 5.0
 """A busy computer may take so long for an answer of another program."""
+LIMIT_S = 60.0
 VALUES_UM = [5.0, -0.05, 400.0]
 THREE, WORDS = Block(4, 0, 3), (100, 0xFFFF, 8000)
 """They have Telnet's byte 255 twice."""
@@ -93,6 +95,27 @@ async def test_a_server_that_went_and_came_back_is_connected_again(tmp_path: Pat
         server.start()
         await bus.connect()
         assert await bus.read("d", 1, THREE) == WORDS
+
+
+def asks_after_s(port: int) -> float | None:
+    """After which silence this computer's kernel asks the server whether it is still there; None: it does not."""
+    for line in Path("/proc/net/tcp").read_text("ascii").splitlines()[1:]:
+        _, _, remote, _, _, timer, *_ = line.split()
+        if remote == f"0100007F:{port:04X}" and timer.startswith("02:"):
+            return int(timer[3:], 16) / os.sysconf("SC_CLK_TCK")
+    return None
+
+
+@pytest.mark.peer
+@pytest.mark.parametrize("scheme", ["rfc2217", "socket"])
+async def test_a_server_that_goes_without_a_word_is_noticed(tmp_path: Path, scheme: str) -> None:
+    async with served(tmp_path, scheme, line_baud=1200, baud=1200) as (bus, server):
+        assert await bus.read("d", 1, THREE) == WORDS
+        port = int(server.url.rpartition(":")[2])
+        async with asyncio.timeout(LIMIT_S):
+            while (silence_s := asks_after_s(port)) is None:  # while an acknowledgement is due it waits for that
+                await asyncio.sleep(0.01)
+        assert silence_s < 6.0
 
 
 @pytest.mark.peer

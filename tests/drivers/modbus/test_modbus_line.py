@@ -67,22 +67,24 @@ async def test_line_stays_quiet_while_a_cancelled_request_is_answered() -> None:
 
 
 @pytest.mark.parametrize(
-    "answer",
+    ("answer", "heard"),
     [
-        pytest.param(registers(2, 7, 7), id="another unit"),
-        pytest.param(frame(bytes.fromhex("01 03 04 00 07 00 07")), id="another function"),
-        pytest.param(registers(1, 7), id="too few registers"),
-        pytest.param(registers(1, 7, 7, 7), id="too many registers"),
-        pytest.param(registers(1, 7, 7)[:-1] + b"\0", id="wrong checksum"),
-        pytest.param(registers(1, 7, 7)[:-3], id="truncated"),
-        pytest.param(b"\xff" * 300, id="babble"),
+        pytest.param(registers(2, 7, 7), False, id="another unit"),
+        pytest.param(frame(bytes.fromhex("01 03 04 00 07 00 07")), True, id="another function"),
+        pytest.param(registers(1, 7), True, id="too few registers"),
+        pytest.param(registers(1, 7, 7, 7), True, id="too many registers"),
+        pytest.param(registers(1, 7, 7)[:-1] + b"\0", True, id="wrong checksum"),
+        pytest.param(registers(1, 7, 7)[:-3], True, id="truncated"),
+        pytest.param(b"\xff" * 300, False, id="babble"),
     ],
 )
-async def test_what_is_not_our_answer_is_reported_and_not_used(answer: bytes) -> None:
+async def test_what_is_not_our_answer_is_reported_and_not_used(answer: bytes, heard: bool) -> None:
+    """heard: whether the unit may have sent it; one that is heard is not silent"""
     async with line() as (bus, peer):
         peer.reply = lambda _: answer
-        with pytest.raises(BadAnswer, match="no valid answer of unit 1"):
+        with pytest.raises(BadAnswer, match="no valid answer of unit 1") as caught:
             await bus.read("d", 1, TWO)
+        assert caught.value.heard is heard
         peer.reply = honest
         assert await bus.read("d", 1, TWO) == (100, 101)
 

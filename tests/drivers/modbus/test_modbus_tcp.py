@@ -151,6 +151,13 @@ def test_answer_is_found_behind_noise(before: bytes, after: bytes, words: tuple[
     assert find_tcp_answer(heard, number) == (1, registers(*words))
 
 
+def test_no_message_is_longer_than_modbus_tcp_allows() -> None:
+    """253 bytes of function code and data; 254 of them are noise that looks like a header."""
+    longest, longer = (struct.pack(">HHHB", 7, 0, n + 1, 1) + bytes([3]) * n for n in (253, 254))
+    assert find_tcp_answer(longest, 7) == (1, bytes([3]) * 253)
+    assert find_tcp_answer(longer, 7) is None
+
+
 def test_any_bytes_before_an_answer_give_it_or_an_error_and_the_next_is_right() -> None:
     """Over loopback: no crash, no hang, no value that was never sent, and no loss of synchronisation."""
     noise, spoilt = b"", True

@@ -1,6 +1,8 @@
 """Values and times in MQTT payloads, and what is wrong with them."""
 
+from collections.abc import Iterator
 from datetime import UTC, datetime
+from time import tzset
 
 import pytest
 
@@ -63,6 +65,17 @@ def test_what_is_no_value_is_a_fault_that_says_why(
     assert (found.quality, detail in found.detail) == (quality, True), found.detail
 
 
+@pytest.fixture
+def elsewhere(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """This computer's own time is five hours behind UTC."""
+    with monkeypatch.context() as patch:
+        patch.setenv("TZ", "EST5")
+        tzset()
+        yield
+    tzset()
+
+
+@pytest.mark.usefixtures("elsewhere")
 @pytest.mark.parametrize(
     ("unit", "time"),
     [
@@ -71,6 +84,7 @@ def test_what_is_no_value_is_a_fault_that_says_why(
         ("s", '"2026-01-05T12:00:00"'),
         ("s", "1767614400"),
         ("ms", "1767614400000"),
+        ("us", "1767614400000000"),
         ("ns", "1767614400000000000"),
     ],
 )

@@ -83,10 +83,16 @@ async def test_values_statuses_and_nodes_that_are_not_there(tmp_path: Path) -> N
 
             expected = {
                 StatusCodes.BadSensorFailure: "sensor_fault",
+                StatusCodes.BadDeviceFailure: "sensor_fault",
+                StatusCodes.BadConfigurationError: "sensor_fault",
+                StatusCodes.BadOutOfRange: "out_of_range",
                 StatusCodes.BadNoCommunication: "comm_fault",
                 StatusCodes.BadWaitingForInitialData: "comm_fault",
                 StatusCodes.UncertainLastUsableValue: "stale",
+                StatusCodes.UncertainNoCommunicationLastUsableValue: "stale",
                 StatusCodes.UncertainEngineeringUnitsExceeded: "out_of_range",
+                StatusCodes.UncertainOverRange: "out_of_range",
+                StatusCodes.UncertainUnderRange: "out_of_range",
                 StatusCodes.UncertainSensorNotAccurate: "sensor_fault",
                 StatusCodes.UncertainSubstituteValue: "sensor_fault",
                 StatusCodes.GoodLocalOverride: "good",
@@ -98,6 +104,8 @@ async def test_values_statuses_and_nodes_that_are_not_there(tmp_path: Path) -> N
                 assert second.quality is Quality.GOOD, "a neighbour's status is the neighbour's"
                 found[status] = first.quality.value
             assert found == expected
+            await server.set("motor", 61.25, StatusCodes.BadAttributeIdInvalid)  # of a variable that a control lacks
+            assert told(await device.read())[0] == ("comm_fault", absent.replace("NodeIdUnknown", "AttributeIdInvalid"))
             await server.set("bearing", 1051)
             assert told(await device.read())[1] == ("out_of_range", "100.1 is beyond the profile's limits")
             await server.set("motor", float("nan"))

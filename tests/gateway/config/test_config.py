@@ -169,18 +169,21 @@ def test_an_address_as_in_a_manual_is_a_caution(tmp_path: Path) -> None:
     profile = 'protocol = "modbus"\ntitle = "meter"\nbuses = ["modbus_tcp"]\nunit = "W"\n'
     for function, address in ((3, 40101), (4, 100), (4, 30001)):
         profile += f'[[block]]\nfunction = {function}\naddress = {address}\ntype = "int16"\n'
+    profile += '[[block]]\nfunction = 3\naddress = 40011\ntype = "bit"\nbit = 3\n'
+    profile += '[[block]]\nfunction = 1\naddress = 40012\ntype = "bit"\n'  # manuals number coils differently
     (tmp_path / "meter.toml").write_text(profile)
     file = tmp_path / "gateway.toml"
     file.write_text(
         '[machine]\nname = "mill"\n[telemetry]\nenabled = false\n'
         '[[bus]]\nname = "b"\nkind = "modbus_tcp"\nhost = "127.0.0.1"\n'
         '[[device]]\nname = "meter"\nbus = "b"\nprofile = "meter.toml"\nunit = 1\n'
-        "channels = { x = 0, y = 1, z = 2 }\n"
+        "channels = { x = 0, y = 1, z = 2, alarm = 3, coil = 4 }\n"
     )
     told = {caution.where: caution.what for caution in cautions(load(file))}
     assert told == {
         "device 'meter', channels.x": "addresses count from 0: a manual's 40101 is function 3, address 100",
         "device 'meter', channels.z": "addresses count from 0: a manual's 30001 is function 4, address 0",
+        "device 'meter', channels.alarm": "addresses count from 0: a manual's 40011 is function 3, address 10",
     }
 
 
