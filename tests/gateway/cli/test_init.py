@@ -1,20 +1,29 @@
 """`talc-gateway init`, typed at or with a file of answers, with a device on this computer."""
 
 import asyncio
-from collections.abc import Iterator
-from contextlib import contextmanager
+import re
+from collections.abc import AsyncIterator, Iterator
+from contextlib import asynccontextmanager, contextmanager
 from pathlib import Path
 from threading import Event, Thread
 
 import pytest
+from asyncua.crypto.cert_gen import setup_self_signed_certificate
 from click.testing import CliRunner, Result
+from cryptography.x509.oid import ExtendedKeyUsageOID
 
 from gateway.cli import init as command
 from gateway.cli import main
+from gateway.clock import RealClock
 from gateway.config import load
 from gateway.scan import ScanPort
 from simulators.devices import M7015, Adam6015, RtuLine, TcpHost
+from simulators.nc import Activity, DayPart, EmulatedControl, LoadCase, MeanLoads, Security, User
+from simulators.nc.access import APPLICATION_URI
+from tests.benches.command import beside
+from tests.benches.emulated_bench import Rigid
 from tests.benches.mtconnect_agent import mtconnect_agent
+from tests.benches.reference_agent import REFERENCE, served_agent
 
 pytestmark = [pytest.mark.simulated_time, pytest.mark.filterwarnings("ignore:datetime:DeprecationWarning")]
 
@@ -40,6 +49,31 @@ def answering(wire: TcpHost | RtuLine) -> Iterator[int | str]:
     finally:
         done.set()
         thread.join()
+
+
+@asynccontextmanager
+async def encrypted_control(folder: Path) -> AsyncIterator[str]:
+    """A SINUMERIK that speaks with the owner of gateway.der and the user talc alone; its URL.
+
+    Makes the files that the first configuration names, as its lines to confirm ask for.
+    """
+    usage = [ExtendedKeyUsageOID.CLIENT_AUTH, ExtendedKeyUsageOID.SERVER_AUTH]
+    for name, uri in (("gateway", "urn:talc:gateway"), ("control", APPLICATION_URI)):
+        await setup_self_signed_certificate(
+            folder / f"{name}.pem", folder / f"{name}.der", uri, "localhost", usage, {"commonName": name}
+        )
+    for name, text in (("nc-password", "secret\n"), ("gateway.pem", "")):
+        with (folder / name).open("a", encoding="utf-8") as file:
+            file.write(text)
+        (folder / name).chmod(0o600)
+    control = EmulatedControl(
+        Rigid(), RealClock(), LoadCase([DayPart(0.0, 1e9, Activity.FINISHING, MeanLoads(x=60.0, spindle=8000.0))]),
+        users={"talc": User("secret")},
+        security=Security(folder / "control.der", folder / "control.pem", (folder / "gateway.der",)),
+    )  # fmt: skip
+    yield await control.start()
+    await control.stop()
+    await asyncio.get_running_loop().shutdown_default_executor()
 
 
 def module() -> TcpHost:
@@ -100,6 +134,47 @@ def test_an_mtconnect_agent_is_asked_for_its_data_items_and_probe_reads_them(tmp
     assert f"{url} describes X, Y, Z, A, C, spindle_speed, speed_X, speed_C, mode" in done.output
     assert "17 of 17 good" in probed.output, "7 temperatures, 5 positions, 3 states, mode and program"
     assert probed.exit_code == 0
+
+
+def run_on(file: Path, name: str) -> Result:
+    return CliRunner().invoke(main, [name, str(file)], env={"COLUMNS": "200"})
+
+
+def test_probe_reads_a_sinumerik_with_what_was_written_once_its_files_are_there(tmp_path: Path) -> None:
+    """Encrypted, with user and certificates; nothing of the written text is changed."""
+    file = tmp_path / "gateway.toml"
+    with answering(module()) as port, beside(encrypted_control(tmp_path)) as url:
+        done = init(str(file), typed=f"mill\n127.0.0.1:{port}\nsinumerik\n{url}\ntalc\n{tmp_path}\n")
+        assert done.exit_code == 0, done.output
+        checked, probed = run_on(file, "check"), run_on(file, "probe")
+        (tmp_path / "nc-password").write_text("wrong\n", encoding="utf-8")
+        refused = run_on(file, "probe")
+    assert (checked.exit_code, "warning" in checked.output) == (0, False), checked.output
+    assert "7 channels, 6 machine states; compensation monitor, probing not armed" in checked.output
+    assert re.search(r"spindle_speed │ 8000\.000", probed.output), probed.output
+    assert "21 of 21 good" in probed.output, "7 temperatures, 5 positions, 6 states, mode, program and tool"
+    assert probed.exit_code == 0
+    assert refused.exit_code == 3
+    assert "refuses user 'talc'" in refused.output
+
+
+@pytest.mark.parametrize("kind", ["linuxcnc", "agent"])
+def test_probe_reads_an_agent_with_what_was_written_once_its_key_is_there(tmp_path: Path, kind: str) -> None:
+    """Only the port differs from the usual one, which another program of this computer may have."""
+    file = tmp_path / "gateway.toml"
+    with answering(module()) as port, beside(served_agent(REFERENCE.Machine())) as agent:
+        done = init(str(file), typed=f"mill\n127.0.0.1:{port}\n{kind}\n127.0.0.1\n{agent.key_file(tmp_path)}\n")
+        assert done.exit_code == 0, done.output
+        text = file.read_text(encoding="utf-8").replace("\nkey_file", f"\nport = {agent.port}\nkey_file")
+        file.write_text(text, encoding="utf-8")
+        checked, probed = run_on(file, "check"), run_on(file, "probe")
+        (tmp_path / "agent.key").write_text("f" * 32, encoding="utf-8")
+        refused = run_on(file, "probe")
+    assert (checked.exit_code, "warning" in checked.output) == (0, False), checked.output
+    assert "22 of 22 good" in probed.output, "7 temperatures, 5 positions, 6 states, mode, program, tool and probe"
+    assert probed.exit_code == 0
+    assert refused.exit_code == 3
+    assert "the proof does not fit" in refused.output
 
 
 def test_an_mtconnect_agent_that_is_silent_leaves_placeholders(tmp_path: Path) -> None:
