@@ -13,12 +13,12 @@ from simulators.nc.program import Activity, DayPart, LoadCase, MeanLoads
 from simulators.nc.variables import COOLANT, DRIVES_ON, PROBE_IN_SPINDLE
 from simulators.nc.watchdog import R_OWNER, R_SILENCE, R_WATCH, WatchState
 
-GROWTH_UM = (0.0, 8.0, 15.0)
-"""How far the table has moved in X, Y, Z once it is warm."""
+GROWTH_UM = (0.0, 4.0, 6.0)
+"""How far the table has moved in X, Y, Z once it is warm: above the probing noise, and hardly ever a surprise."""
 REFERENCE_CYCLES = 5
 """So many probing cycles end before the table moves: a gateway's reference, [probing] reference_cycles."""
-PART_S, PARTS = 120.0, 22500
-"""The machine rests and works by turns, for a month; then it rests."""
+REST_S, WORK_S, PARTS = 50.0, 10.0, 10000
+"""The machine rests and works by turns, so many times, a week; then it rests. It is probed while it rests."""
 WORK = MeanLoads(x=1200.0, y=900.0, z=400.0, a=0.5, c=2.0, spindle=8000.0, coolant=1.0)
 LOOK_S = 0.1
 TOLD_UM = 0.5
@@ -115,12 +115,13 @@ def lone_control(clock: OwnTime, cycle: CycleSettings, warm_s: float, port: int)
 
     warm_s: time constant of the growth, s; port: 0 takes a free one
     """
-    parts = (
-        DayPart(k * PART_S, (k + 1) * PART_S, *((Activity.FINISHING, WORK) if k % 2 else (Activity.PAUSE, MeanLoads())))
-        for k in range(PARTS + 1)
-    )
+    turn_s, parts = REST_S + WORK_S, list[DayPart]()
+    for start_s in (k * turn_s for k in range(PARTS)):
+        parts.append(DayPart(start_s, start_s + REST_S, Activity.PAUSE, MeanLoads()))
+        parts.append(DayPart(start_s + REST_S, start_s + turn_s, Activity.FINISHING, WORK))
+    parts.append(DayPart(PARTS * turn_s, (PARTS + 1) * turn_s, Activity.PAUSE, MeanLoads()))
     table = GrowingTable(warm_s)
-    control = EmulatedControl(table, clock, LoadCase(list(parts)), cycle=cycle, port=port)
+    control = EmulatedControl(table, clock, LoadCase(parts), cycle=cycle, port=port)
     table.cycles = control.nck.cycle.ended
     return control
 
