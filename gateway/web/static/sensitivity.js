@@ -11,10 +11,10 @@ const heading = (text) => {
   return cell;
 };
 const row = (e) => {
-  const found = make("tr"), name = make("th", e.error);
+  const found = make("tr"), name = make("th", e.error), first = e.slopes.findIndex((slope) => slope.n !== null);
   name.scope = "row";
   found.append(name, make("td", e.temperature), make("td", amount(e.follows), "right"),
-    ...e.slopes.map((slope, i) => make("td", amount(i ? slope : { ...slope, u: slope.n === null ? "" : e.unit }), "right")));
+    ...e.slopes.map((slope, i) => make("td", amount(i === first ? { ...slope, u: e.unit } : slope), "right")));
   return found;
 };
 let own = null;  // headings that the table has before those of the weeks
