@@ -3,8 +3,8 @@
 #
 #   PYTHON=python3.12 deploy/wheels.sh [FOLDER]    default: dist
 #
-# PYTHON: 3.12 or later with its headers, pip and venv. The compiler and the checks are Zig and abi3audit from PyPI, and
-# the tools of requirements/build.lock. Zig compiles for x86-64 and for aarch64 on either, and says which glibc it
+# PYTHON: 3.12 or later with its headers, pip and venv. Everything comes from the locks in requirements/, by hash:
+# wheels.lock has the compiler, Zig, and abi3audit; build.lock the other tools. Zig compiles for x86-64 and for aarch64 on either, and says which glibc it
 # needs. The headers are those of PYTHON for both: on 64-bit Linux the limited API depends on nothing else in them.
 set -euo pipefail
 cd "$(dirname "$0")/.."
@@ -21,7 +21,7 @@ export SOURCE_DATE_EPOCH PIP_DISABLE_PIP_VERSION_CHECK=1 PIP_ROOT_USER_ACTION=ig
 "$python" -m venv "$work/build"
 pip=("$work/build/bin/python" -m pip)
 "${pip[@]}" install --quiet --require-hashes -r requirements/build.lock
-"${pip[@]}" install --quiet ziglang==0.17.1 abi3audit==0.0.26
+"${pip[@]}" install --quiet --require-hashes -r requirements/wheels.lock
 mkdir "$work/source" "$work/wheels"  # a copy: an editable installation uses the tree's own build folder
 tar --exclude=./.git --exclude='./.[a-z]*' --exclude=./build --exclude=./dist --exclude=./out --exclude='*.so' -c . |
     tar -x -C "$work/source"

@@ -1,6 +1,8 @@
 """What is installed: the service; and as a distribution of its own the demo's machine, which no machine needs."""
 
+import json
 import os
+import re
 import shutil
 import socket
 import subprocess
@@ -71,11 +73,37 @@ def test_the_wheel_holds_the_service_and_no_simulators_studies_benchmarks_or_tes
     packages, names = packed(wheel)
     assert packages == INSTALLED
     assert not [name for name in names if Path(name).name.startswith(("test_", "conftest"))]
-    assert not [name for name in names if name.endswith((".cpp", ".hpp", ".lock"))]
+    assert not [name for name in names if name.endswith((".cpp", ".hpp", ".in", ".lock"))]
     notices = ("talc/licences/nanobind.txt", "talc/licences/robin-map.txt")  # of what is compiled into the kernel
     for needed in ("drivers/profiles/icpdas_m7015.toml", "gateway/__main__.py", *notices):
         assert needed in names
     assert [name for name in names if name.startswith("talc/_kernel") and name.endswith(".so")]
+
+
+def test_the_wheel_names_what_of_others_is_in_it(wheel: Path) -> None:
+    """A list below .dist-info/sboms (PEP 770), with the versions that it was compiled with, and their licences."""
+    with ZipFile(wheel) as archive:
+        (name,) = (name for name in archive.namelist() if ".dist-info/sboms/" in name)
+        bom = json.loads(archive.read(name))
+        licences = {Path(n).name for n in archive.namelist() if ".dist-info/licenses/" in n}
+    stated = {part["purl"]: [one["license"]["id"] for one in part["licenses"]] for part in bom["components"]}
+    assert {re.sub(r"@v?\d+\.\d+\.\d+$", "", purl): licence for purl, licence in stated.items()} == {
+        "pkg:pypi/nanobind": ["BSD-3-Clause"],
+        "pkg:github/tessil/robin-map": ["MIT"],
+        "pkg:npm/uplot": ["MIT"],
+    }
+    about = metadata(wheel)
+    assert bom["metadata"]["component"]["version"] == about["Version"]
+    assert about["License-Expression"] == "Apache-2.0 AND BSD-3-Clause AND MIT"
+    assert licences == {"LICENSE", "nanobind.txt", "robin-map.txt"}
+
+
+def test_whatever_builds_a_package_is_installed_by_hash() -> None:
+    scripts = sorted((ROOT / "deploy").rglob("*.sh"))
+    lines = [line for script in scripts for line in script.read_text("utf-8").replace("\\\n", "").splitlines()]
+    installs = [line for line in lines if re.search(r'(pip\b.*|\[@\]}" )install |into\[@\]', line) and "=(" not in line]
+    assert len(installs) >= 4
+    assert [line for line in installs if "--require-hashes" not in line and "--no-index" not in line] == []
 
 
 def test_the_same_source_in_another_folder_gives_the_same_bytes(source: Path, wheel: Path, tmp_path: Path) -> None:
