@@ -264,30 +264,64 @@ def _refused(guest: BootedDebian) -> TriedUnit:
     )
 
 
-def newer(package: Path, folder: Path) -> Path:
-    """A package of version 99 whose program ends itself, after it has migrated the database as a newer one would."""
-    raw = folder / "newer"
-    run(["dpkg-deb", "--raw-extract", package, raw], check=True)
-    for path, pattern in (("control", r"^Version: .*"), ("postinst", r"^version=.*")):
-        file = raw / "DEBIAN" / path
-        name = pattern[1:].partition("=" if "=" in pattern else ":")
-        file.write_text(re.sub(pattern, f"{name[0]}{name[1]}{' ' * (name[1] == ':')}99", file.read_text(), flags=re.M))
-    (raw / "opt/talc-gateway/version").write_text("99\n", encoding="utf-8")
-    (module,) = raw.glob("opt/talc-gateway/lib/python3.*/site-packages/gateway/watches/clock.py")
-    text = module.read_text(encoding="utf-8")
-    begins = "        if not self._waiting:\n"
-    assert begins in text, f"{module}: where its loop begins has changed"
-    module.write_text(text.replace(begins, BREAKS + begins, 1))
-    for compiled in module.parent.glob("__pycache__/clock.*"):
-        compiled.unlink()  # those of the package are not compared with their source
-    run(["dpkg-deb", "--root-owner-group", "-Znone", "--build", raw, folder / "newer.deb"], check=True)
-    run(["rm", "-rf", raw], check=True)
-    return folder / "newer.deb"
+@dataclass(frozen=True, slots=True)
+class BadPackage:
+    """A package of version 99, with one piece of its program replaced."""
+
+    name: str
+    module: str
+    """Below site-packages, without its suffix."""
+    before: str
+    after: str
+    longest_s: int = 120
+    """How long the installation waits until what was well before is well again."""
+
+    def build(self, package: Path, folder: Path) -> None:
+        """Make it of a good one, as NAME.deb in the folder."""
+        raw = folder / self.name
+        run(["dpkg-deb", "--raw-extract", package, raw], check=True)
+        for path, pattern, value in (
+            ("control", r"^(Version: ).*", "99"),
+            ("postinst", r"^(version=).*", "99"),
+            ("postinst", r"\b(longest_s=)\d+", str(self.longest_s)),
+        ):
+            file = raw / "DEBIAN" / path
+            text, times = re.subn(pattern, rf"\g<1>{value}", file.read_text(), flags=re.M)
+            assert times == 1, f"{path}: {pattern}"
+            file.write_text(text)
+        (raw / "opt/talc-gateway/version").write_text("99\n", encoding="utf-8")
+        (module,) = raw.glob(f"opt/talc-gateway/lib/python3.*/site-packages/{self.module}.py")
+        text = module.read_text(encoding="utf-8")
+        assert text.count(self.before) == 1, f"{module}: what is replaced has changed"
+        module.write_text(text.replace(self.before, self.after), encoding="utf-8")
+        for compiled in module.parent.glob(f"__pycache__/{module.stem}.*"):
+            compiled.unlink()  # those of the package are not compared with their source
+        run(["dpkg-deb", "--root-owner-group", "-Znone", "--build", raw, folder / f"{self.name}.deb"], check=True)
+        run(["rm", "-rf", raw], check=True)
+
+
+_LOOPS = "        if not self._waiting:\n"
+BAD_PACKAGES = (
+    BadPackage("ends", "gateway/watches/clock", _LOOPS, BREAKS + _LOOPS),  # after it has migrated the database
+    BadPackage(
+        "silent",
+        "gateway/acquisition/acquisition",
+        "return BusRunner(line, self._clock, self._publish,",
+        "return BusRunner(line, self._clock, lambda _: None,",
+        longest_s=45,
+    ),
+)
+
+
+def bad_packages(package: Path, folder: Path) -> None:
+    """What an upgrade must take back: newer packages whose program ends itself, or runs and reads nothing."""
+    for bad in BAD_PACKAGES:
+        bad.build(package, folder)
 
 
 def _upgrades(guest: BootedDebian) -> Iterator[TriedUnit]:
     guest.run("systemctl start talc-gateway")
-    failed = guest.tried("dpkg --install /newer.deb")
+    failed = guest.tried("dpkg --install /ends.deb")
     version, state = guest.run("cat /opt/talc-gateway/version").strip(), shown(guest, "ActiveState")["ActiveState"]
     told = [line for line in failed.stderr.splitlines() if "was not taken into use" in line]
     good = failed.returncode != 0 and (version, state) != ("99", "failed") and state == "active" and len(told) == 1
@@ -305,6 +339,25 @@ def _upgrades(guest: BootedDebian) -> Iterator[TriedUnit]:
     restarts = shown(guest, "NRestarts")["NRestarts"]
     good = (version != "99", left, restarts) == (True, ["talc-gateway"], "0")
     yield TriedUnit("a package that works is taken into use", good, f"version {version}, NRestarts {restarts}")
+    yield _silent(guest)
+
+
+def _silent(guest: BootedDebian) -> TriedUnit:
+    """On a grid of some seconds, as the service must have been well, with a decision, before it is upgraded."""
+    short = "s/^step_s = .*/step_s = 30.0/; s/^lead_s = .*/lead_s = 10.0/; s/gateway[.]sqlite/short.sqlite/"
+    guest.run(f"sed -i '{short}' {CONFIG} && systemctl restart talc-gateway")
+    guest.wait_until(f"talc-gateway status {CONFIG}")
+    failed = guest.tried("dpkg --install /silent.deb")
+    version, state = guest.run("cat /opt/talc-gateway/version").strip(), shown(guest, "ActiveState")["ActiveState"]
+    told = [line for line in failed.stderr.splitlines() if "was not taken into use" in line]
+    guest.wait_until(f"talc-gateway status {CONFIG}")
+    good = (
+        (failed.returncode != 0, version != "99", state, len(told)) == (True, True, "active", 1)
+        and "was good before the upgrade and is not any more" in told[0]
+        and "channels: 0 of 30 good" in failed.stderr
+    )
+    seen = "; ".join(told) or failed.stderr.strip()[-500:]
+    return TriedUnit("a newer program that runs and reads nothing is taken back", good, seen)
 
 
 def main() -> None:
@@ -314,7 +367,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory(dir="/var/tmp") as name:
         root = debootstrapped(Path(name) / "root")
         furnish(root, package, SystemdPace())
-        newer(package, root)
+        bad_packages(package, root)
         print("| tried | | seen |\n|---|---|---|")
         with BootedDebian(root, Path(name) / "console") as guest:
             for row in tries(guest):

@@ -16,7 +16,7 @@ import pytest
 
 from tests.benches.booted_debian import BootedDebian, debootstrapped
 from tests.benches.locked import locked
-from tests.benches.service_under_systemd import SystemdPace, furnish, newer, tries
+from tests.benches.service_under_systemd import SystemdPace, bad_packages, furnish, tries
 
 pytestmark = [pytest.mark.slow, pytest.mark.peer]
 
@@ -116,6 +116,29 @@ def check_contents(package: Path, tmp_path: Path) -> None:
     assert "ExecStart=/opt/talc-gateway/bin/talc-gateway run /etc/talc-gateway/gateway.toml" in unit
 
 
+def check_rehearsal(machine: InstalledHost) -> None:
+    """The emulated control of docs/arming.md, started by the package's own Python, and read as the page says."""
+    start = f"/{OWN}/bin/python -m simulators.nc --port 4841 --cycle-s 10 --warm-s 120 >nc & control=$!"
+    ready = "until grep -q ^#.ready nc; do kill -0 $control; sleep 0.1; done"
+    read = f"(cat /{CONFIG}; echo; cat nc) >r.toml; talc-gateway check r.toml; talc-gateway probe r.toml || true"
+    out = machine.run(f"cd /tmp; {start}; {ready}; {read}; kill $control; wait $control; tail -n 1 nc")
+    assert "r.toml: good. 1 buses, 1 devices, 3 channels" in out
+    assert "probe in spindle" in out, "the control is read; the serial port is not there"
+    assert out.splitlines()[-1] == "# ended"
+
+
+def check_partition(machine: InstalledHost, install: str) -> None:
+    """The data folder as a partition of its own: purged, it is empty, and the mount is where it was."""
+    inside = f"mkdir -p /{DATA} && mount -t tmpfs data /{DATA}"
+    left = machine.run(
+        f"{inside}; {install}; chown talc-gateway: /{DATA}; echo 1 >/{DATA}/gateway.sqlite; mkdir /{DATA}/reports; "
+        f"echo 1 >/{DATA}/reports/.day; dpkg --purge talc-gateway >&2; find /{DATA} -mindepth 1; mountpoint /{DATA}; "
+        f"umount /{DATA}; rmdir /{DATA}"
+    )
+    assert left.splitlines()[-1] == f"/{DATA} is a mountpoint"
+    assert not any(line.startswith(f"/{DATA}/") for line in left.splitlines())
+
+
 def test_it_installs_runs_upgrades_and_leaves_without_a_network(package: Path, debian: Path, tmp_path: Path) -> None:
     """One test, because several would each build the package on a worker of their own."""
     assert os.geteuid() == 0, "a chroot needs root"
@@ -131,6 +154,7 @@ def test_it_installs_runs_upgrades_and_leaves_without_a_network(package: Path, d
     demo = machine.run("cd /tmp; talc-gateway demo --hours 1 --plain; talc-gateway replay out/demo/gateway.sqlite")
     assert demo.splitlines()[-1] == "identical"
     assert machine.run(f"stat -c %U:%a /{DATA}").strip() == "talc-gateway:750"
+    check_rehearsal(machine)
 
     (debian / CONFIG).write_text((debian / CONFIG).read_text().replace('"mill"', '"lathe"'), encoding="utf-8")
     (debian / DATA / "gateway.sqlite").write_text("what was learnt", encoding="utf-8")
@@ -144,10 +168,12 @@ def test_it_installs_runs_upgrades_and_leaves_without_a_network(package: Path, d
     assert (debian / DATA / "gateway.sqlite").exists()
     machine.run("dpkg --purge talc-gateway")
     assert machine.files() == before
+    check_partition(machine, install)
+    assert machine.files() == before
 
     assert which("systemd-nspawn"), "Debian's package systemd-container"
     furnish(debian, package, SystemdPace(watchdog_s=60.0, restart_s=5.0))
-    newer(package, debian)
+    bad_packages(package, debian)
     with BootedDebian(debian, tmp_path / "console") as guest:
         rows = list(tries(guest))
     assert [row for row in rows if not row.good] == []
