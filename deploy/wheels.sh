@@ -4,8 +4,9 @@
 #   PYTHON=python3.12 deploy/wheels.sh [FOLDER]    default: dist
 #
 # PYTHON: 3.12 or later with its headers, pip and venv. Everything comes from the locks in requirements/, by hash:
-# wheels.lock has the compiler, Zig, and abi3audit; build.lock the other tools. Zig compiles for x86-64 and for aarch64 on either, and says which glibc it
-# needs. The headers are those of PYTHON for both: on 64-bit Linux the limited API depends on nothing else in them.
+# wheels.lock has the compiler, Zig, and abi3audit; build.lock the other tools. Zig compiles for x86-64 and for aarch64
+# on either, and says which glibc it needs. The headers are those of PYTHON for both: on 64-bit Linux the limited API
+# depends on nothing else in them.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
