@@ -19,6 +19,8 @@ from typing import Any
 import linuxcnc
 
 LIMIT_S = 60.0
+ARRIVED = 1e-7
+"""How near to its setpoint an axis has arrived, in the machine's units and degrees."""
 _LISTENS = "0A"
 """TCP_LISTEN in /proc/net/tcp."""
 
@@ -68,6 +70,8 @@ class ControlScreen:
         self.command.mdi(block)
         if self.command.wait_complete(LIMIT_S) != linuxcnc.RCS_DONE:
             raise RuntimeError(f"{block}: {self.errors.poll()}")
+        # A block is done when its last setpoint is planned; the interpolator reaches it some servo periods later.
+        self.until("axes where the block sent them", _arrived)
 
     def run(self, program: str) -> None:
         """Start a program; it goes on by itself."""
@@ -178,6 +182,10 @@ class ControlScreen:
         if done.returncode:
             raise RuntimeError(f"halcmd {' '.join(words)}: {done.stderr.strip()}")
         return done.stdout.strip()
+
+
+def _arrived(stat: Any) -> bool:
+    return all(abs(set_ - is_) < ARRIVED for set_, is_ in zip(stat.position, stat.actual_position, strict=True))
 
 
 def _signal(name: str, number: signal.Signals) -> None:
