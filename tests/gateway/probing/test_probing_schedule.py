@@ -204,6 +204,23 @@ def test_a_measurement_no_longer_wanted_while_requested_is_not_requested_again(e
     assert plan.asked() is Why.UNCERTAINTY
 
 
+@pytest.mark.parametrize(
+    ("wanted", "seen", "said"),
+    [
+        (Why.INTERVAL, CUTTING, "probing, no longer: the control cannot be reached"),
+        (None, None, "probing: no measurement is wanted any more; until now: the control cannot be reached"),
+    ],
+)
+def test_a_problem_that_may_go_on_is_not_said_to_be_over(
+    wanted: Why | None, seen: NcSnapshot | None, said: str
+) -> None:
+    plan, bulletin = schedule(), Bulletin()
+    plan.want(Why.INTERVAL, 0.0)
+    assert [event.kind for event in bulletin.of(plan.look(None, 0.0))] == [EventKind.PROBLEM]
+    plan.want(wanted, 60.0)
+    assert bulletin.of(plan.look(seen, 60.0)) == (Event(EventKind.PROBLEM_ENDED, said),)
+
+
 def test_repeats_end_when_the_measurement_is_no_longer_wanted() -> None:
     plan = schedule()
     plan.want(Why.NO_GOOD, 0.0)
