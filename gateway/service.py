@@ -22,7 +22,18 @@ from gateway.ages import Ages
 from gateway.clock import ServiceClock
 from gateway.commands import Command, CommandOutcome
 from gateway.config import GatewayConfig
-from gateway.control import AskReload, CommandTaker, GridLoop, GridSampler, PlannedLoads, Schedule, SensorWatch
+from gateway.control import (
+    AskReload,
+    CommandTaker,
+    Explanations,
+    GridLoop,
+    GridSampler,
+    Measuring,
+    PlannedLoads,
+    Schedule,
+    SensorWatch,
+    Trainings,
+)
 from gateway.events import (
     CompensationStepped,
     ConfigurationApplied,
@@ -39,7 +50,7 @@ from gateway.polling import Notice
 from gateway.probing import NotBegun, ProbingSchedule
 from gateway.storage import StoreError
 from gateway.watches import ClockWatch, HealthWatch, StoreWatch
-from talc.frame import Event, EventKind, Frame
+from talc.frame import Decision, Event, EventKind, Frame, TrainingJob, Why
 
 log = logging.getLogger(__name__)
 
@@ -119,8 +130,10 @@ class Service:
         )
         self._acquisition: Acquisition | None = None
         self._clock_watch = ClockWatch(self._ages, clock, self._noticed, self._remember)
-        self._grid = self._loop()
-        self._commands = CommandTaker(self.link, self._grid.measure_now, clock, self._sink, on_disk)
+        job, wanted = past.pending
+        self._measuring = self._make_measuring(wanted)
+        self._grid = self._loop(job)
+        self._commands = CommandTaker(self.link, self._measuring.order, clock, self._sink, on_disk)
 
     @property
     def fingerprint(self) -> str:
@@ -204,26 +217,29 @@ class Service:
     def _forget_acquisition(self) -> None:
         self._acquisition = None
 
-    def _loop(self) -> GridLoop:
+    def _make_measuring(self, wanted: Why | None) -> Measuring:
         probing = self._config.probing
+        plan = ProbingSchedule(
+            prefer_idle_s=probing.prefer_idle_s,
+            insist_after_s=probing.insist_after_s,
+            retries=probing.retries,
+            pause_s=probing.pause_s,
+        )
+        return Measuring(self.link, plan, probing, self._clock, self._sink, wanted)
+
+    def _loop(self, job: TrainingJob | None) -> GridLoop:
+        controller, clock, sink = self._past.controller, self._clock, self._sink
+        explanations = Explanations(controller, self._config.grid.step_s, clock, sink, self._planned.changes)
         return GridLoop(
-            self._past.controller,
+            controller,
             self._sampler,
             self._schedule,
-            self._clock,
-            self.link,
-            ProbingSchedule(
-                prefer_idle_s=probing.prefer_idle_s,
-                insist_after_s=probing.insist_after_s,
-                retries=probing.retries,
-                pause_s=probing.pause_s,
-            ),
-            probing,
-            self._sink,
-            self._past.pending,
+            clock,
+            sink,
+            self._measuring,
+            Trainings(controller, clock, sink, job),
             self._ages,
-            seen=self._seen,
-            planned=self._planned.changes,
+            [self._follow, self._seen, explanations.follow],
         )
 
     def _make_link(self) -> NcLink | None:
@@ -282,7 +298,11 @@ class Service:
         if self.link is not None:
             self.link.remembered(self._measured_s(), self._missing_s())
 
-    def _seen(self, frame: Frame) -> None:
+    def _follow(self, _: Frame, decision: Decision) -> None:
+        if self.link is not None:
+            self.link.follow(decision)
+
+    def _seen(self, frame: Frame, _: Decision) -> None:
         self._sensors.frame(frame)
         self._planned.frame(frame)
 

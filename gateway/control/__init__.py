@@ -6,32 +6,39 @@ from drivers.first_use import on_first_use
 
 if TYPE_CHECKING:
     from gateway.control.command_taker import AskReload, CommandTaker
+    from gateway.control.explaining import Explanations
     from gateway.control.grid import GridSampler, Schedule
     from gateway.control.loop import GridLoop
+    from gateway.control.measuring import Measuring
     from gateway.control.planned_loads import PlannedLoads
     from gateway.control.sensor_watch import SeenBefore, SensorWatch
-    from gateway.control.trainer import has_failed
+    from gateway.control.trainer import Trainings, has_failed
 else:
     __getattr__ = on_first_use(
         __name__,
         {
             ".command_taker": ("AskReload", "CommandTaker"),
+            ".explaining": ("Explanations",),
             ".grid": ("GridSampler", "Schedule"),
             ".loop": ("GridLoop",),
+            ".measuring": ("Measuring",),
             ".planned_loads": ("PlannedLoads",),
             ".sensor_watch": ("SeenBefore", "SensorWatch"),
-            ".trainer": ("has_failed",),
+            ".trainer": ("Trainings", "has_failed"),
         },
     )
 
 __all__ = [
     "AskReload",
     "CommandTaker",
+    "Explanations",
     "GridLoop",
     "GridSampler",
+    "Measuring",
     "PlannedLoads",
     "Schedule",
     "SeenBefore",
     "SensorWatch",
+    "Trainings",
     "has_failed",
 ]

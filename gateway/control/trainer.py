@@ -1,10 +1,19 @@
-"""Runs trainings outside the gateway's process, and returns an empty model set for one that failed."""
+"""Runs trainings in a separate process, and returns an empty model set for one that failed."""
+
+import asyncio
+import logging
+from collections.abc import Awaitable, Callable
 
 from gateway.apart import apart
+from gateway.clock import ServiceClock
+from gateway.events import EventReported, ModelsAdopted, Sink
+from talc.control import Controller
 from talc.frame import TrainingJob
 from talc.models import ModelSet
 from talc.names import THERMAL_ERRORS
 from talc.training import train
+
+log = logging.getLogger(__name__)
 
 _FAILED = "the training failed: "
 
@@ -24,3 +33,52 @@ def models_of_failure(job: TrainingJob, error: Exception) -> ModelSet:
 def has_failed(models: ModelSet) -> bool:
     """Whether these stand for a training that failed."""
     return any(note.startswith(_FAILED) for note in models.notes)
+
+
+class Trainings:
+    """One training at a time; the last one wanted follows it.
+
+    Parameters
+    ----------
+    controller: adopts the models
+    sink: receives models and events
+    job: what an earlier run still wanted
+    run: runs a training
+    """
+
+    def __init__(
+        self,
+        controller: Controller,
+        clock: ServiceClock,
+        sink: Sink,
+        job: TrainingJob | None = None,
+        run: Callable[[TrainingJob], Awaitable[ModelSet]] = train_apart,
+    ) -> None:
+        self._controller, self._clock, self._sink, self._job, self._run = controller, clock, sink, job, run
+        self._task: asyncio.Task[None] | None = None
+        self._k = -1
+
+    def want(self, job: TrainingJob | None, k: int) -> None:
+        """What the controller decided at step `k`; None: nothing new."""
+        self._k = k
+        if job is not None:
+            self._job = job
+
+    def begin(self, tasks: asyncio.TaskGroup) -> None:
+        """A step begins: start the training that is wanted, unless one runs."""
+        if self._job is not None and (self._task is None or self._task.done()):
+            job, self._job = self._job, None
+            self._task = tasks.create_task(self._train(job), name="training")
+
+    async def _train(self, job: TrainingJob) -> None:
+        # A training takes seconds; on a real machine that is less than a grid step.
+        with self._clock.hold():
+            try:
+                models = await self._run(job)
+            except Exception as error:
+                log.exception("the training of step %d failed", job.k)
+                models = models_of_failure(job, error)
+            events = self._controller.adopt(models)
+        self._sink(ModelsAdopted(models, self._k))
+        for event in events:
+            self._sink(EventReported(event, self._k))

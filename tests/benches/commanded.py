@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from gateway.commands import Command, CommandName, CommandOutcome
 from gateway.config import Probing
-from gateway.control import CommandTaker, GridLoop, GridSampler, Schedule
+from gateway.control import CommandTaker, GridLoop, GridSampler, Measuring, Schedule, Trainings
 from gateway.probing import ProbingSchedule
 from gateway.storage import StoreError
 from talc.control import Controller
@@ -48,12 +48,15 @@ async def commanded(bench: LinkBench, *, follow: float | None = None) -> AsyncIt
     """follow: the link is given a decision with this error each 30 s, instead of the loop's own."""
     told = KeptEvents()
     plan = ProbingSchedule(prefer_idle_s=600.0, insist_after_s=1800.0, retries=2, pause_s=3600.0)
+    controller, clock = Controller(("a",), TalcSettings(method="models")), bench.clock
+    measuring = Measuring(None if follow is not None else bench.link, plan, Probing(), clock, told)
     loop = GridLoop(
-        Controller(("a",), TalcSettings(method="models")), GridSampler(("a",), STEP_S), Schedule(STEP_S), bench.clock,
-        None if follow is not None else bench.link, plan, Probing(), told,
+        controller, GridSampler(("a",), STEP_S), Schedule(STEP_S), clock, told,
+        measuring, Trainings(controller, clock, told),
+        followers=[] if follow is not None else [lambda _, decision: bench.link.follow(decision)],
     )  # fmt: skip
     found = Commanded(bench, told, None)  # type: ignore[arg-type]
-    found.taker = CommandTaker(bench.link, loop.measure_now, bench.clock, told, found.on_disk)
+    found.taker = CommandTaker(bench.link, measuring.order, bench.clock, told, found.on_disk)
 
     async def following(error: float) -> None:
         while True:

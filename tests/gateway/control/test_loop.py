@@ -11,7 +11,7 @@ import pytest
 
 from drivers.nc import OperatingMode, ProbingState, ProgramState, RequestStatus
 from gateway.config import Probing, parse
-from gateway.control import GridLoop, GridSampler, Schedule
+from gateway.control import Explanations, GridLoop, GridSampler, Measuring, Schedule, Trainings
 from gateway.events import CompensationStepped, DecisionMade, ForecastMade, FrameMade, ModelsAdopted, ReasonsGiven
 from gateway.nc import Source
 from gateway.past import past_of
@@ -44,10 +44,14 @@ async def running(
     probing: Probing = Probing(),  # noqa: B008 -- frozen
 ) -> AsyncIterator[ProbingSchedule]:
     plan = ProbingSchedule(prefer_idle_s=600.0, insist_after_s=1800.0, retries=retries, pause_s=3600.0)
-    loop = GridLoop(
-        Controller(("a",), settings), GridSampler(("a",), STEP_S), Schedule(STEP_S), bench.clock,
-        bench.link, plan, probing, told, (None, pending),
-    )  # fmt: skip
+    controller, clock = Controller(("a",), settings), bench.clock
+    measuring, trainings = (
+        Measuring(bench.link, plan, probing, clock, told, pending),
+        Trainings(controller, clock, told),
+    )
+    followers = [lambda _, decision: bench.link.follow(decision), Explanations(controller, STEP_S, clock, told).follow]
+    grid = GridSampler(("a",), STEP_S), Schedule(STEP_S)
+    loop = GridLoop(controller, *grid, clock, told, measuring, trainings, followers=followers)
     task = asyncio.create_task(loop.run())
     try:
         async with bench.running():

@@ -16,7 +16,7 @@ import pytest
 
 from gateway.apart import WorkError, apart
 from gateway.config import Probing
-from gateway.control import GridLoop, GridSampler, Schedule, has_failed
+from gateway.control import GridLoop, GridSampler, Measuring, Schedule, Trainings, has_failed
 from gateway.control.trainer import models_of_failure, train_apart
 from gateway.probing import ProbingSchedule
 from talc.control import Controller
@@ -127,7 +127,7 @@ def _is_there(pid: int) -> bool:
 
 async def test_the_old_models_go_on_after_a_crash(caplog: pytest.LogCaptureFixture) -> None:
     """A second training that crashes is an event and a log entry; the first one's models predict as before."""
-    caplog.set_level(logging.CRITICAL, logger="gateway.control.loop")
+    caplog.set_level(logging.CRITICAL, logger="gateway.control.trainer")
     control = ControlSettings(calibration_steps=288)
     controller = Controller(DAY.names, TalcSettings(method="models", control=control))
     first: TrainingJob | None = None
@@ -139,7 +139,8 @@ async def test_the_old_models_go_on_after_a_crash(caplog: pytest.LogCaptureFixtu
     crashing, log, clock = replace(first, measured=first.measured[:, :4]), KeptEvents(), SteppedClock()
     sampler, schedule = GridSampler(DAY.names, 300.0), Schedule(300.0)
     plan = ProbingSchedule(prefer_idle_s=0.0, insist_after_s=0.0, retries=0, pause_s=0.0)
-    loop = GridLoop(controller, sampler, schedule, clock, None, plan, Probing(), log, (crashing, None))
+    measuring, trainings = Measuring(None, plan, Probing(), clock, log), Trainings(controller, clock, log, crashing)
+    loop = GridLoop(controller, sampler, schedule, clock, log, measuring, trainings)
     running = asyncio.create_task(loop.run())
     try:
         await until_adopted(clock, log)

@@ -11,7 +11,7 @@ import pytest
 from drivers.base import Quality, Reading
 from drivers.nc import ProbingState, RequestStatus
 from gateway.config import Probing, parse
-from gateway.control import GridLoop, GridSampler, Schedule
+from gateway.control import GridLoop, GridSampler, Measuring, Schedule, Trainings
 from gateway.probing.schedule import ProbingSchedule
 from gateway.replay import replay
 from gateway.storage import History, Store
@@ -67,9 +67,10 @@ async def test_a_chip_never_reaches_a_frame_or_a_model_and_the_replay_is_identic
         store.begin(config.canonical(), config.fingerprint(), "")
         sampler = GridSampler(config.input_names, STEP_S)
         plan = ProbingSchedule(prefer_idle_s=600.0, insist_after_s=1800.0, retries=3, pause_s=3600.0)
+        controller, clock, keep = Controller(config.input_names, config.talc), bench.clock, store.record
         loop = GridLoop(
-            Controller(config.input_names, config.talc), sampler, Schedule(STEP_S), bench.clock, bench.link,
-            plan, Probing(), store.record, train=here,
+            controller, sampler, Schedule(STEP_S), clock, keep, Measuring(bench.link, plan, Probing(), clock, keep),
+            Trainings(controller, clock, keep, run=here), followers=[lambda _, decision: bench.link.follow(decision)],
         )  # fmt: skip
         task = asyncio.create_task(loop.run())
         async with bench.running():

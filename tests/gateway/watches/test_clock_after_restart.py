@@ -17,7 +17,7 @@ from drivers.base import Quality
 from gateway.acquisition import Sample
 from gateway.ages import Ages, StepTime
 from gateway.config import GatewayConfig, Probing, parse
-from gateway.control import GridLoop, GridSampler, Schedule
+from gateway.control import GridLoop, GridSampler, Measuring, Schedule, Trainings
 from gateway.events import DecisionMade, FrameMade, ReadingsTaken
 from gateway.past import Past, controller_of, past_of
 from gateway.polling import Notice
@@ -136,11 +136,12 @@ class RestartedGrid:
                 store.record(event)  # type: ignore[arg-type]
                 self.told(event)  # type: ignore[arg-type]
 
+            plan = ProbingSchedule(prefer_idle_s=0.0, insist_after_s=0.0, retries=0, pause_s=0.0)
             loop = GridLoop(
                 self.past.controller, GridSampler(self.config.input_names, STEP_S),
-                Schedule(STEP_S, self.past.last_k, lead_s), self.clock, None,
-                ProbingSchedule(prefer_idle_s=0.0, insist_after_s=0.0, retries=0, pause_s=0.0), Probing(), sink,
-                ages=self.ages,
+                Schedule(STEP_S, self.past.last_k, lead_s), self.clock, sink,
+                Measuring(None, plan, Probing(), self.clock, sink),
+                Trainings(self.past.controller, self.clock, sink), self.ages,
             )  # fmt: skip
             async with running(loop.run()):
                 for at_s, right in moments:

@@ -1,0 +1,121 @@
+"""Handles a wanted measurement: waits for the right moment, requests it from the NC, and keeps its result."""
+
+import asyncio
+import logging
+
+from gateway.clock import ServiceClock
+from gateway.config import Probing
+from gateway.events import EventReported, MeasurementEnded, OutlookChanged, Sink
+from gateway.nc import NcLink
+from gateway.polling import Periodic
+from gateway.probing import Bulletin, End, Outcome, Outlook, ProbingSchedule, Standing
+from talc.frame import Event, EventKind, Measurement, Why
+
+log = logging.getLogger(__name__)
+
+
+class Measuring:
+    """One measurement at a time.
+
+    Parameters
+    ----------
+    link: the NC; None when the gateway runs without one
+    plan: when to request a measurement
+    probing: `lead_s` and `poll_s` are used
+    sink: receives outlooks, outcomes and events
+    wanted: what an earlier run still wanted
+    """
+
+    def __init__(
+        self,
+        link: NcLink | None,
+        plan: ProbingSchedule,
+        probing: Probing,
+        clock: ServiceClock,
+        sink: Sink,
+        wanted: Why | None = None,
+    ) -> None:
+        self._link, self._plan, self._probing, self._clock, self._sink = link, plan, probing, clock, sink
+        self._plan.want(wanted, clock.monotonic())
+        self._bulletin, self._outlook = Bulletin(), Outlook(Standing.NOT_WANTED, None)
+        self._task: asyncio.Task[None] | None = None
+        self._finished: Measurement | None = None
+        self._k = -1
+        self._present: tuple[asyncio.TaskGroup, float] | None = None
+        """Tasks and end of the present step; None: none has begun."""
+
+    def want(self, why: Why | None, k: int) -> None:
+        """What the controller decided at step `k`."""
+        self._k = k
+        self._plan.want(why, self._clock.monotonic())
+
+    def begin(self, tasks: asyncio.TaskGroup, end_s: float) -> None:
+        """A step begins, which lasts until `end_s`: handle what is wanted, so that its result comes before that."""
+        self._present = tasks, end_s
+        if (
+            self._plan.wanted
+            and self._link is not None
+            and self._link.may_probe
+            and (self._task is None or self._task.done())
+            and self._finished is None
+        ):
+            at = max(self._clock.monotonic(), end_s - self._probing.lead_s)
+            self._task = tasks.create_task(self._measure(self._link, at), name="measurement")
+
+    def end(self) -> None:
+        """No step runs from now on."""
+        self._present = None
+
+    def order(self) -> Outlook:
+        """A person wants a measurement, so that this step contains its result if there is time for it.
+
+        Returns how it stands.
+        """
+        self._plan.order(self._clock.monotonic())
+        if self._present is not None:
+            self.begin(*self._present)
+        outlook = self._plan.look(None if self._link is None else self._link.present, self._clock.monotonic())
+        self._tell(outlook)
+        return outlook
+
+    def take(self) -> Measurement | None:
+        """The result that has not been taken yet."""
+        finished, self._finished = self._finished, None
+        return finished
+
+    async def _measure(self, link: NcLink, at_s: float) -> None:
+        polls = Periodic(self._clock, self._probing.poll_s, first_s=at_s)
+        while True:
+            await polls.wait()
+            if not link.tried:  # a run begins with a measurement that an earlier one wanted
+                polls.done()
+                continue
+            outlook = self._plan.look(link.present, self._clock.monotonic())
+            self._tell(outlook)
+            if outlook.standing is Standing.DUE:
+                break
+            if not self._plan.wanted:
+                self._tell(self._plan.look(link.present, self._clock.monotonic()))
+                return
+            polls.done()
+        why = self._plan.asked()
+        self._tell(self._plan.look(link.present, self._clock.monotonic()))
+        outcome: Outcome = await link.measure(why)
+        self._sink(MeasurementEnded(outcome))
+        if outcome.end is End.REJECTED:
+            log.warning("measurement rejected: %s", outcome.reason)
+            self._sink(EventReported(Event(EventKind.MEASUREMENT_REJECTED, outcome.reason), self._k))
+        self._finished = outcome.measurement
+        self._tell(self._plan.ended(outcome.end, outcome.reason, self._clock.monotonic()))
+
+    def _tell(self, outlook: Outlook) -> None:
+        """Publish what changed; log each reason once while it lasts."""
+        if outlook == self._outlook:
+            return
+        if outlook.standing is Standing.WAITING and outlook.reason != self._outlook.reason:
+            log.info("a measurement (%s) %s", outlook.why, outlook.reason)
+        self._outlook = outlook
+        self._sink(OutlookChanged(outlook))
+        for event in self._bulletin.of(outlook):
+            log.warning("%s", event.text)
+            self._sink(EventReported(event, self._k))
