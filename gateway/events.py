@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from gateway.acquisition import Sample
-from gateway.ages import StepTime
+from gateway.clock import StepTime
 from gateway.commands import CommandOutcome, Disarmed, Pause
 from gateway.config import GatewayConfig
 from gateway.nc import NcState, Write

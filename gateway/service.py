@@ -18,8 +18,7 @@ from gateway.acquisition import (
     bus_changes,
     lines_of,
 )
-from gateway.ages import Ages
-from gateway.clock import ServiceClock
+from gateway.clock import Ages, ServiceClock
 from gateway.commands import Command, CommandOutcome
 from gateway.config import GatewayConfig
 from gateway.control import (

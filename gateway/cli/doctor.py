@@ -13,9 +13,9 @@ import numpy as np
 from gateway.acquisition import NO_OTHER_MASTER, OTHER_MASTER
 from gateway.cli.doctor_files import unread_files
 from gateway.cli.terminal import terminal
+from gateway.clock import clock_synchronised
 from gateway.config import CanOpenSection, CanSection, GatewayConfig, ModbusRtuSection, cautions, credential_problems
 from gateway.storage import History, answered
-from gateway.time_service import clock_synchronised
 from talc.frame import FloatArray
 
 _SUPPLY = (

@@ -84,7 +84,7 @@ _SAID_OTHERWISE = {
 
 def run_recording(request: Request) -> None:
     """Check the recording, run the controller over it, print the table and write the page."""
-    from gateway.rehearsal import columns_of, learnt_columns, rehearse_recording
+    from gateway.replay import columns_of, learnt_columns, rehearse_recording
     from gateway.report import build, summary, table
 
     sections = TalcOnly() if request.config is None else load_talc_only(request.config)

@@ -10,7 +10,7 @@ from importlib.metadata import version
 
 from gateway.cli.day_reports import DayReports
 from gateway.cli.stored import course_of, history_of, rows_of
-from gateway.clock import ServiceClock
+from gateway.clock import ServiceClock, clock_synchronised
 from gateway.config import GatewayConfig, packed_toml
 from gateway.events import ConfigurationApplied, EventReported, GatewayEvent, Sink, in_order
 from gateway.nc import Identity
@@ -19,7 +19,6 @@ from gateway.recordings import WireLogWriter
 from gateway.service import Service
 from gateway.storage import DiskWork, Retention, Store, boot_id
 from gateway.telemetry import TelemetryPublisher
-from gateway.time_service import clock_synchronised
 from gateway.versions import versions
 from talc.frame import Event, EventKind
 

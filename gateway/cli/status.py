@@ -8,9 +8,9 @@ from pathlib import Path
 
 from gateway.cli.opening import armed
 from gateway.cli.terminal import printable, terminal
+from gateway.clock import clock_synchronised
 from gateway.config import GatewayConfig, unarmed
 from gateway.storage import History, answered
-from gateway.time_service import clock_synchronised
 from talc.frame import EventKind
 
 _RECENT = timedelta(hours=24)

@@ -5,8 +5,7 @@ import logging
 import math
 from collections.abc import Callable, Sequence
 
-from gateway.ages import Ages, StepTime
-from gateway.clock import ServiceClock
+from gateway.clock import Ages, ServiceClock, StepTime
 from gateway.control.grid import GridSampler, Instant, Schedule
 from gateway.control.measuring import Measuring
 from gateway.control.trainer import Trainings

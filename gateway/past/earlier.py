@@ -4,7 +4,7 @@ import json
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field
 
-from gateway.ages import StepTime
+from gateway.clock import StepTime
 from gateway.commands import Disarmed, Pause
 from gateway.config import GatewayConfig, parse_prior, validate
 from gateway.control import SeenBefore

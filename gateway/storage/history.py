@@ -10,7 +10,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from gateway.ages import StepTime
+from gateway.clock import StepTime
 from gateway.commands import CommandName, CommandOutcome, Disarmed, Pause
 from gateway.storage import rows
 from gateway.storage.answers import DiskWork

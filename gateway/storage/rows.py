@@ -12,7 +12,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from gateway.ages import StepTime
+from gateway.clock import StepTime
 from gateway.commands import Command, CommandName, CommandOutcome
 from gateway.nc import Write
 from gateway.probing import Outcome

@@ -5,8 +5,7 @@ import math
 from collections.abc import Callable
 from datetime import timedelta
 
-from gateway.ages import Ages
-from gateway.clock import ServiceClock
+from gateway.clock import Ages, ServiceClock
 from gateway.polling import Notify, Periodic, Problems
 
 log = logging.getLogger(__name__)

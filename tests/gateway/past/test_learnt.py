@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
-from gateway.ages import Ages
 from gateway.cli import main
+from gateway.clock import Ages
 from gateway.config import GatewayConfig, load
 from gateway.events import DecisionMade, FrameMade, MeasurementEnded, ModelsAdopted
 from gateway.past import Past, past_of

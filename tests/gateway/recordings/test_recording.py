@@ -15,7 +15,7 @@ from click.testing import CliRunner, Result
 from gateway.cli import main
 from gateway.config import ConfigError, load, load_talc_only
 from gateway.recordings import Columns, RecordingError, read_recording
-from gateway.rehearsal import rehearse_recording
+from gateway.replay import rehearse_recording
 from talc.frame import Phase
 from talc.settings import ControlSettings, TalcSettings
 from tests.benches.thermal_series import series

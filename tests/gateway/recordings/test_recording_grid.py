@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from gateway.recordings import Columns, Recording, read_recording
-from gateway.rehearsal import rehearse_recording
+from gateway.replay import rehearse_recording
 from talc.frame import Phase
 from talc.settings import ControlSettings, TalcSettings
 from tests.benches.thermal_series import series

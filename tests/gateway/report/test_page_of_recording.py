@@ -13,7 +13,7 @@ from click.testing import CliRunner, Result
 
 from gateway.cli import main
 from gateway.recordings import Columns, read_recording
-from gateway.rehearsal import rehearse_recording
+from gateway.replay import rehearse_recording
 from gateway.report import build
 from talc.settings import TalcSettings
 

@@ -15,7 +15,7 @@ import pytest
 
 from drivers.base import Quality
 from gateway.acquisition import Sample
-from gateway.ages import Ages, StepTime
+from gateway.clock import Ages, StepTime
 from gateway.config import GatewayConfig, Probing, parse
 from gateway.control import GridLoop, GridSampler, Measuring, Schedule, Trainings
 from gateway.events import DecisionMade, FrameMade, ReadingsTaken

@@ -9,12 +9,12 @@ import pytest
 
 from drivers.base import Quality, Reading
 from gateway.acquisition import Board
+from gateway.clock import clock_synchronised
 from gateway.config import parse
 from gateway.events import ConfigurationApplied, DecisionMade, HealthChecked, OutlookChanged, StoreHealth
 from gateway.past import Past
 from gateway.probing import Outlook, Standing
 from gateway.service import Service
-from gateway.time_service import clock_synchronised
 from gateway.watches import HealthWatch
 from talc.control import Controller
 from talc.frame import Why

@@ -8,8 +8,8 @@ from threading import Thread
 
 import pytest
 
-from gateway import time_service
-from gateway.time_service import chrony_synchronised, clock_synchronised
+from gateway.clock import time_service
+from gateway.clock.time_service import chrony_synchronised, clock_synchronised
 
 # Answers to `tracking` of chronyd 4.3 (Debian 12): without a server, with one, and with `local stratum 5` alone.
 UNSET = bytes.fromhex(

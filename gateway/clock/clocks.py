@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Protocol
 
 from drivers.base import Clock, SystemClock
-from gateway.time_service import clock_synchronised
+from gateway.clock.time_service import clock_synchronised
 
 
 class ServiceClock(Clock, Protocol):

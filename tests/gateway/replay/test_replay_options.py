@@ -14,7 +14,7 @@ from click.testing import CliRunner, Result
 
 from gateway.cli import main
 from gateway.recordings import Columns, RecordingError, TimeFormat, read_recording
-from gateway.rehearsal import learnt_columns, rehearse_recording
+from gateway.replay import learnt_columns, rehearse_recording
 from gateway.report import AdoptedModels
 from talc.models import ModelSet
 from talc.names import THERMAL_ERRORS

@@ -9,7 +9,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from gateway.clock import ServiceClock
+from gateway.clock.clocks import ServiceClock
 
 
 @dataclass(frozen=True, slots=True)
