@@ -17,6 +17,7 @@ from simulators.devices import Cia404Node
 from simulators.devices.multicast_bus import MulticastBus
 from simulators.devices.slcan_adapter import CanFrame
 from tests.benches.can_talk import NODE, VALUE, talking
+from tests.benches.free_port import free_port
 
 pytestmark = pytest.mark.simulated_time
 
@@ -209,10 +210,7 @@ def test_noise_around_an_adapters_lines_gives_the_value_or_an_error() -> None:
 
 
 def test_foreign_packets_on_the_group_are_ignored() -> None:
-    stack = AsyncExitStack()
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("", 0))
-        port = int(probe.getsockname()[1])
+    stack, port = AsyncExitStack(), free_port()
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger, asyncio.Runner() as runner:
         stranger.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, 0)
 

@@ -1,7 +1,6 @@
 """CAN interfaces on a silent bus while the wall clock jumps."""
 
 import asyncio
-import socket
 import time
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
@@ -13,6 +12,7 @@ from drivers.can.settings import CAN_INTERFACES, CanInterfaceSettings
 from drivers.can.survey import CanSurvey, Heard
 from simulators.devices import SlcanAdapter
 from tests.benches.can_kernel import CanKernel
+from tests.benches.free_port import free_port
 from tests.benches.simulated_time import jump_wall_clock
 
 pytestmark = pytest.mark.simulated_time
@@ -48,10 +48,7 @@ async def silent(interface: str, monkeypatch: pytest.MonkeyPatch) -> AsyncIterat
             monkeypatch.setattr("can.interfaces.socketcan.socketcan.create_socket", CanKernel().create)
             yield options
         case "udp_multicast":
-            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-                probe.bind(("", 0))
-                port = int(probe.getsockname()[1])
-            yield options | {"channel": "239.74.163.9", "port": port}
+            yield options | {"channel": "239.74.163.9", "port": free_port()}
         case _:
             yield options
 

@@ -1,6 +1,5 @@
 """CANopen between two bus objects over UDP multicast, as between two programs."""
 
-import socket
 from collections.abc import Iterator
 from queue import Queue
 
@@ -10,6 +9,7 @@ from drivers.base import NoAnswer, SystemClock
 from drivers.build import make_bus, make_device
 from simulators.devices import Cia404Node
 from simulators.devices.multicast_bus import MulticastBus
+from tests.benches.free_port import free_port
 
 pytestmark = pytest.mark.simulated_time
 
@@ -18,15 +18,13 @@ TEMPERATURES = [20.0, -3.3]
 
 
 @pytest.fixture
-def free_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("", 0))
-        return int(probe.getsockname()[1])
+def port() -> int:
+    return free_port()
 
 
 @pytest.fixture
-def wire(free_port: int) -> Iterator[MulticastBus]:
-    bus = MulticastBus([Cia404Node(5, lambda: TEMPERATURES, inputs=2)], GROUP, free_port)
+def wire(port: int) -> Iterator[MulticastBus]:
+    bus = MulticastBus([Cia404Node(5, lambda: TEMPERATURES, inputs=2)], GROUP, port)
     bus.start()
     yield bus
     bus.stop()
@@ -34,9 +32,9 @@ def wire(free_port: int) -> Iterator[MulticastBus]:
 
 @pytest.mark.parametrize("transfer", ["sdo", "sync"])
 async def test_node_is_read_until_it_leaves_and_again_when_it_is_back(
-    wire: MulticastBus, free_port: int, transfer: str
+    wire: MulticastBus, port: int, transfer: str
 ) -> None:
-    options = {"interface": "udp_multicast", "channel": GROUP, "port": free_port, "timeout_s": 0.5}
+    options = {"interface": "udp_multicast", "channel": GROUP, "port": port, "timeout_s": 0.5}
     bus = make_bus("can1", "canopen", options)
     choice = {"vendor": "jumo", "transfer": transfer}
     driver = make_device("node", bus, "cia404", 5, {"a": 0, "b": 1}, choice, SystemClock())
@@ -67,10 +65,10 @@ class FrameLog:
         return ()
 
 
-def test_an_identifier_of_29_bits_is_received_as_it_was_sent(free_port: int) -> None:
+def test_an_identifier_of_29_bits_is_received_as_it_was_sent(port: int) -> None:
     """As an emulated device writes it, with bit 31: who plays a recording back must know its own frames again."""
     ear, extended = FrameLog(), 1 << 31 | 0x18FEDF00
-    bus = MulticastBus([ear], GROUP, free_port)
+    bus = MulticastBus([ear], GROUP, port)
     bus.start()
     try:
         bus.send([(extended, b"\x01"), (0x123, b"\x02")])
