@@ -106,7 +106,7 @@ async def test_the_status_names_the_planned_loads_of_the_configuration_in_use(tm
         before = last_values(port)["talc/mill/status"]["planned_loads"]
         t.publish(ConfigurationApplied(_with_planned_loads(tmp_path, "roughing")))
         t.publish(EventReported(Event(EventKind.PROBLEM, "after that"), 8))
-        after = last_values(port)["talc/mill/status"]["planned_loads"]
+        after = last_values(port, "after that")["talc/mill/status"]["planned_loads"]
     assert (before, after) == (["warm-up", "roughing"], ["roughing"])
 
 
