@@ -121,13 +121,14 @@ async def test_the_command_is_killed_and_goes_on_and_the_queries_of_the_page_giv
                 write(store, range(more - 6, more))
                 process.kill()
                 await process.communicate()
+            write(store, range(18, 24))  # what the last one says that it has collected
             process = await start(port, folder)
-            await until(lambda: count(folder, "readings") == 36, process)
+            await until(lambda: count(folder, "readings") == 48, process)
             process.send_signal(signal.SIGTERM)
             out, err = await process.communicate()
     assert process.returncode == 0, err
     assert re.fullmatch(rf"{folder}: collecting .*\nmill: .*\d+ steps.*\n", out.decode())
-    assert count(folder, "steps") == 18
+    assert count(folder, "steps") == 24
     code = "\n".join(re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL))
     assert code.count("site/") == 2
     process = await asyncio.create_subprocess_exec(
