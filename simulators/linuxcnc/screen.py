@@ -109,8 +109,14 @@ class ControlScreen:
             return lines.readline()
 
     def freeze(self, name: str) -> None:
-        """Freeze a part of LinuxCNC until `thaw`, as if its computer hung."""
-        _signal(name, signal.SIGSTOP)
+        """Freeze a part of LinuxCNC until `thaw`, as if its computer hung; returns when none of its threads runs."""
+        processes = _signal(name, signal.SIGSTOP)
+        # One thread takes the signal and stops the others: beside busy programs they run on until it has a core.
+        deadline = time.monotonic() + LIMIT_S
+        while not all(map(_stopped, processes)):
+            if time.monotonic() > deadline:
+                raise TimeoutError(f"{name} runs on")
+            time.sleep(0.001)
 
     def thaw(self, name: str) -> None:
         _signal(name, signal.SIGCONT)
@@ -188,8 +194,8 @@ def _arrived(stat: Any) -> bool:
     return all(abs(set_ - is_) < ARRIVED for set_, is_ in zip(stat.position, stat.actual_position, strict=True))
 
 
-def _signal(name: str, number: signal.Signals) -> None:
-    """Send the signal to every process of this name in this namespace."""
+def _signal(name: str, number: signal.Signals) -> list[int]:
+    """Send the signal to every process of this name in this namespace; their numbers."""
     found = []
     for path in Path("/proc").glob("[0-9]*/comm"):
         with suppress(OSError):  # another process may end while this one reads
@@ -199,6 +205,16 @@ def _signal(name: str, number: signal.Signals) -> None:
         raise RuntimeError(f"no process {name}")
     for pid in found:
         os.kill(pid, number)
+    return found
+
+
+def _stopped(process: int) -> bool:
+    """Whether every thread of it is stopped by a signal."""
+    states = set()
+    for path in Path(f"/proc/{process}/task").glob("*/stat"):
+        with suppress(OSError):  # a thread may end while this one reads
+            states.add(path.read_text().rpartition(")")[2].split()[0])
+    return states == {"T"}
 
 
 def _sphere() -> Any:
