@@ -21,7 +21,7 @@ from gateway.nc import Earlier, Identity, LinkSettings, Listeners, NcLink
 from simulators.linuxcnc.machine import HURRY
 from talc import kinematics
 from talc.frame import Decision, FloatArray, Phase
-from tests.benches.linuxcnc_bench import AgentBench, claimed, running
+from tests.benches.linuxcnc_bench import AgentBench, claimed, running, until
 
 WARM = np.array([2.1, 88.8, 11.3, 6.4, 21.7, 12.6, 35.0, -18.0, 24.0])
 """µm and µm/m: ER0T and EZ0A of the emulated machine after four hours of work, the others of their usual size."""
@@ -33,7 +33,8 @@ MOTIONS: Mapping[str, str] = {
     "A ± 60° at 60°/s": "G1 A60 F3600\nA-60\n",
 }
 _PROGRAM = (
-    "#1 = 1\nG21 G90 G64\nG53 G0 X60 Y0 Z80 A{a} C0\no1 while [#1 LT 90]\n{motion}#1 = [#1 + 1]\no1 endwhile\nM2\n"
+    "#1 = 1\nG21 G90 G64\nG53 G0 X60 Y0 Z80 A{a} C0\nM68 E9 Q{mark}\n"
+    "o1 while [#1 LT 90]\n{motion}#1 = [#1 + 1]\no1 endwhile\nM2\n"
 )
 _MACHINE = {**HURRY, "MAX_ACCELERATION": 2000, "MAX_LINEAR_ACCELERATION": 2000, "SLEW": 10, "LOWER": -0.5, "BOUND": 0.5}
 
@@ -48,10 +49,16 @@ class ShiftsOnly(AgentControl):
 
 @asynccontextmanager
 async def in_motion(bench: AgentBench, folder: Path, motion: str) -> AsyncIterator[None]:
-    """The part program runs. folder: where LinuxCNC's INI file is."""
-    (folder / "motion.ngc").write_text(_PROGRAM.format(motion=MOTIONS[motion], a=30 if motion.startswith("X") else 0))
+    """The part program runs, and is where the motion begins. folder: where LinuxCNC's INI file is."""
+    mark = 1 + list(MOTIONS).index(motion)
+    program = _PROGRAM.format(motion=MOTIONS[motion], mark=mark, a=30 if motion.startswith("X") else 0)
+    (folder / "motion.ngc").write_text(program)
     await bench.operator.ask("run", "motion.ngc")
-    await asyncio.sleep(1.0)
+
+    async def there() -> bool:
+        return await bench.operator.number("getp", "motion.analog-out-09") == mark
+
+    await until(there)
     try:
         yield
     finally:
