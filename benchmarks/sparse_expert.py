@@ -22,7 +22,7 @@ from talc.settings import ControlSettings, TalcSettings
 _DAY, _HOURS, _INTERVAL = 288, 96, 24
 _TEMPER, _KEPT, _SHARED, _LEAST_NOISE = 0.3, 0.97, 0.01, 0.25
 """As in talc.learner.mixture."""
-_SHARES = {"one expert of eighteen": 1.0 / 18.0, "half of the weight": 0.5}
+_SHARES = {"an eighteenth of the weight": 1.0 / 18.0, "half of the weight": 0.5}
 """First weight of the models, and their part of the weight that is spread."""
 
 

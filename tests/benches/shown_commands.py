@@ -93,7 +93,7 @@ TABLE: dict[str, HowShown] = {
     r"init (gateway\.toml|CONFIG)": RunElsewhere("tests/gateway/cli/test_init.py", '"init"'),
     r"collect '?postgresql://.*": RunElsewhere("tests/gateway/collect/test_database_command.py", '"collect"'),
     r"collect (FOLDER|site) .*": RunElsewhere("tests/gateway/collect/test_network.py", '"collect"'),
-    r"publish outlets\.toml.*": RunElsewhere("tests/gateway/outlets/test_publish.py", '"publish"'),
+    r"publish (OUTLETS|outlets\.toml.*)": RunElsewhere("tests/gateway/outlets/test_publish.py", '"publish"'),
     r"watch.*": RunElsewhere("tests/gateway/cli/test_watch.py", '"watch"'),
     r"web (CONFIG|gateway\.toml|--connect .*)": RunElsewhere("tests/benches/page_rig.py", '"web", '),
     r"opcua (CONFIG|gateway\.toml)": RunElsewhere("tests/gateway/umati/test_opcua_command.py", '"opcua"'),

@@ -32,6 +32,12 @@ def test_page_results_and_summary_show_one_run(study: str) -> None:
     assert f"code {code};" in row
 
 
+def test_no_page_is_said_to_show_a_part_of_what_was_run_in_full() -> None:
+    before, _, rows = words("studies.md").partition("What has been run")
+    partly = re.findall(r"\[([a-z-]+)\]\(studies/[a-z-]+\.html\) with \d+ of its", before)
+    assert not [study for study in partly if re.search(rf"\| `{study}` \| all ", rows)]
+
+
 def test_every_page_was_made_with_the_learner_of_today() -> None:
     said = re.search(r"In every table the learner has its present (\w+) filters\.", words("studies.md"))
     assert said is not None
