@@ -13,6 +13,9 @@ ERROR_UNITS: Final = dict.fromkeys(THERMAL_ERRORS[:6], MICROMETRE) | dict.fromke
     THERMAL_ERRORS[6:], MICROMETRE_PER_METRE
 )
 
+TINY_UM: Final = 0.25
+"""Errors that are never larger are most likely not in µm: the learner believes no measurement to be better."""
+
 LEAST_NAMED: Final = 0.05
 """In an error's unit: what moves it by less would be told as zero, and is not named."""
 LEAST_SHARE_NAMED: Final = 0.05
@@ -50,7 +53,12 @@ def resembles_error(name: str, error: str, letters: bool = False) -> bool:
     letters: also names that are nothing else, such as x1 and z.
     """
     own, other = _stem(name), _stem(error)
-    return (own == other and (letters or bool(own))) or bool(_ERROR_WORDS & set(own) and _ERROR_WORDS & set(other))
+    return (own == other and (letters or bool(own))) or (called_an_error(name) and called_an_error(error))
+
+
+def called_an_error(name: str) -> bool:
+    """Whether a column's name says that it holds errors, of whatever kind (`Drift X`)."""
+    return bool(_ERROR_WORDS & set(_stem(name)))
 
 
 def _stem(name: str) -> tuple[str, ...]:

@@ -76,6 +76,20 @@ def means_and_lasts(index: IntArray, inputs: FloatArray, errors: FloatArray) -> 
     return k, means, lasts
 
 
+def measured_together(inputs: FloatArray, errors: FloatArray) -> dict[int, int]:
+    """Inputs that have values in the same few rows as an error, while another input has more: input to error.
+
+    Such an input was most likely measured with the error, and is one too. inputs: (rows, n); errors: (rows, m).
+    """
+    known, measured = ~np.isnan(inputs), ~np.isnan(errors)
+    found: dict[int, int] = {}
+    for e, rows in enumerate(measured.T):
+        if 0 < rows.sum() <= len(rows) / 2 and known[~rows].any():
+            same = np.flatnonzero((known == rows[:, None]).all(axis=0))
+            found |= dict.fromkeys(same.tolist(), e)
+    return found
+
+
 def _mean(rows: FloatArray) -> FloatArray:
     known = ~np.isnan(rows)
     count = known.sum(axis=0)

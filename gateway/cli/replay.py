@@ -15,6 +15,7 @@ from gateway.config import ConfigError, PriorError, PriorFile, Problem, TalcOnly
 from gateway.recordings import Columns, Recording, read_recording, write_table
 from gateway.replay import replay
 from gateway.storage import History
+from talc.names import ERROR_UNITS, MICROMETRE, THERMAL_ERRORS, TINY_UM
 
 _DAY_H = 24.0
 _LEAST_CALIBRATION = 12
@@ -138,10 +139,25 @@ def _roles(recording: Recording, columns: Columns) -> str:
     lines = [f"errors: {', '.join(errors)}", f"inputs ({len(inputs)}): {', '.join(inputs)}"]
     if left:
         lines.append(f"left out: {', '.join(left)}")
+    lines += _tiny(recording)
     if recording.origin_s is not None:
         begin = f"the first row, {recording.origin_s:g} s" if recording.origin_s else "the first row"
         lines.append(f"times: seconds without a date; the report counts hours from {begin}")
     return "\n".join(lines)
+
+
+def _tiny(recording: Recording) -> list[str]:
+    """Of errors that are hardly in µm: they would be left alone in silence."""
+    lines = []
+    for name, place, values in zip(recording.labels, THERMAL_ERRORS, recording.errors.T, strict=True):
+        if name in recording.error_columns and ERROR_UNITS[place] == MICROMETRE:
+            largest = float(np.max(np.abs(values), initial=0.0, where=np.isfinite(values)))
+            if 0.0 < largest <= TINY_UM:
+                unit = shlex.quote(f"{name}=mm")
+                lines.append(
+                    f"{name} is at most {largest:.2g} µm, too little to be learnt; if it is in mm: --unit {unit}"
+                )
+    return lines
 
 
 def _calibrated(sections: TalcOnly, recording: Recording, minutes: float, file: Path) -> TalcOnly:

@@ -7,7 +7,15 @@ from dataclasses import dataclass, field
 from gateway.config import suggestion
 from gateway.recordings.cells import TimeFormat
 from gateway.recordings.problems import FileProblems
-from talc.names import ERROR_UNITS, MICROMETRE, MICROMETRE_PER_METRE, THERMAL_ERRORS, like_an_error, resembles_error
+from talc.names import (
+    ERROR_UNITS,
+    MICROMETRE,
+    MICROMETRE_PER_METRE,
+    THERMAL_ERRORS,
+    called_an_error,
+    like_an_error,
+    resembles_error,
+)
 
 COLUMN_UNITS: Mapping[str, tuple[str, float]] = {
     "um": (MICROMETRE, 1.0),
@@ -72,7 +80,7 @@ def roles_of(head: Sequence[str], columns: Columns, problems: FileProblems) -> R
             problems.add(f"unit of {error}", f"there is no such error; {suggestion(error, list(errors))}")
     if not errors:
         expected = f"expected one or more of {', '.join(THERMAL_ERRORS)}, or --error NAME=COLUMN"
-        problems.add("", f"no column of a thermal error; {expected}")
+        problems.add("", f"no column of a thermal error; {expected}; columns: {', '.join(filter(None, head))}")
     if not inputs:
         problems.add("", "no column remains as an input")
     return Roles(columns.time, errors, inputs, ignored)
@@ -126,6 +134,25 @@ def _used_once(
         first.setdefault(name, role)
 
 
+def without_companions(found: Mapping[int, int], roles: Roles, columns: Columns, problems: FileProblems) -> None:
+    """Inputs that were measured in the same few rows as an error are refused, unless they were named as inputs.
+
+    found: number of the input to number of the error.
+    """
+    measured = tuple(roles.errors.values())
+    for i, error in found.items():
+        name = roles.inputs[i]
+        if name not in columns.inputs:
+            what = f"has values only where {measured[error]!r} has them, which is an error; {_role_needed(name)}"
+            problems.add(f"column {name!r}", what)
+
+
+def _role_needed(name: str) -> str:
+    what = "as an input it may explain the error by itself. "
+    what += f"--error {f'NAME={name}'!r} takes it as an error, --ignore {name!r} leaves it out, "
+    return what + f"--input {name!r} takes it as an input"
+
+
 def _no_error(name: str, errors: Mapping[str, str], given: Mapping[str, str], problems: FileProblems) -> None:
     """An error among the inputs would explain itself and make every figure meaningless.
 
@@ -135,9 +162,9 @@ def _no_error(name: str, errors: Mapping[str, str], given: Mapping[str, str], pr
     if like is None:
         alike = next((column for column in given.values() if resembles_error(name, column, letters=True)), None)
         if alike is not None:
-            what = f"resembles {alike!r}, which is an error; as an input it may explain the error by itself. "
-            what += f"--ignore {name!r} leaves it out, --input {name!r} takes it as an input"
-            problems.add(f"column {name!r}", what)
+            problems.add(f"column {name!r}", f"resembles {alike!r}, which is an error; {_role_needed(name)}")
+        elif called_an_error(name):
+            problems.add(f"column {name!r}", f"is an error by its name; {_role_needed(name)}")
         return
     where = f"column {name!r}"
     leave_out = f"--ignore {name!r} leaves it out"

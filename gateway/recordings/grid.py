@@ -9,12 +9,12 @@ import numpy as np
 
 from gateway.config import Problem
 from gateway.recordings.cells import Times, numbers_of
-from gateway.recordings.columns import COLUMN_UNITS, Columns, Roles, roles_of
+from gateway.recordings.columns import COLUMN_UNITS, Columns, Roles, roles_of, without_companions
 from gateway.recordings.files import Chunk, FileTable, open_table
 from gateway.recordings.problems import FileProblems, RecordingError
 from talc.frame import LARGEST_ERROR, LARGEST_INPUT, FloatArray, IntArray
 from talc.names import ERROR_UNITS, MICROMETRE, THERMAL_ERRORS
-from talc.steps import means_and_lasts, on_grid
+from talc.steps import means_and_lasts, measured_together, on_grid
 
 _LEAST_STEPS = 12
 
@@ -60,9 +60,10 @@ def read_recording(path: Path, columns: Columns, step_s: float) -> Recording:
     problems.refuse()
     times = Times(problems, columns.clock)
     time_s, values = _read(table, roles, columns, times, problems)
+    n = len(roles.inputs)
+    without_companions(measured_together(values[:, :n], values[:, n:]), roles, columns, problems)
     problems.refuse()
     step_s, start_s, index = on_grid(time_s, step_s)
-    n = len(roles.inputs)
     k, inputs, errors = means_and_lasts(index, values[:, :n], values[:, n:])
     if len(k) < _LEAST_STEPS:
         what = f"{len(time_s)} {table.word}s fill {len(k)} steps of {step_s:g} s; expected {_LEAST_STEPS} or more"

@@ -8,7 +8,7 @@ import numpy as np
 
 from talc.estimators.clock import RowClock
 from talc.estimators.conventions import Conventions, NotFittedError
-from talc.estimators.rows import Inputs, input_rows, names_or_numbers, outputs_of
+from talc.estimators.rows import Inputs, input_rows, names_or_numbers, outputs_of, warn_if_tiny
 from talc.frame import LARGEST_ERROR, LARGEST_INPUT, FloatArray
 from talc.learner.learner import RowLearner
 
@@ -81,6 +81,7 @@ class Learner(Conventions):
         measured, names, flat = outputs_of(y, X)
         if not np.isfinite(measured).any():
             raise ValueError("y holds no measurement: all of it is NaN")
+        warn_if_tiny(measured * self.unit_um, "y")
         return self._begin(input_rows(X, times), measured, names, flat)
 
     def partial_fit(self, X: object, y: object, times: object = None) -> Self:

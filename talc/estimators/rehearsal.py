@@ -6,17 +6,19 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from talc.estimators.rows import input_rows
+from talc.estimators.rows import input_rows, warn_if_tiny
 from talc.frame import LARGEST_ERROR, Decision, FloatArray, Frame, IntArray
 from talc.learner import LearningCourse
-from talc.names import like_an_error, resembles_error
+from talc.names import called_an_error, like_an_error, resembles_error
 from talc.settings import LearnerSettings
-from talc.steps import means_and_lasts, on_grid
+from talc.steps import means_and_lasts, measured_together, on_grid
 
 if TYPE_CHECKING:
     import pandas
 
 Policy = Literal["uncertainty", "fixed", "every"]
+
+_ROLE_NEEDED = "as an input it may explain the error by itself. Name it among errors, drop it, or give inputs=[...]"
 
 
 def rehearse(
@@ -28,6 +30,7 @@ def rehearse(
     policy: Policy = "uncertainty",
     step_s: float = 300.0,
     settings: LearnerSettings | None = None,
+    unit_um: float = 1.0,
 ) -> "pandas.DataFrame":
     """What the learner would have made of a recording, had it run while the machine did. Needs pandas.
 
@@ -39,7 +42,7 @@ def rehearse(
     df : DataFrame
         A row per time; NaN: missing, or not measured.
     errors : sequence of str
-        Columns with errors, µm; EA0C, EB0C and EC0C in µm/m.
+        Columns with errors, µm or µm/m; in another unit, give `unit_um`.
     inputs : sequence of str or None
         Columns with inputs; None: all others.
     times : array or None
@@ -49,7 +52,9 @@ def rehearse(
     step_s : float
         Grid step, s. Denser rows are averaged; rows that are further apart keep their own spacing.
     settings : LearnerSettings or None
-        Limits, intervals and noise; `policy` takes the place of theirs.
+        Limits, intervals and noise, in µm and µm/m; `policy` takes the place of theirs.
+    unit_um : float
+        Size of the errors' unit, µm (or µm/m), also in the result: 1000 for mm or mrad.
 
     Returns
     -------
@@ -62,7 +67,8 @@ def rehearse(
     Raises
     ------
     ValueError
-        A column is missing, has two roles, or would become an input though it looks like an error or resembles one.
+        A column is missing, has two roles, or would become an input though it looks like an error, resembles one, or
+        has values only where an error has them.
     TypeError
         `df` is no DataFrame.
 
@@ -85,9 +91,15 @@ def rehearse(
         raise ImportError("talc.rehearse needs pandas: install talc-gateway with the extra `pandas`") from None
     if not isinstance(df, pd.DataFrame):
         raise TypeError(f"df is of type {type(df).__name__}: expected a pandas DataFrame")
+    if not unit_um > 0:
+        raise ValueError(f"unit_um = {unit_um!r}: expected more than 0")
+    chosen_inputs = inputs is not None
     errors, inputs = _columns(df, errors, inputs)
-    measured = input_rows(df[errors]).values
+    measured = input_rows(df[errors]).values * unit_um
+    warn_if_tiny(measured, "each of the errors")
     rows = input_rows(df[inputs], times)
+    for i, e in () if chosen_inputs else measured_together(rows.values, measured).items():
+        raise ValueError(f"column {inputs[i]!r} has values only where {errors[e]!r} has them: {_ROLE_NEEDED}")
     if not step_s > 0:
         raise ValueError(f"step_s = {step_s!r}: expected more than 0")
     time_s = step_s * np.arange(1.0, len(df) + 1) if rows.time_s is None else rows.time_s
@@ -104,10 +116,10 @@ def rehearse(
         found["wanted"].append("" if decision.measure is None else decision.measure.value)
     table: dict[str, Any] = {}
     for j, error in enumerate(errors):
-        table[error] = recorded[:, j]
+        table[error] = recorded[:, j] / unit_um
         for name in ("predicted", "corrected", "sigma"):
-            table[f"{error}_{name}"] = [float(getattr(d, name)[j]) for d in steps]
-        table[f"{error}_measured"] = used[:, j]
+            table[f"{error}_{name}"] = [float(getattr(d, name)[j]) / unit_um for d in steps]
+        table[f"{error}_measured"] = used[:, j] / unit_um
         table[f"{error}_trusted"] = [bool(d.trusted[j]) for d in steps]
     last = np.searchsorted(index, k, side="right") - 1
     return pd.DataFrame(table | found, index=df.index[last])
@@ -172,8 +184,7 @@ def _columns(
                 )
             alike = next((e for e in errors if isinstance(name, str) and resembles_error(str(name), str(e))), None)
             if alike is not None:
-                raise ValueError(
-                    f"column {name!r} resembles {alike!r}, which is an error: as an input it may explain the error by "
-                    "itself. Name it among errors, drop it, or give inputs=[...]"
-                )
+                raise ValueError(f"column {name!r} resembles {alike!r}, which is an error: {_ROLE_NEEDED}")
+            if isinstance(name, str) and called_an_error(name):
+                raise ValueError(f"column {name!r} is an error by its name: {_ROLE_NEEDED}")
     return errors, chosen

@@ -3,10 +3,12 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
+from warnings import warn
 
 import numpy as np
 
 from talc.frame import FloatArray
+from talc.names import TINY_UM
 
 _TIMES = ("M", "m")
 """NumPy's letters of moments, and of times since some beginning."""
@@ -22,6 +24,14 @@ class Inputs:
     """Of the columns, if they have any."""
     time_s: FloatArray | None
     """(T,) UTC seconds, ascending, if rows have times."""
+
+
+def warn_if_tiny(measured_um: FloatArray, what: str) -> None:
+    """Warns where all errors are so small that they are hardly in µm: they would be predicted as 0 in silence."""
+    largest = float(np.max(np.abs(measured_um), initial=0.0, where=np.isfinite(measured_um)))
+    if 0.0 < largest <= TINY_UM:
+        text = f"{what} is at most {largest:.2g} µm, too little to be predicted; if it is in mm, give unit_um=1000"
+        warn(text, stacklevel=3)
 
 
 def input_rows(X: object, times: object = None) -> Inputs:

@@ -86,6 +86,39 @@ def test_the_neighbour_of_an_error_is_no_input_in_silence(tmp_path: Path, error:
     assert f"column '{other}': has two roles" in answer.output
 
 
+def test_an_error_that_is_hardly_in_micrometres_is_told(tmp_path: Path) -> None:
+    path = table(tmp_path, "time,t1,t2,EX0C")
+    heading, *lines = path.read_text(encoding="utf-8").splitlines()
+    cells = [line.rsplit(",", 1) for line in lines]
+    path.write_text("\n".join([heading, *(f"{a},{float(b) / 1000:.6f}" for a, b in cells)]), encoding="utf-8")
+    assert "EX0C is at most 0.015 µm, too little to be learnt; if it is in mm: --unit EX0C=mm" in run(path).output
+    assert "too little" not in run(path, "--unit", "EX0C=mm").output
+
+
+@pytest.mark.parametrize("head", ["time,t1,t2,growth,Drift X", "time,t1,t2,EX0C,Z deviation"])
+def test_what_is_called_an_error_is_no_input_in_silence(tmp_path: Path, head: str) -> None:
+    path, other = table(tmp_path, head), head.split(",")[-1]
+    given = {"Z": "growth"} if "growth" in head else None
+    with pytest.raises(RecordingError, match=f"column '{other}': is an error by its name; as an input it may"):
+        read_recording(path, Columns(errors=given), 300.0)
+    assert other in read_recording(path, Columns(errors=given, inputs=(other,)), 300.0).input_names
+
+
+def test_what_was_measured_with_an_error_is_no_input_in_silence(tmp_path: Path) -> None:
+    path = table(tmp_path, "time,t1,t2,growth,bending")
+    heading, *lines = path.read_text(encoding="utf-8").splitlines()
+    rows = [line if i % 6 == 0 else ",".join([*line.split(",")[:3], "", ""]) for i, line in enumerate(lines)]
+    path.write_text("\n".join([heading, *rows]), encoding="utf-8")
+    given = {"Z": "growth"}
+    with pytest.raises(RecordingError, match="column 'bending': has values only where 'growth' has them, which is an"):
+        read_recording(path, Columns(errors=given), 300.0)
+    named = Columns(errors=given, inputs=("bending",))
+    assert read_recording(path, named, 300.0).input_names == ("t1", "t2", "bending")
+    # A table of nothing but measured rows says nothing about its columns.
+    path.write_text("\n".join([heading, *lines]), encoding="utf-8")
+    assert read_recording(path, Columns(errors=given), 300.0).input_names == ("t1", "t2", "bending")
+
+
 @pytest.mark.parametrize("written", ["%d.%m.%Y %H:%M", "excel", "%H:%M:%S on %Y-%m-%d"])
 def test_times_are_read_as_they_are_written(tmp_path: Path, written: str) -> None:
     zone = ZoneInfo("Europe/Zurich")

@@ -112,3 +112,31 @@ def test_the_neighbour_of_an_error_is_no_input_in_silence(recorded: pd.DataFrame
 def test_letters_and_numbers_alone_are_names_of_inputs(recorded: pd.DataFrame) -> None:
     table = recorded.iloc[:30, :3].set_axis(["x1", "x2", "a"], axis=1).assign(y=recorded["EY0A"][:30])
     assert len(talc.rehearse(table, errors=["y"])) == 30
+
+
+def test_what_is_called_an_error_or_was_measured_with_one_is_no_input_in_silence(recorded: pd.DataFrame) -> None:
+    table = recorded.iloc[:60, :3].assign(growth=recorded["EZ0A"][:60], other=recorded["EX0C"][:60])
+    with pytest.raises(ValueError, match="column 'Drift X' is an error by its name: as an input"):
+        talc.rehearse(table.rename(columns={"other": "Drift X"}), errors=["growth"])
+    table.loc[np.arange(60) % 6 > 0, ["growth", "other"]] = np.nan
+    with pytest.raises(ValueError, match="column 'other' has values only where 'growth' has them: as an input"):
+        talc.rehearse(table, errors=["growth"])
+    assert "growth_predicted" in talc.rehearse(table, errors=["growth"], inputs=list(table.columns.drop("growth")))
+    assert "other_predicted" in talc.rehearse(table, errors=["growth", "other"])
+
+
+def test_errors_in_mm_are_predicted_in_mm(recorded: pd.DataFrame) -> None:
+    table = recorded.iloc[:, :3].assign(growth=recorded["EZ0A"])
+    expected = talc.rehearse(table, errors=["growth"])
+    found = talc.rehearse(table.assign(growth=table["growth"] / 1000), errors=["growth"], unit_um=1000.0)
+    assert (expected["growth_predicted"] != 0.0).any()
+    for name in ("growth", "growth_predicted", "growth_corrected", "growth_sigma", "growth_measured"):
+        np.testing.assert_allclose(1000.0 * found[name], expected[name], rtol=1e-6, atol=1e-6)
+    with pytest.warns(
+        UserWarning, match=r"each of the errors is at most 0\.0\d* µm, .*; if it is in mm, give unit_um=1000"
+    ):
+        talc.rehearse(table.assign(growth=table["growth"] / 1000), errors=["growth"])
+    with pytest.warns(UserWarning, match=r"y is at most 0\.0\d* µm, too little to be predicted"):
+        talc.Learner().fit(table.iloc[:, :3], table["growth"] / 1000)
+    with pytest.raises(ValueError, match=r"unit_um = 0: expected more than 0"):
+        talc.rehearse(table, errors=["growth"], unit_um=0)
