@@ -175,5 +175,12 @@ def _no_error(name: str, errors: Mapping[str, str], given: Mapping[str, str], pr
     else:
         own, exact = _own_names(like)
         meant = "" if name in (own, exact) else f"; did you mean {own!r}?"
-        take = f"--error {f'{like}={name}'!r} takes it as {like} in {ERROR_UNITS[like]}"
+        take = f"--error {f'{like}={name}'!r} takes it as {like} in {_unit_of(name, like)}"
         problems.add(where, f"looks like a thermal error{meant} {take}, {leave_out}")
+
+
+def _unit_of(name: str, error: str) -> str:
+    """The unit that a column's name ends with, and how to say it; otherwise the error's own."""
+    fit = [u for u, (kind, scale) in COLUMN_UNITS.items() if kind == ERROR_UNITS[error] and scale != 1.0]
+    found = next((unit for unit in fit if name.lower().endswith(f"_{unit}")), None)
+    return ERROR_UNITS[error] if found is None else f"{found} (with --unit {error}={found})"

@@ -32,7 +32,8 @@ def read(path: Path, columns: Columns) -> Recording:
         ("true EX0C", "looks like EX0C, which is column 'EX0C' already"),
         (
             "EZ0T_mm",
-            "looks like a thermal error; did you mean 'EZ0T'? --error 'EZ0T=EZ0T_mm' takes it as EZ0T in µm",
+            "looks like a thermal error; did you mean 'EZ0T'? --error 'EZ0T=EZ0T_mm' takes it as EZ0T in mm (with "
+            "--unit EZ0T=mm)",
         ),
         ("ey0a", "looks like a thermal error; did you mean 'EY0A'? --error 'EY0A=ey0a' takes it as EY0A in µm"),
         ("EYOA (µm)", "looks like a thermal error; did you mean 'EY0A'?"),
