@@ -7,11 +7,11 @@ import os
 import threading
 import time
 from collections.abc import AsyncIterator, Generator, Iterator
-from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, settings
 
+from tests.benches.processes import open_links
 from tests.benches.simulated_time import real_monotonic_s, simulated_time
 
 # Before NumPy is imported: tests run side by side, and BLAS threads that wait for a core cost a hundredfold.
@@ -63,15 +63,7 @@ async def _no_leaked_tasks() -> AsyncIterator[None]:
 
 def _open_channels() -> set[str]:
     """Sockets and terminals this process holds."""
-    found = set()
-    for link in Path("/proc/self/fd").iterdir():
-        try:
-            target = str(link.readlink())
-        except FileNotFoundError:
-            continue
-        if target.startswith(("socket:", "/dev/pts/", "/dev/ptmx")):
-            found.add(target)
-    return found
+    return {link for link in open_links() if link.startswith(("socket:", "/dev/pts/", "/dev/ptmx"))}
 
 
 @pytest.fixture(autouse=True)

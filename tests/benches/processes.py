@@ -1,5 +1,6 @@
-"""Child processes of a process under test."""
+"""What the system says of processes under test: their children, and what they hold open."""
 
+from contextlib import suppress
 from pathlib import Path
 
 _RESOURCE_TRACKER = b"from multiprocessing.resource_tracker import main"
@@ -12,6 +13,15 @@ def children(of: int) -> list[int]:
     for task in Path(f"/proc/{of}/task").iterdir():
         found += [int(pid) for pid in read_if_there(task / "children").split()]
     return [pid for pid in found if _RESOURCE_TRACKER not in read_if_there(Path(f"/proc/{pid}/cmdline"))]
+
+
+def open_links() -> list[str]:
+    """What this process holds open: files, sockets, terminals. Other threads may close them meanwhile."""
+    found = []
+    for link in Path("/proc/self/fd").iterdir():
+        with suppress(FileNotFoundError):  # always so for the list itself
+            found.append(str(link.readlink()))
+    return found
 
 
 def read_if_there(path: Path) -> bytes:

@@ -40,7 +40,7 @@ from simulators.clock import SharedClock
 from talc.frame import EventKind, FloatArray
 from tests.benches.faulty_machine import faulty_machine
 from tests.benches.free_port import free_port
-from tests.benches.processes import children
+from tests.benches.processes import children, open_links
 from tests.benches.rare_looks import rare_looks
 from tests.benches.simulated_time import held_time, real_monotonic_s, simulated_time
 from tests.benches.soak_judged import HeldNow, SoakResult, SoakRun, SoakSeen, judged
@@ -137,22 +137,14 @@ def config(folder: Path, ports: dict[str, int], *, real: bool) -> GatewayConfig:
 def held() -> HeldNow:
     """What this process holds now."""
     gc.collect()
-    links = [_link(path) for path in Path("/proc/self/fd").iterdir()]
     pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
     return HeldNow(
         # Those below /proc/self/task are of simulated time itself, one for each thread that there ever was.
-        descriptors=sum("/task/" not in link for link in links),
+        descriptors=sum("/task/" not in link for link in open_links()),
         threads=threading.active_count(),
         tasks=len(asyncio.all_tasks()),
         resident_mb=pages * os.sysconf("SC_PAGE_SIZE") / 1e6,
     )
-
-
-def _link(path: Path) -> str:
-    try:
-        return str(path.readlink())
-    except FileNotFoundError:  # the one of this list
-        return ""
 
 
 class Watching:

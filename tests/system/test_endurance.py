@@ -25,7 +25,7 @@ from simulators.clock import SharedClock
 from talc.frame import EventKind, Phase
 from tests.benches.faulty_machine import FAULT_EVERY_S
 from tests.benches.free_port import free_port
-from tests.benches.processes import children
+from tests.benches.processes import children, open_links
 
 EPOCH = datetime(2026, 1, 5, 6, tzinfo=UTC)
 HOURS, SETTLED_HOURS, COMPARED_HOURS = 24.0, 8.0, 3.0
@@ -50,9 +50,8 @@ class HeldByProcess:
 
 
 def held(hour: float) -> HeldByProcess:
-    descriptors = len(list(Path("/proc/self/fd").iterdir()))
     traced = tracemalloc.get_traced_memory()[0]
-    return HeldByProcess(hour, descriptors, threading.active_count(), len(asyncio.all_tasks()), traced)
+    return HeldByProcess(hour, len(open_links()), threading.active_count(), len(asyncio.all_tasks()), traced)
 
 
 @asynccontextmanager

@@ -8,7 +8,6 @@ eight are measured. Of each wire that is some 350 to 850 polls in half a minute,
 import asyncio
 import gc
 import logging
-import os
 import threading
 import time
 import tracemalloc
@@ -27,6 +26,7 @@ from tests.benches.faults.actions import restarted, whole
 from tests.benches.faults.matrix import HARMLESS, MATRIX
 from tests.benches.faults.plants import PLANTS, FaultyPlant
 from tests.benches.faults.play import done
+from tests.benches.processes import open_links
 
 PERIOD_S = 0.05
 WARM_UP, ROUNDS = 2, 8
@@ -65,8 +65,8 @@ class Latest:
 
 def held() -> tuple[int, int, int]:
     """Descriptors, threads and tasks of this process; simulated time itself holds one open for each thread."""
-    held_open = [link for link in Path("/proc/self/fd").iterdir() if "/task" not in os.path.realpath(link)]
-    return len(held_open), threading.active_count(), len(asyncio.all_tasks())
+    held_open = sum("/task" not in link for link in open_links())
+    return held_open, threading.active_count(), len(asyncio.all_tasks())
 
 
 async def all_faults(name: str, plant: FaultyPlant, latest: Latest) -> int:
