@@ -3,10 +3,11 @@
 import logging
 import math
 import traceback
-from collections.abc import Awaitable, Mapping
+from collections.abc import Awaitable, Callable, Mapping
+from datetime import datetime
 from typing import NoReturn, TypeVar
 
-from drivers.base import DriverError
+from drivers.base import DriverError, Quality
 from drivers.nc import (
     AXES,
     ERRORS,
@@ -17,7 +18,9 @@ from drivers.nc import (
     NineErrors,
     NotSendable,
     NumericalControl,
+    OperatingMode,
     ProbingState,
+    ProgramState,
     RequestStatus,
     TakesSlopes,
     Triple,
@@ -53,8 +56,7 @@ class _Contained:
     async def snapshot(self) -> NcSnapshot:
         snapshot = await self._call("snapshot", self._nc.snapshot())
         try:
-            _check_numbers(snapshot.positions, AXES)
-            _check_numbers(snapshot.states, ())
+            _check_snapshot(snapshot)
         except (AttributeError, TypeError, ValueError, OverflowError) as error:
             self._unexpected("snapshot", error)
         return snapshot
@@ -65,8 +67,8 @@ class _Contained:
     async def probing_status(self, number: int) -> RequestStatus:
         status = await self._call("probing_status", self._nc.probing_status(number))
         try:
-            ProbingState(status.state)
-        except (AttributeError, ValueError) as error:
+            _check_status(status, number)
+        except (AttributeError, TypeError, ValueError, OverflowError) as error:
             self._unexpected("probing_status", error)
         return status
 
@@ -78,11 +80,7 @@ class _Contained:
 
     async def read_compensation(self) -> Triple:
         answer = await self._call("read_compensation", self._nc.read_compensation())
-        try:
-            x, y, z = (float(value) for value in answer)
-        except (TypeError, ValueError, OverflowError) as error:
-            self._unexpected("read_compensation", error)
-        return x, y, z
+        return self._told("read_compensation", lambda: _triple(answer))
 
     async def claim(self, owner: int, terms: WatchdogTerms, predecessor: int | None = None) -> None:
         await self._call("claim", self._nc.claim(owner, terms, predecessor))
@@ -109,6 +107,15 @@ class _Contained:
             log.error("NC: unexpected %s in %s", type(error).__name__, operation, exc_info=error)
         raise unexpected(error, operation, device="nc") from error
 
+    def _told(self, name: str, tell: Callable[[], T]) -> T:
+        """A property of the driver, checked. Raises DriverError."""
+        try:
+            return tell()
+        except (DriverError, MemoryError):
+            raise
+        except Exception as error:  # noqa: BLE001 - a driver's bug must not end the gateway
+            self._unexpected(name, error)
+
 
 class _SlopesBehind:
     """Implements TakesSlopes, behind a control's boundary."""
@@ -118,24 +125,22 @@ class _SlopesBehind:
 
     @property
     def pairs(self) -> frozenset[tuple[int, int]]:
-        return self._slopes.pairs
+        return self._boundary._told("pairs", lambda: _pairs(self._slopes.pairs))
 
     @property
     def reference_mm(self) -> Triple:
-        return self._slopes.reference_mm
+        return self._boundary._told("reference_mm", lambda: _triple(self._slopes.reference_mm))
 
     @property
     def reach_mm(self) -> Triple:
-        return self._slopes.reach_mm
+        return self._boundary._told("reach_mm", lambda: _lengths(_triple(self._slopes.reach_mm)))
 
     async def write_linear(self, offsets: LinearOffsets) -> None:
         await self._boundary._call("write_linear", self._slopes.write_linear(offsets))
 
     async def read_linear(self) -> LinearOffsets:
         answer = await self._boundary._call("read_linear", self._slopes.read_linear())
-        if not isinstance(answer, LinearOffsets):
-            self._boundary._unexpected("read_linear", TypeError(f"{answer!r}: expected LinearOffsets"))
-        return answer
+        return self._boundary._told("read_linear", lambda: _linear(answer))
 
 
 class _ContainedSlopes(_SlopesBehind, _Contained):
@@ -155,11 +160,11 @@ class _ContainedErrors(_Contained):
 
     @property
     def error_reach_mm(self) -> tuple[float, float] | None:
-        return self._errors.error_reach_mm
+        return self._told("error_reach_mm", lambda: _reach(self._errors.error_reach_mm))
 
     @property
     def slopes(self) -> TakesSlopes | None:
-        slopes = self._errors.slopes
+        slopes = self._told("slopes", lambda: self._errors.slopes)
         return None if slopes is None else _SlopesBehind(self, slopes)
 
     async def write_errors(self, errors: NineErrors) -> None:
@@ -167,13 +172,85 @@ class _ContainedErrors(_Contained):
 
     async def read_errors(self, radius_mm: float) -> tuple[float, ...]:
         answer = await self._call("read_errors", self._errors.read_errors(radius_mm))
-        try:
-            told = tuple(float(value) for value in answer)
-        except (TypeError, ValueError, OverflowError) as error:
-            self._unexpected("read_errors", error)
-        if len(told) != ERRORS:
-            self._unexpected("read_errors", ValueError(f"{answer!r}: expected nine errors"))
-        return told
+        return self._told("read_errors", lambda: _numbers(answer, ERRORS))
+
+
+_Types = type | tuple[type, ...]
+_OR_NOT: _Types = (bool, type(None))
+_KINDS: Mapping[str, _Types] = {
+    "time": datetime, "monotonic_s": (float, int), "mode": OperatingMode, "program": ProgramState, "quality": Quality,
+    "tool": (int, type(None)), "probe_in_spindle": _OR_NOT, "ready": _OR_NOT, "probing": _OR_NOT,
+    "cannot_probe": (str, type(None)), "alarms": tuple,
+}  # fmt: skip
+"""What each of a snapshot's other fields is. A 0 that stands for False would not be taken for it: offsets would be
+written during an emergency stop."""
+
+
+def _check_snapshot(snapshot: NcSnapshot) -> None:
+    """Raises AttributeError, TypeError, ValueError or OverflowError for what the interface excludes."""
+    for name, kind in _KINDS.items():
+        if not isinstance(value := getattr(snapshot, name), kind):
+            raise TypeError(f"{name} = {value!r}: of an unexpected type")
+    if snapshot.time.tzinfo is None:
+        raise ValueError(f"time = {snapshot.time!r}: expected UTC")
+    _check_numbers({"monotonic_s": snapshot.monotonic_s}, ())
+    _check_numbers(snapshot.positions, AXES)
+    _check_numbers(snapshot.states, ())
+
+
+def _check_status(status: RequestStatus, number: int) -> None:
+    """As above; the centres are checked as a measurement."""
+    ProbingState(status.state)
+    if status.number != number:
+        raise ValueError(f"number = {status.number!r}: expected {number}")
+    if not isinstance(status.reason, str):
+        raise TypeError(f"reason = {status.reason!r}: expected a text")
+    if status.spread_mm is not None:
+        _check_numbers({"spread_mm": status.spread_mm}, ())
+    if status.in_force_um is not None:
+        _check_numbers(dict(zip("XYZ", status.in_force_um, strict=True)), ())
+
+
+def _numbers(values: object, count: int) -> tuple[float, ...]:
+    """Raises TypeError, ValueError or OverflowError."""
+    numbers = tuple(float(value) for value in values)  # type: ignore[attr-defined]
+    if len(numbers) != count:
+        raise ValueError(f"{values!r}: expected {count} numbers")
+    return numbers
+
+
+def _triple(values: object) -> Triple:
+    x, y, z = _numbers(values, 3)
+    return x, y, z
+
+
+def _lengths(values: Triple) -> Triple:
+    if not all(0.0 < value < math.inf for value in values):
+        raise ValueError(f"{values!r}: expected three lengths")
+    return values
+
+
+def _reach(values: object) -> tuple[float, float] | None:
+    if values is None:
+        return None
+    along, across = _numbers(values, 2)
+    if not (0.0 <= along < math.inf and 0.0 <= across < math.inf):
+        raise ValueError(f"{values!r}: expected two lengths")
+    return along, across
+
+
+def _pairs(pairs: frozenset[tuple[int, int]]) -> frozenset[tuple[int, int]]:
+    if not all(shifted in range(3) and over in range(3) for shifted, over in pairs):
+        raise ValueError(f"{pairs!r}: expected pairs of 0, 1, 2")
+    return pairs
+
+
+def _linear(answer: object) -> LinearOffsets:
+    if not isinstance(answer, LinearOffsets):
+        raise TypeError(f"{answer!r}: expected LinearOffsets")
+    x, y, z = answer.slope_um_per_mm
+    slopes = _triple(x), _triple(y), _triple(z)
+    return LinearOffsets(_triple(answer.k0_um), slopes, _triple(answer.reference_mm))
 
 
 def _check_numbers(values: Mapping[str, float], names: tuple[str, ...]) -> None:

@@ -39,12 +39,14 @@ MODULES: Mapping[str, Sequence[str]] = {
     "gateway.nc.slew": (f"{_NC}test_slew.py", f"{_NC}test_nine_errors.py"),
     "gateway.nc.target": (f"{_NC}test_target.py",),
     "gateway.nc.motion": (f"{_NC}test_motion.py",),
-    "gateway.nc.unmodelled": (f"{_NC}test_target.py", f"{_NC}test_nc_link.py"),
+    "gateway.nc.unmodelled": (f"{_NC}test_unmodelled.py", f"{_NC}test_target.py"),
     "gateway.nc.hold": ("tests/gateway/probing/test_prober.py",),
-    "gateway.nc.pace": (f"{_NC}test_nc_link.py",),
-    "gateway.nc.lease": (*_LINK, f"{_NC}test_two_gateways.py"),
+    "gateway.nc.pace": (f"{_NC}test_pace.py",),
+    "gateway.nc.lease": (f"{_NC}test_lease.py", *_LINK),
     "gateway.nc.states": _LINK,
-    "gateway.nc.boundary": (f"{_NC}test_driver_bugs.py",),
+    "gateway.nc.boundary": (f"{_NC}test_boundary.py",),
+    "gateway.nc.writer": _LINK,
+    "gateway.nc.link": (*_LINK, f"{_NC}test_nine_errors.py", f"{_NC}test_driver_bugs.py"),
 }
 """Of each module the tests that are to kill its mutants: quick ones, on simulated time."""
 LOADED = (

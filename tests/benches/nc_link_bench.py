@@ -2,9 +2,10 @@
 
 import asyncio
 import math
-from collections.abc import AsyncIterator, Sequence
+from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
 from contextlib import asynccontextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -88,7 +89,8 @@ class ScriptedControl:
         if self.late is not None:
             self.in_write = True
             await self._answer(self.late)
-        return self.answers.get(number, self.answer) or RequestStatus(number, ProbingState.RUNNING)
+        answer = self.answers.get(number, self.answer)
+        return RequestStatus(number, ProbingState.RUNNING) if answer is None else replace(answer, number=number)
 
     async def withdraw_probing(self, number: int) -> None:
         self._here()
@@ -214,3 +216,14 @@ class LinkBench:
         finally:
             task.cancel()
             await asyncio.gather(task, return_exceptions=True)
+
+
+def answer_wrongly(bench: LinkBench, operation: str, wrong: Callable[[Any], object]) -> Callable[[], None]:
+    """From now on what the operation answers is changed; call what is returned to repair it."""
+    genuine: Callable[..., Awaitable[object]] = getattr(bench.control, operation)
+
+    async def answers(*given: object) -> object:
+        return wrong(await genuine(*given))
+
+    setattr(bench.control, operation, answers)
+    return lambda: delattr(bench.control, operation)

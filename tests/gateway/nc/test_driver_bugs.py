@@ -4,7 +4,7 @@ import asyncio
 import logging
 import math
 import struct
-from collections.abc import Awaitable, Callable
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from talc.frame import Why
-from tests.benches.nc_link_bench import LinkBench, decision
+from tests.benches.nc_link_bench import LinkBench, answer_wrongly, decision
 
 BUGS = [ValueError("bad value"), IndexError("list index"), struct.error("unpack"), AssertionError(), KeyError("X")]
 IN_A_PERIOD = ["snapshot", "heartbeat", "read_compensation", "write_compensation"]
@@ -106,16 +106,6 @@ WRONG: dict[str, tuple[str, Callable[[Any], object]]] = {
     "offsets are longer than any float": ("read_compensation", lambda _: (10**400, 0, 0)),
     "offsets are texts": ("read_compensation", lambda _: ("x", "y", "z")),
 }
-
-
-def answer_wrongly(bench: LinkBench, operation: str, wrong: Callable[[Any], object]) -> Callable[[], None]:
-    genuine: Callable[..., Awaitable[object]] = getattr(bench.control, operation)
-
-    async def answers(*given: object) -> object:
-        return wrong(await genuine(*given))
-
-    setattr(bench.control, operation, answers)
-    return lambda: delattr(bench.control, operation)
 
 
 @pytest.mark.parametrize("name", WRONG)

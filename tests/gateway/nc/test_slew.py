@@ -88,8 +88,15 @@ def test_no_sequence_of_targets_breaks_bound_or_rate(
 
 @pytest.mark.parametrize(
     ("field", "value"),
-    [("bound_um", [1.0, 0.0, 1.0]), ("slew_um_per_s", 0.0), ("in_force_um", (math.nan, 0.0, 0.0))],
-)
+    [
+        ("bound_um", [1.0, 0.0, 1.0]), ("bound_um", [1.0, -1.0, 1.0]), ("bound_um", [1.0, 1.0]),
+        ("bound_um", [1.0] * 4), ("bound_um", [[1.0]] * 3),
+        ("bound_um", [1.0, math.nan, 1.0]), ("bound_um", [1.0, math.inf, 1.0]),
+        ("slew_um_per_s", 0.0), ("slew_um_per_s", -1.0), ("slew_um_per_s", math.nan),
+        ("in_force_um", (math.nan, 0.0, 0.0)), ("in_force_um", (0.0, -math.inf, 0.0)), ("in_force_um", (0.0, 0.0)),
+        ("in_force_um", np.zeros((2, 3))), ("in_force_um", np.zeros((4, 1))),
+    ],
+)  # fmt: skip
 def test_refuses_settings_that_cannot_be_safe(field: str, value: object) -> None:
     with pytest.raises(ValueError, match=field):
         slew(**{field: value})
@@ -116,3 +123,75 @@ def test_a_row_beyond_the_bound_keeps_its_shape() -> None:
     step = slew(period_s=1000.0, in_force_um=np.zeros((3, 4))).follow(1000.0, wanted)
     assert step.bounded == (True, False, False)
     np.testing.assert_allclose(step.coefficients_um, wanted * np.array([[0.5], [1.0], [0.0]]))
+
+
+def test_the_smallest_settings_that_are_safe() -> None:
+    step = slew(bound_um=[1e-3, 0.5, 1.0], slew_um_per_s=1e-3).follow(1.0, np.array([9.0, 0.0, 0.0]))
+    assert step.offsets_um == (1e-3, 0.0, 0.0)
+
+
+def test_time_that_goes_back_moves_nothing_and_is_not_caught_up() -> None:
+    s = slew(in_force_um=(3.0, 0.0, 0.0), now_s=10.0)
+    assert s.follow(5.0, np.zeros(3)).offsets_um == (3.0, 0.0, 0.0)
+    assert s.follow(5.5, np.zeros(3)).offsets_um == (2.5, 0.0, 0.0)
+
+
+def test_the_first_step_counts_from_the_report_of_what_is_in_force() -> None:
+    assert slew(in_force_um=(3.0, 0.0, 0.0), now_s=10.0).follow(10.25, np.zeros(3)).offsets_um == (2.75, 0.0, 0.0)
+
+
+def test_the_largest_offset_is_that_of_any_axis_at_any_position() -> None:
+    assert slew(in_force_um=(1.0, -4.0, 2.0)).largest_um == 4.0
+    assert slew(in_force_um=np.array([[1.0, 2.0], [-3.0, 3.0], [0.5, -4.0]])).largest_um == 6.0
+    s = slew(in_force_um=(0.0, -2.5, 1.0))
+    found = []
+    for now in (1.0, 2.0, 3.0):
+        s.follow(now, None)
+        found.append(s.largest_um)
+    assert found == [1.5, 0.5, 0.0]
+
+
+@pytest.mark.parametrize("source", [Source.FROZEN, Source.NOT_READY, Source.UNANSWERED])
+def test_a_frozen_step_has_its_reason_and_is_bounded_by_nothing(source: Source) -> None:
+    step = slew(in_force_um=np.array([[90.0, 1.0], [2.0, 3.0], [0.0, 0.0]])).freeze(1.0, np.array([1.0, 0.5]), source)
+    assert step.target_um == step.offsets_um == (90.5, 3.5, 0.0)
+    assert (step.source, step.bounded) == (source, (False, False, False))
+    assert step.coefficients_um == ((90.0, 1.0), (2.0, 3.0), (0.0, 0.0))
+    assert slew().freeze(1.0).source is Source.FROZEN
+
+
+def test_exactly_at_its_bound_nothing_is_cut() -> None:
+    step = slew(period_s=1000.0).follow(1000.0, np.array([50.0, -50.0, 20.0]))
+    assert step.offsets_um == (50.0, -50.0, 20.0)
+    assert step.bounded == (False, False, False)
+
+
+def test_a_prediction_and_any_other_reason_keep_their_name() -> None:
+    s = slew()
+    assert s.follow(1.0, np.ones(3)).source is Source.PREDICTION
+    assert s.follow(2.0, np.ones(3), Source.PAUSED).source is Source.PAUSED
+    assert s.follow(3.0, None, Source.STOPPED).source is Source.STOPPED
+
+
+def test_without_a_basis_it_is_the_shift_at_the_reference() -> None:
+    start = np.array([[1.0, 5.0], [2.0, -5.0], [3.0, 0.5]])
+    assert slew(in_force_um=start).freeze(1.0).offsets_um == (1.0, 2.0, 3.0)
+    each = np.array([[1.0, 1.0], [0.0, 1.0], [1.0, 0.0]])
+    assert slew(in_force_um=start).freeze(1.0, each).offsets_um == (6.0, -5.0, 3.0)
+
+
+def test_rows_of_one_cause_move_in_proportion_to_a_target_that_only_the_control_bounds() -> None:
+    s = slew(in_force_um=np.zeros((3, 2)), together=True, period_s=10.0)
+    wanted = np.array([[60.0, 20.0], [-30.0, 10.0], [8.0, 0.0]])
+    step = s.follow(8.0, wanted, basis=np.array([1.0, 1.0]))
+    np.testing.assert_allclose(step.coefficients_um, wanted * 0.1)
+    assert step.target_um == (50.0, -20.0, 8.0)
+    assert step.offsets_um == pytest.approx((8.0, -2.0, 0.8))
+    assert step.bounded == (True, False, False)
+    for now in range(18, 118, 10):
+        step = s.follow(float(now), wanted, basis=np.array([1.0, -1.0]))
+    np.testing.assert_array_equal(step.coefficients_um, wanted)
+    assert step.offsets_um == (40.0, -40.0, 8.0)
+    assert step.bounded == (False, False, False)
+    s.follow(110.0, None)
+    assert s.largest_um == pytest.approx(78.0)

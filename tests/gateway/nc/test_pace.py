@@ -1,0 +1,46 @@
+"""A control that is too slow is reported once, and once more when it is quick again."""
+
+from gateway.nc.pace import NcPace
+from gateway.polling import Notice
+
+
+def told(*skipped: int) -> list[Notice]:
+    """What a series of periods reports."""
+    notices: list[Notice] = []
+    pace = NcPace(0.5, notices.append)
+    for each in skipped:
+        pace.worked(each)
+    return notices
+
+
+def test_five_slow_periods_in_a_row_are_reported_and_four_are_not() -> None:
+    assert told(1, 1, 1, 1) == []
+    (notice,) = told(1, 2, 3, 1, 1)
+    assert notice.subject == "pace of NC"
+    assert notice.text.startswith("NC: a cycle of reading and writing takes longer than [nc] period_s = 0.5: ")
+    assert not notice.ended
+
+
+def test_a_quick_period_begins_the_count_anew() -> None:
+    assert told(1, 1, 1, 1, 0, 1, 1, 1, 1) == []
+    assert len(told(1, 1, 1, 1, 0, 1, 1, 1, 1, 1)) == 1
+
+
+def test_while_it_stays_slow_nothing_more_is_reported() -> None:
+    assert len(told(*[1] * 20)) == 1
+
+
+def test_five_quick_periods_in_a_row_end_it() -> None:
+    assert len(told(*[1] * 5, *[0] * 4, 1, *[0] * 4)) == 1
+    begin, end = told(*[1] * 5, *[0] * 4, 1, *[0] * 5)
+    assert not begin.ended
+    assert end == Notice("pace of NC", "NC: cycles are within period_s again", ended=True)
+    assert len(told(*[1] * 5, *[0] * 20)) == 2
+
+
+def test_it_may_begin_again() -> None:
+    assert [notice.ended for notice in told(*[1] * 5, *[0] * 5, *[1] * 5)] == [False, True, False]
+
+
+def test_a_quick_control_is_never_reported() -> None:
+    assert told(*[0] * 20) == []
