@@ -58,10 +58,9 @@ deb: $(VENV)/.ready
 wheels:
 	PYTHON=$(PYTHON) deploy/wheels.sh dist
 
-# Known vulnerabilities of what an installation brings (asks pypi.org; without that, --strict fails).
-audit: $(VENV)/.ready
-	test -x out/audit/bin/pip-audit || ($(PYTHON) -m venv out/audit && out/audit/bin/pip install --quiet pip-audit==2.10.1)
-	out/audit/bin/pip-audit --strict --disable-pip --require-hashes -r requirements/run.lock
+# Known vulnerabilities of what an installation brings and of what builds it (asks pypi.org, with the standard library alone).
+audit:
+	$(PYTHON) deploy/advisories.py requirements/run.lock requirements/build.lock requirements/wheels.lock
 
 # Which mutants of the safety-critical modules no test kills (tests/README.md); continues where it was stopped.
 # MODULES="gateway.nc.slew ...": only these; MINUTES=30: end after that time. cosmic-ray has an environment of its own.
