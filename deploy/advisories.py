@@ -32,7 +32,7 @@ FOUND, UNCHECKED = 1, 3
 
 
 @dataclass(frozen=True, slots=True)
-class Answer:
+class IndexAnswer:
     """What is known of one locked version."""
 
     name: str
@@ -86,23 +86,23 @@ def stated(about: Any) -> tuple[str, ...]:
     )
 
 
-def asked(index: str, name: str, version: str, until_s: float) -> Answer:
+def asked(index: str, name: str, version: str, until_s: float) -> IndexAnswer:
     """The index's answer about one version."""
     try:
         about = page(f"{index}/{name}/{version}/json", until_s)
         if about is None and (about := page(f"{index}/{name}/json", until_s)) is None:
-            return Answer(name, version, unchecked="the index does not have it")
+            return IndexAnswer(name, version, unchecked="the index does not have it")
         told = about["info"]["version"]
         if told != version:
-            return Answer(name, version, unchecked=f"the index tells of {told} only")
-        return Answer(name, version, stated(about))
+            return IndexAnswer(name, version, unchecked=f"the index tells of {told} only")
+        return IndexAnswer(name, version, stated(about))
     except (OSError, ValueError) as error:
-        return Answer(name, version, unchecked=str(error) or type(error).__name__)
+        return IndexAnswer(name, version, unchecked=str(error) or type(error).__name__)
     except (KeyError, TypeError):
-        return Answer(name, version, unchecked="the index's answer has no advisories in it")
+        return IndexAnswer(name, version, unchecked="the index's answer has no advisories in it")
 
 
-def in_short(answers: list[Answer]) -> str:
+def in_short(answers: list[IndexAnswer]) -> str:
     """One line."""
     bad = [one for one in answers if one.advisories]
     unchecked = [f"{one.name} {one.version} ({one.unchecked})" for one in answers if one.unchecked]
