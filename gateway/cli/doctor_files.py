@@ -4,6 +4,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from pydantic import BaseModel
+
 from gateway.config import GatewayConfig
 
 _SECRETS = ("key_file", "key", "private_key", "password_file", "users_file")
@@ -62,17 +64,17 @@ def _named(config: GatewayConfig) -> Iterator[tuple[str, Path, str, str]]:
             deaf = f"without it every command of '{operator.name}' is refused"
             yield f"[[telemetry.operator]] '{operator.name}', key_file", operator.key_file, deaf, "docs/commands.md"
     if config.nc is not None:
-        page = "docs/agent.md" if hasattr(config.nc, "key_file") else "docs/nc.md"
         for name, path in _files(config.nc):
+            page = "docs/agent.md" if name == "key_file" else "docs/nc.md"
             yield f"[nc] {name}", path, "without it the gateway cannot connect to the control", page
     for bus in config.buses:
         for name, path in _files(bus):
             yield f"bus '{bus.name}', {name}", path, f"without it bus '{bus.name}' cannot be read", "docs/devices.md"
 
 
-def _files(section: object) -> Iterator[tuple[str, Path]]:
+def _files(section: BaseModel) -> Iterator[tuple[str, Path]]:
     """The set fields of a section that name such files."""
+    fields = dict(section)
     for name in (*_PUBLIC, *_SECRETS):
-        path = getattr(section, name, None)
-        if isinstance(path, Path):
+        if isinstance(path := fields.get(name), Path):
             yield name, path
