@@ -74,6 +74,7 @@ class ForkedTests:
 
 def _serve() -> None:
     """Answers each line of its standard input, until that ends."""
+    del sys.path[0]  # the folder of this file: a bench may be called as a library is
     for name in _LIBRARIES:
         importlib.import_module(name)
     for line in sys.stdin:
@@ -98,7 +99,7 @@ def _test(tree: Path, test: str) -> NoReturn:
         site.mkdir(exist_ok=True)
         (site / "sitecustomize.py").write_text(_SITE, encoding="utf-8")
         exec(_SITE)  # as the processes that the test starts do
-        sys.path[0] = str(tree)
+        sys.path.insert(0, str(tree))
         sys.dont_write_bytecode = True
         for name in [name for name in os.environ if name.startswith("PYTEST_")]:
             del os.environ[name]
