@@ -180,10 +180,18 @@ class Machine:
                 subscriber.undeclare()
 
     def pages(
-        self, begin: datetime, end: datetime, channels: Sequence[str] | None = None, *, rows: int = MOST_ROWS
+        self,
+        begin: datetime,
+        end: datetime,
+        channels: Sequence[str] | None = None,
+        *,
+        rows: int = MOST_ROWS,
+        every_s: int | None = None,
     ) -> Iterator[HistoryPage]:
         """Stored readings from `begin` on and before `end`, page by page: first means of minutes, as older ones are
         kept, then single readings.
+
+        every_s: rather means over so many seconds from `begin` on, which the gateway makes
 
         Raises ValueError for times without an offset from UTC, MachineError with the gateway's own words when it
         refuses or does not answer.
@@ -193,6 +201,8 @@ class Machine:
         asked = {"from": begin.isoformat(), "to": end.isoformat(), "limit": str(rows)}
         if channels is not None:
             asked["channels"] = ",".join(channels)
+        if every_s is not None:
+            asked["every"] = str(every_s)
         while True:
             page = self._page(asked)
             yield page
@@ -207,8 +217,8 @@ class Machine:
 
         What was not read at that very time, or was not good, is NaN; `pages` has the quality.
 
-        every_s: rather a row for each so many seconds from `begin` on, with the mean of what was read meanwhile; it
-            takes little memory, where a table of single readings may take a gigabyte a day
+        every_s: rather a row for each so many seconds from `begin` on, with the mean of what was read meanwhile; a day
+            of whole minutes takes a fraction of a second, where its single readings may take a gigabyte
 
         Raises as `pages`.
         """
@@ -216,11 +226,16 @@ class Machine:
             import pandas as pd
         except ImportError:
             raise ImportError("Machine.history needs pandas: install talc-gateway with the extra `pandas`") from None
-        pages = self.pages(begin, end, channels)
         if every_s is None:
-            times, table, names = _as_read(pages, channels)
+            times, table, names = _as_read(self.pages(begin, end, channels), channels)
         else:
-            times, table, names = _means(pages, channels, begin.timestamp(), end.timestamp(), every_s)
+            span = channels, begin.timestamp(), end.timestamp(), every_s
+            try:
+                times, table, names = _means(self.pages(begin, end, channels, every_s=_asked_s(begin, every_s)), *span)
+            except MachineError as error:
+                if "every: unknown" not in str(error):
+                    raise
+                times, table, names = _means(self.pages(begin, end, channels), *span)  # of an earlier program
         index = pd.to_datetime(np.round(times * 1e6).astype(np.int64), unit="us", utc=True)
         return pd.DataFrame(table, index=index.rename("time"), columns=names)
 
@@ -341,6 +356,12 @@ class _ChannelColumns:
         good = np.array([quality == _GOOD for quality in page.quality], np.bool_)
         at = column_of[np.array(page.channel, np.int64)]
         return np.array(page.time, np.float64)[good], at[good], np.array(page.value, np.float64)[good]
+
+
+def _asked_s(begin: datetime, every_s: float) -> int | None:
+    """The length of intervals that a gateway makes means of; None: of these it does not, or not of just these."""
+    whole = float(every_s).is_integer() and begin.timestamp() % (1 if every_s % 60 else 60) == 0
+    return int(every_s) if whole and 1 <= every_s <= (3600 if every_s % 60 else 86400) else None
 
 
 def _as_read(pages: Iterable[HistoryPage], channels: Sequence[str] | None) -> tuple[_Array, _Array, list[str]]:

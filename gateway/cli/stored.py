@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from gateway.storage import Position, RowsPage, StoreError, course_between, readings_page, rows_after
+from gateway.storage import Position, RowsPage, StoreError, course_between, means_page, readings_page, rows_after
 from gateway.storage.columns import CellKind
 from gateway.telemetry import (
     CoursePage,
@@ -28,7 +28,12 @@ def history_of(path: Path) -> HistorySource:
 
     def find(asked: HistoryRequest) -> HistoryPage:
         try:
-            page = readings_page(path, asked.begin, asked.end, asked.channels, asked.limit, asked.after)
+            wanted = path, asked.begin, asked.end, asked.channels, asked.limit
+            page = (
+                readings_page(*wanted, asked.after)
+                if asked.every_s is None
+                else means_page(*wanted, asked.every_s, asked.after)
+            )
         except StoreError as error:
             raise OSError(str(error)) from error
         return HistoryPage(

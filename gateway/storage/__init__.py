@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from gateway.storage.history import History, TimeSpan
     from gateway.storage.imported import import_learnt
     from gateway.storage.learnt import Learnt, Reference, learnt_text, parse_learnt
+    from gateway.storage.mean_pages import means_page
     from gateway.storage.pages import ReadingsPage, readings_page
     from gateway.storage.readings import Retention
     from gateway.storage.row_pages import RowsPage, rows_after
@@ -33,6 +34,7 @@ else:
             ".history": ("History", "TimeSpan"),
             ".imported": ("import_learnt",),
             ".learnt": ("Learnt", "Reference", "learnt_text", "parse_learnt"),
+            ".mean_pages": ("means_page",),
             ".pages": ("ReadingsPage", "readings_page"),
             ".readings": ("Retention",),
             ".row_pages": ("RowsPage", "rows_after"),
@@ -73,6 +75,7 @@ __all__ = [
     "import_learnt",
     "learnt_text",
     "marks_of",
+    "means_page",
     "parse_learnt",
     "readings_page",
     "rows_after",

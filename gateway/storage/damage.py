@@ -22,7 +22,7 @@ from gateway.storage.learnt import parse_learnt
 from gateway.storage.schema import NEW, UNREADABLE
 from gateway.storage.snapshot import marks_of
 
-_NOT_COPIED = ("reading", "minute", "mark", "thinned")
+_NOT_COPIED = ("reading", "minute", "mark", "thinned", "recent_minute", "gathered")
 """Raw readings stay in a file that is set aside: they are many, and nothing is learnt from them."""
 _LARGEST = 1e9
 """Of any input, error or uncertainty."""

@@ -50,6 +50,8 @@ EARLIER = "sample_before"
 _SECONDS_PER_DAY = 86400.0
 _LEAST_S = 60.0
 """Between two marks."""
+_MOST_GATHERED = 1_000_000
+"""Readings of which means are made at once; of an earlier program's file the rest follow ten minutes later."""
 _DAMPED = 0.9
 """Of the largest size, what is left after making room."""
 
@@ -149,6 +151,7 @@ class Pruning:
             _delete_old(connection, "minutes", "minute", minute)
             connection.execute("DELETE FROM mark WHERE id < ?", (ancient,))
         self._make_room(connection)
+        _gather(connection)
 
     def _before(self, connection: sqlite3.Connection, before_s: float) -> int | None:
         found = connection.execute("SELECT max(id) FROM mark WHERE ran_s <= ?", (before_s,)).fetchone()[0]
@@ -186,6 +189,7 @@ def _thin(connection: sqlite3.Connection, mark: int) -> None:
         (reading, QUALITIES.index(Quality.GOOD)),
     )
     _delete_old(connection, "readings", "reading", reading)
+    _forget(connection, reading)
     _delete_old(connection, "compensation", "compensation", step)
     connection.execute("DELETE FROM reasons WHERE k <= ? AND k < (SELECT max(k) FROM reasons)", (reasons,))
 
@@ -200,6 +204,33 @@ def _delete_old(connection: sqlite3.Connection, name: str, table: str, upto: int
     if last is not None:
         connection.execute(f"DELETE {old}", (upto,))
         connection.execute("INSERT OR REPLACE INTO thinned VALUES (?, ?)", (name, last))
+
+
+def _gather(connection: sqlite3.Connection) -> None:
+    """Add minute means of the readings since the last time, so that a day is answered without looking at each of them.
+
+    They stay beside the readings, and go with them; a minute may be in two rows.
+    """
+    (above,) = connection.execute("SELECT coalesce(max(upto), 0) FROM gathered").fetchone()
+    among = f"SELECT max(id) FROM (SELECT id FROM reading WHERE id > ? ORDER BY id LIMIT {_MOST_GATHERED})"
+    (upto,) = connection.execute(among, (above,)).fetchone()
+    if upto is not None:
+        connection.execute(
+            f"INSERT INTO recent_minute SELECT NULL, {CHANNEL_OF}, CAST(time / 60 AS INTEGER) * 60, count(*),"
+            " avg(value) FROM reading WHERE id > ? AND id <= ? AND value IS NOT NULL AND quality = ? GROUP BY 2, 3"
+            " ORDER BY 3, 2",
+            (above, upto, QUALITIES.index(Quality.GOOD)),
+        )
+        connection.execute(
+            "INSERT INTO gathered SELECT NULL, ?, ?, coalesce(max(id), 0) FROM recent_minute", (above, upto)
+        )
+
+
+def _forget(connection: sqlite3.Connection, reading: int | None) -> None:
+    """Delete the means of readings of which some up to this one are gone."""
+    gone = "FROM gathered WHERE above < ?"
+    connection.execute(f"DELETE FROM recent_minute WHERE id <= (SELECT max(last) {gone})", (reading,))
+    connection.execute(f"DELETE {gone}", (reading,))
 
 
 def upto_thinned(connection: sqlite3.Connection, name: str) -> int | None:

@@ -9,7 +9,9 @@ from gateway.telemetry.codec import encode
 from gateway.telemetry.queries import MOST_ROWS, Answer, Replied, limit_of, parameters_of
 
 _MOST_ESTIMATES = 2000
-_KNOWN = ("from", "to", "channels", "limit", "after")
+_KNOWN = ("from", "to", "channels", "limit", "after", "every")
+_LONGEST_S = 3600
+_LONGEST_MINUTES_S = 86_400
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,6 +25,8 @@ class HistoryRequest:
     limit: int
     after: str | None
     """`next` of the page before; None: from the beginning."""
+    every_s: int | None = None
+    """Length of the intervals of which means are wanted; None: the readings as they are stored."""
 
 
 HistorySource = Callable[[HistoryRequest], HistoryPage]
@@ -76,7 +80,21 @@ def parse_selector(selected: str) -> HistoryRequest:
     begin, end = _span(parameters)
     limit = limit_of(parameters, MOST_ROWS // 5, MOST_ROWS)
     channels = tuple(name for name in parameters.get("channels", "").split(",") if name)
-    return HistoryRequest(begin, end, channels or None, limit, parameters.get("after"))
+    return HistoryRequest(begin, end, channels or None, limit, parameters.get("after"), _every_s(parameters))
+
+
+def _every_s(parameters: dict[str, str]) -> int | None:
+    """Long intervals are whole minutes, of which the store has means: no query looks at a day of single readings."""
+    if "every" not in parameters:
+        return None
+    text = parameters["every"]
+    if text.isascii() and text.isdecimal() and len(text) <= len(str(_LONGEST_MINUTES_S)):
+        every_s = int(text)
+        if 1 <= every_s <= (_LONGEST_S if every_s % 60 else _LONGEST_MINUTES_S):
+            return every_s
+    raise ValueError(
+        f"every = {text!r}: expected whole seconds, 1 to {_LONGEST_S}, or whole minutes of up to {_LONGEST_MINUTES_S} s"
+    )
 
 
 def _span(parameters: dict[str, str]) -> tuple[datetime, datetime]:

@@ -165,6 +165,36 @@ async def test_a_day_is_a_table_of_its_good_values_by_channel() -> None:
     assert (asked[2].begin, asked[2].end) == (BEGIN - timedelta(hours=1), BEGIN + timedelta(hours=23))
 
 
+@pytest.mark.parametrize("earlier", [False, True], ids=["means of the gateway", "an earlier gateway, of the readings"])
+async def test_a_table_of_means_is_that_of_the_gateway_where_it_makes_them(earlier: bool) -> None:
+    port, asked = free_port(), list[int | None]()
+
+    def find(request: HistoryRequest) -> HistoryPage:
+        asked.append(request.every_s)
+        if request.every_s is None:
+            return stored(request)
+        if earlier:
+            raise ValueError("every: unknown; expected one of from, to, channels, limit, after")
+        times = [request.begin.timestamp(), request.begin.timestamp() + request.every_s]
+        return HistoryPage(float(request.every_s), ("a",), ("degC",), times, [0, 0], [20.0, 22.0], ["good"] * 2, None)
+
+    settings, end = Telemetry(listen=(here(port),)), BEGIN + timedelta(minutes=3)
+    async with TelemetryPublisher(settings, "mill", (), SystemClock(), "b", simulated=False, history=find):
+        with Machine(connect=here(port)) as machine:
+            table = machine.history(BEGIN, end, every_s=60)
+            for begin, every_s in (
+                (BEGIN + timedelta(seconds=0.5), 30),
+                (BEGIN + timedelta(seconds=30), 60),
+                (BEGIN, 0.5),
+                (BEGIN, 3601),
+            ):
+                machine.history(begin, end, every_s=every_s)
+            with pytest.raises(ValueError, match="every_s = nan: expected more than 0"):
+                machine.history(BEGIN, end, every_s=float("nan"))
+    assert table["a"].tolist() == pytest.approx([20.0, 22.0, np.nan], nan_ok=True)
+    assert [every_s for every_s in asked if every_s is not None] == [60], "of others, the readings themselves"
+
+
 @pytest.mark.slow
 async def test_the_example_of_the_page_follows_a_machine_and_reads_its_day() -> None:
     found = re.search(r"```python\n(.*?)```", PAGE, re.DOTALL)
