@@ -113,18 +113,21 @@ def _test(tree: Path, test: str) -> NoReturn:
 
 
 def _exit_code(child: int, limit_s: float) -> int | None:
-    """None: ended after this time, with what it started."""
+    """None: ended after this time. Nothing that the fork has started outlives it, also when this program is stopped."""
     end_s, pause_s = time.monotonic() + limit_s, 0.005
-    while time.monotonic() < end_s:
-        found, status = os.waitpid(child, os.WNOHANG)
-        if found:
-            return os.waitstatus_to_exitcode(status)
-        time.sleep(pause_s)
-        pause_s = min(0.1, 1.5 * pause_s)
-    with suppress(ProcessLookupError):
-        os.killpg(child, signal.SIGKILL)
-    os.waitpid(child, 0)
-    return None
+    try:
+        while time.monotonic() < end_s:
+            found, status = os.waitpid(child, os.WNOHANG)
+            if found:
+                return os.waitstatus_to_exitcode(status)
+            time.sleep(pause_s)
+            pause_s = min(0.1, 1.5 * pause_s)
+        return None
+    finally:
+        with suppress(ProcessLookupError):
+            os.killpg(child, signal.SIGKILL)
+        with suppress(ChildProcessError):
+            os.waitpid(child, 0)
 
 
 if __name__ == "__main__":
