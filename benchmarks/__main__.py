@@ -19,6 +19,7 @@ _SUBJECTS = (
     "unseen_days",
     "learner",
     "learner_bounds",
+    "policy",
     "forecast",
     "sparse_expert",
     "recordings",

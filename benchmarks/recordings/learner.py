@@ -26,25 +26,29 @@ class Learning:
         return [_run(given, self.settings, given.used)[0]]
 
     def decide(self, given: Given, limit: float) -> tuple[MethodCourse, BoolArray]:
-        """Measured throughout the dense beginning, and then whenever the learner asks. limit: µm; µm/m in
-        proportion."""
+        """Measured throughout the dense beginning, where a run begins like those of a fixed interval, and then whenever
+        the learner asks. limit: µm; µm/m in proportion."""
         share = self.settings.limit_um_per_m / self.settings.limit_um
         settings = replace(self.settings, policy="uncertainty", limit_um=limit, limit_um_per_m=share * limit)
         return _run(given, settings, None)
 
 
 def _run(given: Given, settings: LearnerSettings, used: BoolArray | None) -> tuple[MethodCourse, BoolArray]:
-    """A controller for each nine errors, measured together: in the used rows, or when any of them asks (None)."""
+    """A controller for each nine errors, measured together: in the used rows; or (None) when any of them asks, and at
+    the beginning of a run if a fixed interval measures there, too."""
     groups = [(list(group), list(group.values())) for group in slots(given.angle)]
     controllers = [
         Controller(given.input_names, TalcSettings(method="learner", learner=settings), given.step_s) for _ in groups
     ]
     estimate, stated = np.full((2, *given.measured.shape), np.nan)
     valid, available, dense = np.isfinite(given.inputs), given.used, given.on_steps < given.dense_steps
-    made, asked = np.zeros(len(given.k), dtype=np.bool_), True
+    made, asked, run = np.zeros(len(given.k), dtype=np.bool_), True, -1
     for row, k in enumerate(given.k.tolist()):
-        due = bool(dense[row]) or asked if used is None else bool(used[row])
+        begins = given.measure_first and int(given.run[row]) != run
+        due = bool(dense[row]) or begins or asked if used is None else bool(used[row])
         made[row] = due and available[row]
+        if made[row]:
+            run = int(given.run[row])
         asked = False
         for controller, (places, errors) in zip(controllers, groups, strict=True):
             measurement = None

@@ -38,6 +38,8 @@ class Given:
     """Grid steps at the beginning with a measurement at every step."""
     interval_steps: int
     """Grid steps between measurements after that."""
+    measure_first: bool = True
+    """Whether each run begins with a measurement, also where the method decides."""
 
     @property
     def used(self) -> BoolArray:
@@ -71,7 +73,9 @@ class Method(Protocol):
         ...
 
 
-def given_of(series: Series, used: BoolArray, seed: int, dense_steps: int, interval_steps: int) -> Given:
+def given_of(
+    series: Series, used: BoolArray, seed: int, dense_steps: int, interval_steps: int, measure_first: bool = True
+) -> Given:
     """The series with measurements in the used rows only. A row's noise does not depend on the other rows used."""
     draw = np.random.default_rng([seed, 17]).normal(size=series.truth.shape)
     measured = np.where(used[:, None], series.truth + series.probing * draw, np.nan)
@@ -87,6 +91,7 @@ def given_of(series: Series, used: BoolArray, seed: int, dense_steps: int, inter
         sigma=np.hypot(series.noise, series.probing),
         dense_steps=dense_steps,
         interval_steps=interval_steps,
+        measure_first=measure_first,
     )
 
 

@@ -76,7 +76,8 @@ class Sweep:
             used = moments(series, self.dense_h, self.interval_min, measure_first)
             course = carry_out(method, series, used, seed, self.dense_h, self.interval_min)
         elif self.limit is not None:
-            given = given_of(series, used, seed, round(self.dense_h * 3600.0 / series.step_s), 1)
+            dense_steps = round(self.dense_h * 3600.0 / series.step_s)
+            given = given_of(series, used, seed, dense_steps, 1, measure_first)
             course, used = method.decide(given, self.limit)
         if course is None:
             return []

@@ -231,6 +231,20 @@ def test_the_learner_rests_on_the_measurements_that_it_asked_for_alone() -> None
     assert often.sum() > seldom.sum()
 
 
+@pytest.mark.parametrize("measure_first", [True, False])
+def test_the_learner_and_a_fixed_interval_begin_a_run_alike(measure_first: bool) -> None:
+    series = wavy()
+    k = series.k.copy()
+    k[len(k) // 2 :] += 144
+    series = replace(series, k=k, run=(np.arange(len(k)) >= len(k) // 2).astype(np.int64))
+    given = given_of(series, np.ones(len(k), dtype=np.bool_), 0, 12, 1, measure_first)
+    begins = np.flatnonzero(np.diff(series.run)) + 1
+    _, asked = Learning().decide(given, 20.0)
+    assert asked[begins].all() == measure_first
+    assert asked[begins + 1].all() == (not measure_first), "the controller asks only once after a pause"
+    assert moments(series, 1.0, 1e6, measure_first)[begins].all() == measure_first
+
+
 def test_a_policy_that_looks_at_other_measurements_is_caught() -> None:
     class Peeping(Learning):
         def decide(self, given: Given, limit: float) -> tuple[MethodCourse, BoolArray]:
