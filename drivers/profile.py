@@ -15,8 +15,9 @@ UNITS = (
     *("degC", "degF", "K"),
     *("nm", "µm", "um", "mm", "m", "µm/m", "rad", "deg"),
     *("V", "mV", "A", "mA", "ohm", "W", "kW", "Hz", "%", "1"),
+    *("VA", "kVA", "var", "kvar", "Wh", "kWh", "VAh", "kVAh", "varh", "kvarh"),
     *("Pa", "kPa", "hPa", "bar", "mbar", "N", "kN", "Nm"),
-    *("1/min", "mm/s", "m/s", "l/min", "m3/h", "s"),
+    *("1/min", "mm/s", "m/s", "m/s2", "l/min", "l/h", "m3/h", "kg/h", "l", "m3", "kg", "s", "min", "h"),
 )
 """The units that a profile may state; `1` for a pure number."""
 _SAME_DEVICES = {"modbus_rtu_tcp": "modbus_rtu"}
