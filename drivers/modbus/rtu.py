@@ -13,6 +13,7 @@ from drivers.byte_stream import ByteStream, TcpStream
 from drivers.modbus.bus import ModbusBus, decode_pdu
 from drivers.modbus.frames import find_rtu_answer, is_damaged, plausibly_of, rtu_answers, rtu_length, rtu_request
 from drivers.modbus.numbers import Block
+from drivers.modbus.repeats import Repeats
 from drivers.modbus.settings import ModbusRtuSettings, ModbusRtuTcpSettings
 from drivers.modbus.strangers import Strangers
 from drivers.modbus.unanswered import Unanswered
@@ -53,6 +54,7 @@ class RtuFramedBus(ModbusBus):
         """Until when the answer to a cancelled request may come."""
         self._unanswered = Unanswered()
         self._strangers = Strangers()
+        self._repeats = Repeats()
 
     def other_master(self) -> str:
         """What shows that another master is on the line, in words; empty if nothing does."""
@@ -73,12 +75,34 @@ class RtuFramedBus(ModbusBus):
             # The request would be its own answer: learn from another one whether requests come back.
             separator = self._unanswered.another(unit, block)
         if separator is not None:
-            await self._request(device, unit, separator, block)
-            self._unanswered.separated(unit)
-        return await self._request(device, unit, block, block)
+            await self._separate(device, unit, separator, block)
+        await self._let_repetition_pass(unit, block)
+        message = await self._request(device, unit, block, block)
+        now_s = asyncio.get_running_loop().time()
+        if self._repeats.is_doubtful(unit, block, message, now_s):
+            await self._separate(device, unit, self._unanswered.another(unit, block), block)
+            message = await self._request(device, unit, block, block)
+            self._repeats.checked(unit, block, message, now_s)
+        self._repeats.accepted(unit, block, message, asyncio.get_running_loop().time())
+        return decode_pdu(message, self._name, device)
 
-    async def _request(self, device: str, unit: int, block: Block, like: Block) -> ModbusPDU:
-        """Send the request and wait about as long as the unit usually takes for the one that it is like."""
+    async def _separate(self, device: str, unit: int, separator: Block, like: Block) -> None:
+        """Ask for something else first, so that nothing older can follow."""
+        await self._request(device, unit, separator, like)
+        self._unanswered.separated(unit)
+
+    async def _let_repetition_pass(self, unit: int, block: Block) -> None:
+        """Wait for a repetition that would look like the answer to this request."""
+        loop = asyncio.get_running_loop()
+        until_s = loop.time() + min(self._repeats.expected_s(unit, block, loop.time()), self.left_s)
+        heard = bytearray()
+        with suppress(TimeoutError):
+            while loop.time() < until_s and not self._repeats.note(heard, loop.time(), self._unanswered.due):
+                heard += await self._stream.read(until_s - loop.time())
+
+    async def _request(self, device: str, unit: int, block: Block, like: Block) -> bytes:
+        """Send the request and wait about as long as the unit usually takes for the one that it is like; the message
+        that answers it (function code and data)."""
         loop = asyncio.get_running_loop()
         if (gap_s := self._quiet_since + self._gap_s - loop.time()) > 0:
             await asyncio.sleep(gap_s)
@@ -120,7 +144,7 @@ class RtuFramedBus(ModbusBus):
         took_s = answered_s - (asked.since_s if all_came else asked.last_s)
         self._patience.answered(unit, like, min(self._timeout_s, took_s))
         self._owing_until = None
-        return decode_pdu(message, self._name, device)
+        return message
 
     async def _hear(self, heard: bytearray, unit: int, block: Block, latest_s: float, wait_s: float) -> bytes:
         """The answer, once it is complete in `heard`.
@@ -181,9 +205,12 @@ class RtuFramedBus(ModbusBus):
         """Bytes that were heard, beside the answer to this block or while nothing was asked."""
         if not heard:
             return
+        is_only_answer = block is not None and len(heard) == rtu_length(block)
+        if not is_only_answer:
+            now_s = asyncio.get_running_loop().time()
+            self._repeats.note(heard, now_s, (*self._unanswered.due, *([] if block is None else [(unit, block)])))
+            self._strangers.note(heard, now_s)
         self._unanswered.note(heard, unit, block)
-        if block is None or len(heard) != rtu_length(block):
-            self._strangers.note(heard, asyncio.get_running_loop().time())
 
     async def _wait_for_owed_answer(self) -> None:
         """Let the unit finish answering a cancelled request; otherwise two would talk at once."""

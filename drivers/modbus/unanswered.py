@@ -1,5 +1,6 @@
 """The requests on a serial line that have no answer yet. RTU answers are not numbered."""
 
+from collections.abc import Collection
 from dataclasses import dataclass
 
 from drivers.modbus.frames import alike, rtu_answers
@@ -57,6 +58,11 @@ class Unanswered:
     def asked(self, unit: int, block: Block) -> Asked:
         """What is known of this block; new if nothing is due."""
         return self._asked.setdefault((unit, block), Asked())
+
+    @property
+    def due(self) -> Collection[tuple[int, Block]]:
+        """Units and requests of which an answer may still come."""
+        return [key for key, asked in self._asked.items() if asked.sent > 0]
 
     def was_heard(self, unit: int) -> bool:
         """Whether late answers of this unit have been found since this was called last."""
