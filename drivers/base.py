@@ -210,5 +210,9 @@ class Refused(DriverError):
         self.absent = absent
 
 
+class Busy(Refused):
+    """The device cannot answer just now and wants to be asked again."""
+
+
 class WrongDevice(DriverError):
     """The device that answers is not the configured one (type code, identity)."""

@@ -8,7 +8,7 @@ if TYPE_CHECKING:
     from drivers.modbus.bus import ModbusBus, ModbusTcpBus
     from drivers.modbus.device import ModbusDevice
     from drivers.modbus.inputs import addresses_as_in_manuals, last_address
-    from drivers.modbus.numbers import Block, NumberFormat, NumberType, Order
+    from drivers.modbus.numbers import Block, NumberFormat, NumberType, Order, as_in_manuals
     from drivers.modbus.profile import ModbusProfile
     from drivers.modbus.rtu import ModbusRtuBus, ModbusRtuTcpBus
     from drivers.modbus.settings import ModbusOptions, ModbusRtuSettings, ModbusRtuTcpSettings, ModbusTcpSettings
@@ -19,7 +19,7 @@ else:
             ".bus": ("ModbusBus", "ModbusTcpBus"),
             ".device": ("ModbusDevice",),
             ".inputs": ("addresses_as_in_manuals", "last_address"),
-            ".numbers": ("Block", "NumberFormat", "NumberType", "Order"),
+            ".numbers": ("Block", "NumberFormat", "NumberType", "Order", "as_in_manuals"),
             ".profile": ("ModbusProfile",),
             ".rtu": ("ModbusRtuBus", "ModbusRtuTcpBus"),
             ".settings": ("ModbusOptions", "ModbusRtuSettings", "ModbusRtuTcpSettings", "ModbusTcpSettings"),
@@ -42,5 +42,6 @@ __all__ = [
     "NumberType",
     "Order",
     "addresses_as_in_manuals",
+    "as_in_manuals",
     "last_address",
 ]

@@ -14,11 +14,20 @@ from math import inf, isinf
 from pymodbus.exceptions import ModbusException
 from pymodbus.pdu import ExceptionResponse, ModbusPDU
 
-from drivers.base import BadAnswer, ConnectError, NoAnswer
+from drivers.base import BadAnswer, Busy, ConnectError, NoAnswer
 from drivers.byte_stream import ByteStream, StreamBus, TcpStream
-from drivers.modbus.frames import RESPONSES, TCP_HEADER, find_tcp_answer, fits, request_pdu, tcp_messages
+from drivers.modbus.frames import (
+    RESPONSES,
+    TCP_HEADER,
+    find_tcp_answer,
+    fits,
+    is_refusal,
+    request_pdu,
+    tcp_messages,
+)
 from drivers.modbus.numbers import BIT_FUNCTIONS, Block
 from drivers.modbus.refusals import refusal
+from drivers.modbus.rests import Rests
 from drivers.modbus.settings import ModbusTcpSettings
 from drivers.patience import Patience
 from drivers.tap import Tap
@@ -42,6 +51,7 @@ class ModbusBus(StreamBus, ABC):
         super().__init__(name, stream, timeout_s)
         self._patience = patience
         self._until_s = inf
+        self._rests = Rests()
         self._wanted = False
         """Whether the connection is to be open: `connect` succeeded and nobody has called `close`."""
 
@@ -62,12 +72,17 @@ class ModbusBus(StreamBus, ABC):
 
         again: this repeats a question to the unit, so that an answer to what was sent before is as good
 
-        Raises NoAnswer, BadAnswer, Refused (exception code) or ConnectError (wire lost).
+        Raises NoAnswer, BadAnswer, Refused (exception code), Busy or ConnectError (wire lost).
         """
         async with self._lock:
+            await self._let_rest(device, unit, again)
             pdu = await self._answer(device, unit, block, again)
         if isinstance(pdu, ExceptionResponse):
-            raise refusal(self._name, device, unit, block, pdu.exception_code)
+            error = refusal(self._name, device, unit, block, pdu.exception_code)
+            if isinstance(error, Busy):
+                self._rests.was_busy(unit, asyncio.get_running_loop().time())
+            raise error
+        self._rests.answered(unit)
         if block.function in BIT_FUNCTIONS:
             return tuple(int(bit) for bit in pdu.bits[: block.count])
         return tuple(pdu.registers)
@@ -79,6 +94,24 @@ class ModbusBus(StreamBus, ABC):
 
     def _opened(self) -> None:
         """Reset what belonged to the last connection."""
+
+    async def _let_rest(self, device: str, unit: int, again: bool) -> None:
+        """Wait before a question is repeated to a unit that was busy; only so long as time is left to ask it then."""
+        if not again:
+            self._rests.answered(unit)
+            return
+        rest_s = self._rests.left_s(unit, asyncio.get_running_loop().time())
+        if rest_s <= 0:
+            return
+        if self.left_s - rest_s < _SHORTEST_S:
+            raise NoAnswer(
+                f"unit {unit} is busy, and no time was left to ask it later",
+                hurried=True,
+                heard=True,
+                bus=self._name,
+                device=device,
+            )
+        await asyncio.sleep(rest_s)
 
     async def _answer(self, device: str, unit: int, block: Block, again: bool) -> ModbusPDU:
         """As `_exchange`, on a connection that may have to be opened anew."""
@@ -177,8 +210,13 @@ class ModbusTcpBus(ModbusBus):
     def _check(self, device: str, unit: int, block: Block, answering: int, answer: bytes) -> None:
         """Raises BadAnswer if it is not that unit's answer to that request."""
         if answering != unit:
-            raise BadAnswer(f"unit {answering} answered instead of unit {unit}", bus=self._name, device=device)
-        if not fits(answer, block):
+            raise BadAnswer(
+                f"unit {answering} answered instead of unit {unit}",
+                bus=self._name,
+                device=device,
+                hint=f"if the host is a single device, ask it as unit {answering}",
+            )
+        if not (fits(answer, block) or is_refusal(answer)):  # some refuse with another function's code
             raise BadAnswer(
                 f"the answer does not fit function {block.function}, count {block.count}: {answer[:16].hex(' ')}",
                 bus=self._name,
@@ -186,8 +224,20 @@ class ModbusTcpBus(ModbusBus):
             )
 
     def _nothing_valid(self, device: str, unit: int, heard: bytes | bytearray, waited_s: float) -> NoAnswer | BadAnswer:
-        if tcp_messages(heard)[1] == len(heard):  # nothing, or late answers only
+        messages, end = tcp_messages(heard)
+        if not heard:
             return self._silence(device, unit, waited_s)
+        if end == len(heard):
+            others = ", ".join(map(str, messages))
+            return NoAnswer(
+                f"unit {unit} did not answer request {self._number} within {waited_s:.3g} s, only answers to other "
+                f"requests came ({others})",
+                hurried=waited_s < self._timeout_s,
+                heard=any(answering == unit for answering, _ in messages.values()),
+                bus=self._name,
+                device=device,
+                hint="raise timeout_s; if the number is always the same, the server does not copy a request's number",
+            )
         return BadAnswer(
             f"the bytes received are not a complete Modbus TCP answer: {heard[:16].hex(' ')}",
             bus=self._name,

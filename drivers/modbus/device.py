@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from math import inf, isfinite
 
-from drivers.base import BadAnswer, Clock, DriverError, NoAnswer, Quality, Reading, Refused, WrongDevice
+from drivers.base import BadAnswer, Busy, Clock, DriverError, NoAnswer, Quality, Reading, Refused, WrongDevice
 from drivers.faults import Fault, first_fault
 from drivers.modbus.answers import BlockAnswers, Words
 from drivers.modbus.bus import ModbusBus
@@ -85,7 +85,7 @@ class ModbusDevice:
         try:
             await self._check(again)
             self._checked = True
-        except (NoAnswer, BadAnswer) as error:
+        except (NoAnswer, BadAnswer, Busy) as error:
             error.heard |= bool(self._check_answers)  # it has answered a part of it
             missed = True
             raise
@@ -103,9 +103,10 @@ class ModbusDevice:
         elif not self._profile.settings:
             try:
                 await self._ask(self._values.test, again=again)
-            except Refused as error:  # it answers; what it refuses is found when it is read
-                if not error.absent:
-                    raise
+            except Busy:
+                raise
+            except Refused:  # it answers; what it refuses is found when it is read
+                pass
 
     def _check_settings(self, words: Words) -> None:
         for setting in self._profile.settings:
@@ -194,15 +195,27 @@ class ModbusDevice:
             try:
                 answers.add(request, await self._ask(request, again=again))
                 plan.answered(request)
-            except (NoAnswer, BadAnswer):
+            except NoAnswer as error:
+                answers.missed(request)
+                raise self._with_gaps(error, plan.unused(request) if answers else "") from error
+            except (BadAnswer, Busy):
                 answers.missed(request)
                 raise
             except Refused as error:
-                if not error.absent:
-                    raise
-                if plan.is_certain(request):
+                if plan.is_certain(request, error):
                     plan.divide(request, error)
                     self._refused_since_s = self._clock.monotonic()
+                elif not error.absent and plan.has_answered(request):  # it may be better in a moment
+                    answers.missed(request)
+                    raise Busy(error.what, bus=error.bus, device=error.device, hint=error.hint) from error
+
+    def _with_gaps(self, error: NoAnswer, unused: str) -> NoAnswer:
+        """The error of a request that reads unused addresses, too, to a unit that has answered others."""
+        if not unused:
+            return error
+        hint = f"it answers other requests; this one also reads {unused}, which no channel needs: max_gap = 0?"
+        where = {"bus": error.bus, "device": error.device, "hint": hint}
+        return NoAnswer(error.what, hurried=error.hurried, heard=error.heard, **where)
 
     async def _fetch(self, plan: ReadPlan, again: bool) -> Words:
         await self._answer(plan, self._check_answers, again=again)

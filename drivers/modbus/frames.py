@@ -129,6 +129,11 @@ def fits(answer: bytes, block: Block) -> bool:
     return answer[:2] == bytes((block.function, data_bytes(block))) and len(answer) == 2 + answer[1]
 
 
+def is_refusal(answer: bytes) -> bool:
+    """Whether a message (function code and data) has the form of a refusal, of whatever function."""
+    return len(answer) == 2 and bool(answer[0] & 0x80)
+
+
 def find_tcp_answer(heard: bytes | bytearray, number: int) -> tuple[int, bytes] | None:
     """Unit and message (function code and data) of the answer with this number, or None if it has not arrived yet.
 

@@ -8,8 +8,9 @@ from drivers.base import Refused
 from drivers.modbus.numbers import BIT_FUNCTIONS, AddressRange, Block
 
 _MOST_BITS = 2000
-_SURE, _SURE_AFTER_ANSWERS = 2, 4
-"""How many refusals in a row are believed; of a request that has been answered before."""
+_SURE, _SURE_AFTER_ANSWERS, _SURE_OF_FAILURE = 2, 4, 16
+"""How many refusals in a row are believed; of a request that has been answered before; and of such a one if the unit
+does not say that it lacks what is asked for, but that it fails."""
 
 
 class ReadPlan:
@@ -58,19 +59,32 @@ class ReadPlan:
             raise ValueError("nothing was refused")
         return self._error
 
+    def unused(self, request: Block) -> str:
+        """The addresses that the request reads and nothing needs, in words; empty: none."""
+        inside = [place for place in self._places if holds(request, place)]
+        gaps = [(one[1] + one[2], other[1] - 1) for one, other in pairwise(inside) if other[1] > one[1] + one[2]]
+        return ", ".join(f"{first}" if first == last else f"{first}-{last}" for first, last in gaps)
+
     def answered(self, request: Block) -> None:
         """The unit has answered the request."""
         if request not in self._answered or self._refusals:
             self._answered.add(request)
             del self._refusals[request]
 
-    def is_certain(self, request: Block) -> bool:
+    def has_answered(self, request: Block) -> bool:
+        """Whether the unit has answered this request."""
+        return request in self._answered
+
+    def is_certain(self, request: Block, error: Refused) -> bool:
         """The unit has refused the request: whether that need not be asked again.
 
         On a serial line it may have been the late refusal of another request: refusals do not say what they refuse.
         """
         self._refusals[request] += 1
-        return self._refusals[request] >= (_SURE_AFTER_ANSWERS if request in self._answered else _SURE)
+        enough = _SURE
+        if request in self._answered:
+            enough = _SURE_AFTER_ANSWERS if error.absent else _SURE_OF_FAILURE
+        return self._refusals[request] >= enough
 
     def divide(self, request: Block, error: Refused) -> None:
         """The unit refuses this one of the requests: ask for its parts instead, unless it is a single place."""

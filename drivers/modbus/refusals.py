@@ -1,6 +1,6 @@
 """What the exception codes of Modbus mean, and what to do about them."""
 
-from drivers.base import NoAnswer, Refused
+from drivers.base import Busy, NoAnswer, Refused
 from drivers.modbus.numbers import Block, as_in_manuals
 
 _EXCEPTIONS = {
@@ -15,8 +15,11 @@ _EXCEPTIONS = {
     11: "gateway target did not respond",
 }
 _TARGET_SILENT = (10, 11)
+_BUSY = (5, 6)
 _ILLEGAL_ADDRESS = 2
-_ABSENT = (1, _ILLEGAL_ADDRESS)
+_ABSENT = (1, _ILLEGAL_ADDRESS, 3)
+"""What the unit does not have, or not so much at once: illegal data value is the standard's answer to a count that is
+too large."""
 
 
 def refusal(bus: str, device: str, unit: int, block: Block, code: int) -> NoAnswer | Refused:
@@ -25,5 +28,8 @@ def refusal(bus: str, device: str, unit: int, block: Block, code: int) -> NoAnsw
     what = f"unit {unit} answered function {block.function}, address {block.address}, count {block.count} with "
     if code in _TARGET_SILENT:
         return NoAnswer(f"{what}exception {code}: {meaning}", bus=bus, device=device)
+    if code in _BUSY:
+        hint = "ask it less often: a longer period_s, or no second master"
+        return Busy(f"{what}exception {code}: {meaning}", bus=bus, device=device, hint=hint)
     hint = (code == _ILLEGAL_ADDRESS and as_in_manuals(block.address)) or "does the profile fit the device?"
     return Refused(f"{what}exception {code}: {meaning}", absent=code in _ABSENT, bus=bus, device=device, hint=hint)

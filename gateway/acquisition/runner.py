@@ -6,7 +6,7 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from drivers.base import BadAnswer, ConnectError, DriverError, NoAnswer
+from drivers.base import BadAnswer, Busy, ConnectError, DriverError, NoAnswer
 from gateway.acquisition.bus import PolledBus
 from gateway.acquisition.device import PolledDevice
 from gateway.acquisition.line import Line
@@ -227,7 +227,7 @@ class BusRunner:
             unsure.asks += 1
             if not (isinstance(unsure.error, DriverError) and not unsure.error.hurried):
                 unsure.error = error  # the first that was given the full time says best what is wrong
-            if not isinstance(error, NoAnswer | BadAnswer):
+            if not isinstance(error, NoAnswer | BadAnswer | Busy):
                 await self._failed(unsure.device, due, error)
             elif self._in_vain(unsure):
                 await self._failed(unsure.device, due, unsure.error)
@@ -256,7 +256,7 @@ class BusRunner:
         match error:
             case NoAnswer():
                 return error.hurried or device.ever_answered
-            case BadAnswer():
+            case BadAnswer() | Busy():
                 return True
             case _:
                 return False

@@ -2,7 +2,7 @@
 
 import asyncio
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -42,6 +42,8 @@ _ORDER_NAMES = {
     ("little", "little"): "both swapped",
 }
 """Word order and byte order, in the words of a table's head."""
+_LIKELY: Mapping[NumberType, tuple[float, float]] = {"float64": (1e-6, 1e9), "int64": (1, 1e12)}
+"""How large a number of 64 bits is that a device may mean."""
 Draft = click.option("--draft", type=click.Path(dir_okay=False, path_type=Path),
                      help="Write a profile of what was read; the file must not exist yet.")  # fmt: skip
 
@@ -86,8 +88,8 @@ def registers_command(
     console = terminal()
     for table in word_tables(seen):
         console.print(table)
-    for reason in dict.fromkeys(seen.refused.values()):
-        console.print(f"- {reason}", highlight=False, soft_wrap=True)
+    for refused in seen.refusals():
+        console.print(f"- unit {unit} refuses {refused}", highlight=False, soft_wrap=True)
     if draft is not None and seen.words:
         meaning = Meaning(NumberFormat(kind, byte_order, word_order), scale, quantity)
         _write(draft, seen, meaning, unit, where)
@@ -124,7 +126,8 @@ def word_tables(seen: SeenWords) -> list[Table]:
         for address, bit in sorted(seen.words.items()):
             bits.add_row(str(address), str(bit))
         return [bits]
-    return [_narrow(seen), *([_wide(seen)] if len(seen.words) > 1 else [])]
+    widest = _widest(seen)
+    return [_narrow(seen), *([_wide(seen)] if len(seen.words) > 1 else []), *([widest] if widest.row_count else [])]
 
 
 def _narrow(seen: SeenWords) -> Table:
@@ -150,6 +153,19 @@ def _wide(seen: SeenWords) -> Table:
         table.add_row(f"{a}", "int32", *(f"{of[a]}" for of in integers))
         table.add_row("", "x 0.1", *(f"{of[a] * 0.1:.1f}" for of in integers))
         table.add_row("", "float32", *(number_text(of[a]) for of in reals), end_section=True)
+    return table
+
+
+def _widest(seen: SeenWords) -> Table:
+    """Where four registers hold a number that a device may mean: any others would mostly be no such number."""
+    table = Table("address", "type", *(_ORDER_NAMES[order] for order in ORDERS), title_justify="left")
+    table.title = f"function {seen.function}: four registers each, where one order gives a likely number"
+    for kind, (least, most) in _LIKELY.items():
+        of_orders = [seen.numbers(NumberFormat(kind, byte, word)) for word, byte in ORDERS]
+        for a in of_orders[0]:
+            if any(least <= abs(of[a]) <= most for of in of_orders):
+                numbers = [of[a] for of in of_orders]
+                table.add_row(f"{a}", kind, *(f"{n}" if isinstance(n, int) else number_text(n) for n in numbers))
     return table
 
 

@@ -3,11 +3,13 @@
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from drivers.base import BadAnswer, NoAnswer, Refused
-from drivers.modbus import Block, ModbusBus, NumberFormat, Order
+from drivers.base import BadAnswer, Busy, NoAnswer, Refused
+from drivers.modbus import Block, ModbusBus, NumberFormat, Order, as_in_manuals
 from gateway.config import toml_value
 from gateway.scan.fragment import CONFIRM
 
+_MOST_ASKS = 8
+"""How often a unit that is busy is asked."""
 _MOST_REGISTERS, _MOST_BITS = 125, 2000
 """In one answer (MODBUS Application Protocol V1.1b3)."""
 ORDERS: tuple[tuple[Order, Order], ...] = (
@@ -27,7 +29,7 @@ class SeenWords:
     words: dict[int, int] = field(default_factory=dict)
     """Address to register (0..65535) or bit (0, 1)."""
     refused: dict[int, str] = field(default_factory=dict)
-    """Address to the reason why the unit refuses it."""
+    """Address to the reason why the unit refuses it, in words."""
 
     @property
     def has_bits(self) -> bool:
@@ -37,6 +39,13 @@ class SeenWords:
         """First address and words of each range without a gap."""
         for run in _runs(sorted(self.words)):
             yield run[0], [self.words[address] for address in run]
+
+    def refusals(self) -> Iterator[str]:
+        """What the unit refuses, a line for each reason."""
+        for reason in dict.fromkeys(self.refused.values()):
+            runs = _runs([address for address in sorted(self.refused) if self.refused[address] == reason])
+            places = ", ".join(str(run[0]) if len(run) == 1 else f"{run[0]}-{run[-1]}" for run in runs)
+            yield f"function {self.function} at {places}: {reason}"
 
     def numbers(self, form: NumberFormat) -> Mapping[int, int | float]:
         """The number that begins at each address, as far as all of its registers are known."""
@@ -62,10 +71,12 @@ async def read_words(bus: ModbusBus, unit: int, function: int, addresses: Sequen
 
 async def _divide(bus: ModbusBus, unit: int, block: Block, seen: SeenWords) -> None:
     try:
-        words = await _twice(bus, unit, block)
+        words = await _asked(bus, unit, block)
     except Refused as error:
         if block.count == 1:
-            seen.refused[block.address] = error.advice
+            reason = error.what.partition(" with ")[2]
+            meant = as_in_manuals(block.address)
+            seen.refused[block.address] = f"{reason} ({meant})" if meant else reason
             return
         # Even halves: some units refuse to answer half of a 32-bit number.
         first = 1 if block.count == 2 else (block.count // 2 + 1) & ~1
@@ -75,12 +86,17 @@ async def _divide(bus: ModbusBus, unit: int, block: Block, seen: SeenWords) -> N
     seen.words.update(zip(range(block.address, block.address + block.count), words, strict=True))
 
 
-async def _twice(bus: ModbusBus, unit: int, block: Block) -> Sequence[int]:
-    """One disturbed or lost answer shall not end it."""
-    try:
-        return await bus.read("", unit, block)
-    except (BadAnswer, NoAnswer):
-        return await bus.read("", unit, block, again=True)
+async def _asked(bus: ModbusBus, unit: int, block: Block) -> Sequence[int]:
+    """One disturbed or lost answer shall not end it, nor a unit that is busy for a while."""
+    for ask in range(_MOST_ASKS):
+        try:
+            return await bus.read("", unit, block, again=ask > 0)
+        except (BadAnswer, NoAnswer):
+            if ask > 0:
+                raise
+        except Busy:
+            pass
+    return await bus.read("", unit, block, again=True)
 
 
 def _runs(addresses: Sequence[int]) -> Iterator[list[int]]:

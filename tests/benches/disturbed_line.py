@@ -15,6 +15,7 @@ from gateway.acquisition.line import Line
 from gateway.clock import RealClock
 from gateway.polling import Notice
 from simulators.devices import M7015, RtuLine
+from simulators.devices.modbus_servers import crc16
 from simulators.devices.pta8d08 import Pta8d08
 
 PERIOD_S, TIMEOUT_S, PERIODS = 1.0, 0.4, 60
@@ -43,6 +44,21 @@ def flipped(share: float) -> Disturb:
 def lost(share: float) -> Disturb:
     """This share of the answers is lost."""
     return lambda draw, frame: [] if draw.random() < share else [(0.0, frame)]
+
+
+def busy(share: float) -> Disturb:
+    """Instead of this share of the answers the unit says that it is busy (exception 6)."""
+
+    def disturb(draw: random.Random, frame: bytes) -> Sent:
+        refusal = bytes((frame[0], frame[1] | 0x80, 6))
+        return [(0.0, refusal + crc16(refusal) if draw.random() < share else frame)]
+
+    return disturb
+
+
+def twice(share: float, by_s: float) -> Disturb:
+    """This share of the answers comes once more after this time."""
+    return lambda draw, frame: [(0.0, frame), *([(by_s, frame)] if draw.random() < share else [])]
 
 
 def late(share: float, by_s: float) -> Disturb:

@@ -3,6 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
+from drivers.base import Refused
 from drivers.modbus.numbers import Block
 from drivers.modbus.plan import ReadPlan, plan_blocks
 
@@ -33,10 +34,13 @@ def test_no_request_reads_more_bits_than_modbus_allows() -> None:
 def test_one_late_refusal_is_not_believed_and_of_a_request_that_was_answered_not_even_three() -> None:
     plan = ReadPlan([(3, 0, 1)], 125, 8)
     (request,) = plan.requests
-    assert [plan.is_certain(request) for _ in range(2)] == [False, True]
+    absent, fails = Refused("illegal data address", absent=True), Refused("device failure")
+    assert [plan.is_certain(request, absent) for _ in range(2)] == [False, True]
     for _ in range(2):
         plan.answered(request)  # the refusals before it do not count
-        assert [plan.is_certain(request) for _ in range(4)] == [False, False, False, True]
+        assert [plan.is_certain(request, absent) for _ in range(4)] == [False, False, False, True]
+    plan.answered(request)
+    assert [plan.is_certain(request, fails) for _ in range(16)] == [False] * 15 + [True], "it may be better soon"
 
 
 @given(

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.base import BadAnswer, ConnectError, DriverError, NoAnswer
+from drivers.base import BadAnswer, ConnectError, DriverError, NoAnswer, Refused
 from drivers.modbus.bus import ModbusTcpBus
 from drivers.modbus.frames import find_tcp_answer
 from drivers.modbus.numbers import Block
@@ -63,7 +63,11 @@ async def test_answer_in_pieces_and_two_at_once() -> None:
 @pytest.mark.parametrize(
     ("reply", "error", "text"),
     [
-        pytest.param(lambda n: message(n, GOOD, unit=9), BadAnswer, "unit 9 answered", id="another unit"),
+        pytest.param(lambda n: message(n, GOOD, unit=9), BadAnswer, "ask it as unit 9", id="another unit"),
+        pytest.param(
+            lambda _: message(0, GOOD), NoAnswer, r"only answers to other requests came \(0\)", id="no number"
+        ),
+        pytest.param(lambda n: message(n, b"\x84\x02"), Refused, "exception 2", id="another function's exception"),
         pytest.param(lambda n: message(n, b"\x04" + GOOD[1:]), BadAnswer, "does not fit", id="another function"),
         pytest.param(lambda n: message(n, GOOD[:-2]), BadAnswer, "does not fit", id="too short"),
         pytest.param(lambda n: message(n, GOOD + b"\0"), BadAnswer, "does not fit", id="too long"),

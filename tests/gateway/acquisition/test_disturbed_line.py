@@ -23,6 +23,7 @@ from tests.benches.disturbed_line import (
     TIMEOUT_S,
     Bench,
     Disturb,
+    busy,
     disturbed,
     flipped,
     late,
@@ -44,6 +45,8 @@ CASES: dict[str, tuple[Callable[[], Disturb], DeviceKind, int]] = {
     "10 % lost, two blocks": (lambda: lost(0.1), TWO_BLOCKS, 1),
     "30 % lost": (lambda: lost(0.3), ONE_BLOCK, 1),
     "30 % lost, two blocks": (lambda: lost(0.3), TWO_BLOCKS, 3),
+    "10 % busy, two blocks": (lambda: busy(0.1), TWO_BLOCKS, 0),
+    "30 % busy, two blocks": (lambda: busy(0.3), TWO_BLOCKS, 1),
     "20 % late": (lambda: late(0.2, 0.6), ONE_BLOCK, 1),
     "20 % late, two blocks": (lambda: late(0.2, 0.6), TWO_BLOCKS, 1),
     "20 % late, answered in order": (lambda: slow(0.2, 0.6), ONE_BLOCK, 1),
@@ -68,7 +71,13 @@ async def judge(case: str, seed: int, timeout_s: float | None = None) -> None:
 
 
 @pytest.mark.parametrize(
-    "case", ["a bit flipped in 30 %", "30 % lost, two blocks", "20 % late, answered in order, two blocks"]
+    "case",
+    [
+        "a bit flipped in 30 %",
+        "30 % lost, two blocks",
+        "30 % busy, two blocks",
+        "20 % late, answered in order, two blocks",
+    ],
 )
 async def test_few_readings_are_lost(case: str) -> None:
     await judge(case, 0)

@@ -122,12 +122,31 @@ async def test_refused_addresses_are_named_and_take_no_other_with_them(tmp_path:
         done = await inspect(f"127.0.0.1:{port}", "0-6", "--unit", "7", "--scale", "0.1", "--draft", str(file))
     assert done.exit_code == 0, done.output
     assert cells(done.output, "1")[:5] == ["1", "FFDF", "-33", "-3.3", "65503"]
-    assert "function 3, address 2, count 1 with exception 2: illegal data address" in done.output
+    assert "- unit 7 refuses function 3 at 2-4, 6: exception 2: illegal data address\n" in done.output
     text = file.read_text()
     assert "# Refused, and left out: 2, 3, 4, 6." in text
     assert "# seen: 21.3 -3.3\nfunction = 3\naddress = 0\nchannels = 2" in text
     assert "# seen: 40\nfunction = 3\naddress = 5\nchannels = 1" in text
     assert "max_gap = 0 " in text, "what it refuses is not asked for again"
+
+
+async def test_numbers_of_64_bits_are_shown_where_they_are_likely() -> None:
+    reversed_words = struct.unpack(">4H", struct.pack(">d", 41234.5))[::-1]
+    counter = struct.unpack(">4H", struct.pack(">q", 9_000_000_001))
+    held = [
+        SimData(0, values=list(range(210, 218)), datatype=DataType.REGISTERS),
+        SimData(100, values=list(reversed_words), datatype=DataType.REGISTERS),
+        SimData(200, values=list(counter), datatype=DataType.REGISTERS),
+    ]
+    async with pymodbus_server(held) as (port, _):
+        done = await inspect(f"127.0.0.1:{port}", "0-7,100-103,200-203", "--unit", "7")
+        few = await inspect(f"127.0.0.1:{port}", "0-7", "--unit", "7")
+    shown = done.output.partition("four registers each")[2]
+    assert cells(shown, "100")[1:2] + cells(shown, "100")[4:5] == ["float64", "41234.50"], (
+        "in the column of swapped words"
+    )
+    assert cells(shown, "200")[1:3] == ["int64", "9000000001"]
+    assert "four registers" not in few.output
 
 
 async def test_bits(tmp_path: Path) -> None:
