@@ -31,7 +31,7 @@ class _Accepted:
 
 
 @dataclass(slots=True)
-class _Unit:
+class _AnsweringUnit:
     answers: deque[_Accepted] = field(default_factory=lambda: deque(maxlen=_MOST_RECENT))
     copied_s: float | None = None
     """When a copy was last heard."""
@@ -49,12 +49,12 @@ class Repeats:
     """The latest answers of each unit, and whether they come twice. All times are monotonic."""
 
     def __init__(self) -> None:
-        self._units: dict[int, _Unit] = {}
+        self._units: dict[int, _AnsweringUnit] = {}
 
     def accepted(self, unit: int, block: Block, message: bytes, now_s: float) -> None:
         """This is an answer of the unit. message: function code and data"""
         frame = rtu_frame(bytes((unit,)) + message)
-        self._units.setdefault(unit, _Unit()).answers.append(_Accepted(block, message, frame, now_s))
+        self._units.setdefault(unit, _AnsweringUnit()).answers.append(_Accepted(block, message, frame, now_s))
 
     def is_doubtful(self, unit: int, block: Block, message: bytes, now_s: float) -> bool:
         """Whether this may be a copy of an answer to another request."""
