@@ -25,8 +25,10 @@ Field = float | int | bool | str | None
 
 
 def line(measurement: str, tags: Mapping[str, str], fields: Mapping[str, Field], at: datetime) -> str | None:
-    """One line; None if no field has a value. Empty tags are left out, as the protocol has none."""
-    written = ",".join(f"{_escaped(name)}={_value(value)}" for name, value in fields.items() if value is not None)
+    """One line; None if no field has a value. Empty tags are left out, as the protocol has none, and whole numbers that
+    it cannot write: the server would refuse all lines that are sent with them."""
+    known = ((name, value) for name, value in fields.items() if value is not None and not _too_large(value))
+    written = ",".join(f"{_escaped(name)}={_value(value)}" for name, value in known)
     if not written:
         return None
     tagged = "".join(f",{_escaped(name)}={_escaped(text)}" for name, text in sorted(tags.items()) if text)
@@ -39,6 +41,10 @@ def _escaped(text: str) -> str:
     a backslash elsewhere stands for itself (and before a comma, blank or equals sign cannot be written)."""
     plain = "".join(" " if character in "\n\r\t\0" else character for character in text).replace("\\", "/")
     return plain.replace(",", r"\,").replace("=", r"\=").replace(" ", r"\ ")
+
+
+def _too_large(value: Field) -> bool:
+    return isinstance(value, int) and not -(2**63) <= value < 2**63
 
 
 def _value(value: float | int | bool | str) -> str:

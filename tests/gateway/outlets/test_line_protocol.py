@@ -20,6 +20,7 @@ AT = datetime(2026, 1, 5, 6, 0, 0, 250000, tzinfo=UTC)
         ({"t": "ends\\"}, {"on": True}, "m,t=ends/ on=true"),
         ({"empty": ""}, {"n": 3, "none": None, "x": 1e-07}, "m n=3i,x=1e-07"),
         ({"Öl": "µm"}, {"v": -0.0}, "m,Öl=µm v=-0.0"),
+        ({}, {"k": 2**63, "below": -(2**63) - 1, "n": 2**63 - 1}, "m n=9223372036854775807i"),
     ],
 )
 def test_names_and_texts_are_escaped(tags: dict[str, str], fields: dict[str, object], expected: str) -> None:
@@ -40,6 +41,13 @@ def test_a_decision_has_a_line_for_each_error_without_what_is_unknown() -> None:
                                  trusted={"EX0C": False}, time="2026-01-05T06:00:00+00:00"))  # fmt: skip
     assert first.startswith("control,machine=mill phase=")
     assert errors == ["decision,error=EX0C,machine=mill corrected=1.5,trusted=false 1767592800000000000"]
+
+
+def test_a_message_of_numbers_that_cannot_be_written_spoils_no_others() -> None:
+    (control,) = lines(heard("decision", k=10**30, predicted={}, corrected={}, sigma={}, limits={}, trusted={},
+                             time="2026-01-05T06:00:00+00:00"))  # fmt: skip
+    assert " phase=" in control
+    assert "k=" not in control
 
 
 def test_a_message_whose_time_is_none_is_left_out() -> None:
