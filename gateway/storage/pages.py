@@ -112,7 +112,7 @@ def _place(after: str | None) -> tuple[bool, int]:
     """Whether minutes come next, and after which id."""
     if after is None:
         return True, 0
-    if after[:1] in ("m", "r") and after[1:].isdecimal() and len(after) <= 20:
+    if after[:1] in ("m", "r") and after[1:].isdecimal() and len(after) <= 20 and int(after[1:]) < _LAST_ID:
         return after[0] == "m", int(after[1:])
     raise ValueError(f"after = {after!r}: expected `next` of the page before")
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from datetime import datetime
+from datetime import UTC, datetime
 
 from gateway.telemetry.answers import CoursePage, HistoryPage
 from gateway.telemetry.codec import encode
@@ -110,8 +110,8 @@ def _time(parameters: dict[str, str], name: str) -> datetime:
         raise ValueError(f"{name}: missing; {expected}")
     try:
         time = datetime.fromisoformat(parameters[name])
-    except ValueError:
-        time = None
-    if time is None or time.tzinfo is None:
-        raise ValueError(f"{name} = {parameters[name]!r}: {expected}")
-    return time
+        if time.tzinfo is not None:
+            return time.astimezone(UTC)
+    except (ValueError, OverflowError):  # in UTC it may be before the year 1 or after 9999
+        pass
+    raise ValueError(f"{name} = {parameters[name]!r}: {expected}")

@@ -132,6 +132,8 @@ def test_what_was_thinned_comes_first_as_means_of_minutes(tmp_path: Path) -> Non
         (None, "r", "after = 'r': expected `next`"),
         (None, "x12", "after = 'x12': expected `next`"),
         (None, "m" + "9" * 30, "expected `next`"),
+        (None, f"m{2**63 - 1}", "expected `next`"),
+        (None, f"r{2**63}", "expected `next`"),
     ],
 )
 def test_a_wrong_question_is_answered_in_words(

@@ -99,6 +99,14 @@ async def test_a_page_is_what_was_asked_for() -> None:
         ("from=today;to=2026-03-02T00:00:00Z", "history: from = 'today': expected a time"),
         ("from=2026-03-02T00:00:00;to=2026-03-03T00:00:00Z", "history: from = '2026-03-02T00:00:00': expected a time"),
         ("from=2026-03-02T00:00:00Z", "history: to: missing"),
+        (
+            "from=0001-01-01T00:00:00+14:00;to=2026-03-03T00:00:00Z",
+            "history: from = '0001-01-01T00:00:00+14:00': expected",
+        ),
+        (
+            "from=2026-03-02T00:00:00Z;to=9999-12-31T23:59:59-14:00",
+            "history: to = '9999-12-31T23:59:59-14:00': expected",
+        ),
         ("from=2026-03-02T00:00:00Z;to=2026-03-01T00:00:00Z", "expected later than from = '2026-03-02T00:00:00Z'"),
         (f"{DAY};limit=0", f"history: limit = '0': expected 1 to {MOST_ROWS}"),
         (f"{DAY};limit=1000000000000", f"expected 1 to {MOST_ROWS}"),
