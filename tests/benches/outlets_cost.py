@@ -21,11 +21,15 @@ _SETTLED_S = 15.0
 _TICKS = os.sysconf("SC_CLK_TCK")
 
 
-def used(process: int) -> tuple[float, float]:
-    """Processor time, s, and resident memory, MB."""
+def used(process: int) -> tuple[float, float, float]:
+    """Processor time, s, resident memory, and what of it no other process shares, MB."""
     fields = Path(f"/proc/{process}/stat").read_text(encoding="ascii").rpartition(")")[2].split()
-    pages = int(Path(f"/proc/{process}/statm").read_text(encoding="ascii").split()[1])
-    return (int(fields[11]) + int(fields[12])) / _TICKS, pages * os.sysconf("SC_PAGE_SIZE") / 1e6
+    kilobytes = {
+        line.split(":")[0]: int(line.split()[1])
+        for line in Path(f"/proc/{process}/smaps_rollup").read_text(encoding="ascii").splitlines()[1:]
+    }
+    own = kilobytes["Private_Clean"] + kilobytes["Private_Dirty"]
+    return (int(fields[11]) + int(fields[12])) / _TICKS, kilobytes["Rss"] * 1.024e-3, own * 1.024e-3
 
 
 @contextmanager
@@ -71,8 +75,9 @@ def main(seconds: float, keys: int) -> None:
         time.sleep(seconds)
         took_s = time.monotonic() - began_s
         for title, process in running.items():
-            cpu_s, memory_mb = used(process.pid)
-            print(f"{title:<28}{100.0 * (cpu_s - before[title]) / took_s:6.2f} % of a core {memory_mb:6.0f} MB")
+            cpu_s, memory_mb, own_mb = used(process.pid)
+            share = 100.0 * (cpu_s - before[title]) / took_s
+            print(f"{title:<28}{share:6.2f} % of a core {memory_mb:6.0f} MB, {own_mb:.0f} MB of it its own")
         rows = database.ask('SELECT count("value") FROM "reading"')
         print(f"readings in InfluxDB: {rows}")
 
