@@ -35,6 +35,9 @@ class Problem:
 def suggestion(wrong: str, right: Iterable[str]) -> str:
     """`did you mean 'baud'?`, or the possible names when none is close."""
     names = sorted(right)
+    begun = [name for name in names if wrong and name.startswith(wrong)]
+    if len(begun) > 1:
+        return f"did you mean {' or '.join(repr(name) for name in begun)}?"
     close = get_close_matches(wrong, names, n=1, cutoff=0.6)
     if close:
         return f"did you mean '{close[0]}'?"

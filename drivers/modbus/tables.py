@@ -127,8 +127,8 @@ class StatusRegister(Section):
     """Function code."""
     address: Address
     """Address of the first register."""
-    stride: int = Field(default=1, ge=1, le=1000)
-    """Distance from one status register to the next."""
+    stride: int = Field(default=1, ge=0, le=1000)
+    """Distance from one status register to the next; 0: all channels have the same one."""
     channels_per_register: int = Field(default=1, ge=1, le=REGISTER_BITS)
     """Channels that share a register."""
     bit_stride: int = Field(default=0, ge=0, lt=REGISTER_BITS)

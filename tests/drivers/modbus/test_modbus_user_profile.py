@@ -222,6 +222,16 @@ async def test_status_bits_of_several_channels_in_one_register(tmp_path: Path) -
         assert told(await driver.read()) == [("sensor_fault", "open")]
 
 
+async def test_one_status_register_of_all_channels(tmp_path: Path) -> None:
+    profile = PROFILE.replace("address = 102\nstride = 4", "address = 102\nstride = 0")
+    module = UserProfiledModule()
+    async with reading(module, tmp_path, {"a": 0, "d": 3}, profile) as driver:
+        module.status = [0, 0x42, 0, 0x42]
+        assert told(await driver.read()) == [("good", "")] * 2
+        module.status = [0x42, 0, 0, 0]
+        assert told(await driver.read()) == [("sensor_fault", "short")] * 2
+
+
 async def test_sentinel_that_is_no_whole_number(tmp_path: Path) -> None:
     """As the device sends it: the nearest that its four bytes can hold."""
     module = Packed()
