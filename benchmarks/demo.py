@@ -13,14 +13,14 @@ from typing import Literal
 import numpy as np
 
 from benchmarks.rows import BenchRow
-from drivers.nc import NcSnapshot, OperatingMode, ProgramState
+from drivers.nc import FollowsErrors, NcSnapshot, OperatingMode, ProgramState
 from drivers.problems import read_settings
 from drivers.sinumerik import SinumerikSettings, make_sinumerik
 from gateway.config import Probing
-from gateway.nc import Slew, form_of
+from gateway.nc import ByErrors, Slew
 from gateway.probing import End, Probe, ProbingSchedule, Standing, probe_of
 from gateway.report import ReportData, Summary, Truth, summary
-from simulators.bench.machine import BenchMachine
+from simulators.bench.machine import TERMS, BenchMachine
 from simulators.nc import MachineState
 from simulators.plant import RADIUS_MM, load_machine
 from talc.control import Controller
@@ -34,18 +34,17 @@ _HOURS = 72.0
 _EPOCH = datetime(2026, 1, 5, 6, tzinfo=UTC)
 _TICK_S, _NC_S, _READ_S, _GRID_S = 10, 30, 100, 300
 """Periods of the demo: of a look at a probing cycle, of the NC, of the devices and of the grid."""
-_BOUND_UM, _SLEW_UM_PER_S = (150.0, 150.0, 150.0), 1.0
-_TABLES = ("XY", "XZ", "YX", "YZ", "ZX", "ZY")
-_REACH_MM = np.array([210.0, 210.0, 250.0])
 _TRAVEL_MM = [[-210.0, 210.0], [-210.0, 210.0], [0.0, 250.0]]
-_ROUTE = {"route": "k0_slope", "travel_mm": _TRAVEL_MM, "tables": {pair: n for n, pair in enumerate(_TABLES)}}
-"""Like the limits, from simulators/bench/gateway.toml."""
+_ROUTE = {"route": "errors", "travel_mm": _TRAVEL_MM}
+"""From simulators/bench/gateway.toml."""
 _STATES = ("spindle_speed", "speed_X", "speed_Y", "speed_A", "speed_C", "coolant")
 _STEPS_OF = 18
 """Channels that come in steps of 0.1 K; the others' steps are smaller."""
 _PROBING = Probing(armed=True, sphere_radius_mm=RADIUS_MM, poll_s=_TICK_S)
 _REQUEST, _VALID_FOR = 60, 62
 """R-parameters of the probing handshake."""
+_OWNER, _BEAT, _SILENCE, _WANTED, _PROBED = 93, 94, 95, 100, 120
+"""R-parameters of the claim; the first of the nine errors, and of the shift in mm that a cycle held."""
 
 
 class _TimeByHand:
@@ -94,9 +93,14 @@ class DemoLoop:
         self._number, self._look_from = 0, math.inf
         place = {"url": "opc.tcp://127.0.0.1", "security": "none", "compensation": _ROUTE}
         control = make_sinumerik(read_settings(SinumerikSettings, place), self._clock)  # never connected
-        self._form = form_of(control, RADIUS_MM * 1e-3, _BOUND_UM)
-        self._slew = Slew(_BOUND_UM, _SLEW_UM_PER_S, "zero", _NC_S, np.zeros((3, 4)), 0.0)
-        self._coefficients = np.zeros((3, 4))
+        if not isinstance(control, FollowsErrors):
+            raise TypeError(f"{type(control).__name__} does not follow the nine errors")
+        self._form = ByErrors(control, TERMS.reach_mm, RADIUS_MM * 1e-3, TERMS.bound_um)
+        self._slew = Slew(
+            TERMS.bound_um, TERMS.slew_um_per_s, "zero", _NC_S, np.zeros((3, 9)), 0.0, together=self._form.together
+        )
+        for number, value in ((_SILENCE, math.inf), (_OWNER, 1.0), (_BEAT, 1.0)):
+            self._nck.write_r(number, value, 0.0)
         self._read: list[list[float]] = []
         self._states: list[list[float]] = []
         self._finished: Measurement | None = None
@@ -130,12 +134,9 @@ class DemoLoop:
             return
         now, errors = self._clock.now, np.nan_to_num(self._decisions[-1].corrected)
         wanted = self._form.wanted(errors, _where(state), RADIUS_MM * 1e-3)
-        self._coefficients = np.array(self._slew.follow(now, wanted).coefficients_um)
-        k0, slope = self._coefficients[:, 0] * 1e-3, self._coefficients[:, 1:] / _REACH_MM
-        for axis in range(3):
-            self._nck.write_k0(axis, -float(k0[axis]), now)
-            self._nck.slope[axis] = -float(slope[axis, axis]) * 1e-3
-        self._nck.table_weight[:] = [-float(slope["XYZ".index(pair[0]), "XYZ".index(pair[1])]) for pair in _TABLES]
+        step = self._slew.follow(now, wanted)
+        for i, value in enumerate(self._form.errors_of(np.array(step.coefficients_um))):
+            self._nck.write_r(_WANTED + i, float(value), now)
 
     def _see_to_probing(self, state: MachineState) -> None:
         now = self._clock.now
@@ -162,10 +163,11 @@ class DemoLoop:
             return
         found = np.mean(self._cycles, axis=0)
         self._cycles, self._number = [], 0
-        in_force = self._form.during(self._coefficients, found)
+        x, y, z = (mm * 1e3 for mm in self._nck.r[_PROBED : _PROBED + 3])
+        held_um = (x, y, z)
         if self._reference is None:
-            self._reference = found + np.asarray(in_force) * 1e-3
-        result = self._probe.solve(self._probe.deviations_um(found, self._reference, in_force))
+            self._reference = found + np.array(held_um) * 1e-3
+        result = self._probe.solve(self._probe.deviations_um(found, self._reference, held_um))
         self._finished = Measurement(result.errors, result.sigma)
         self._plan.ended(End.MEASURED, "", self._clock.now)
 

@@ -8,7 +8,7 @@ if TYPE_CHECKING:
     from gateway.nc.boundary import contained_control
     from gateway.nc.build import control_of
     from gateway.nc.link import NcLink
-    from gateway.nc.routes import Form, form_of
+    from gateway.nc.routes import ByErrors, Form, form_of
     from gateway.nc.settings import Earlier, Identity, LinkSettings, Listeners
     from gateway.nc.slew import Offsets, Slew, Step, Write
     from gateway.nc.states import NcState, Source
@@ -19,7 +19,7 @@ else:
             ".boundary": ("contained_control",),
             ".build": ("control_of",),
             ".link": ("NcLink",),
-            ".routes": ("Form", "form_of"),
+            ".routes": ("ByErrors", "Form", "form_of"),
             ".settings": ("Earlier", "Identity", "LinkSettings", "Listeners"),
             ".slew": ("Offsets", "Slew", "Step", "Write"),
             ".states": ("NcState", "Source"),
@@ -27,6 +27,7 @@ else:
     )
 
 __all__ = [
+    "ByErrors",
     "Earlier",
     "Form",
     "Identity",

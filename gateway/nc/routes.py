@@ -169,11 +169,15 @@ class ByErrors:
     async def read(self) -> FloatArray:
         return self._largest * np.array(await self._nc.read_errors(self._radius_m * 1e3), dtype=np.float64)
 
-    async def write(self, coefficients: FloatArray) -> None:
+    def errors_of(self, coefficients: FloatArray) -> FloatArray:
+        """(9,) µm and µm/m that these coefficients (3, 9) stand for."""
         row = np.argmax(self._largest, axis=0)
         each = np.arange(len(row))
-        errors = coefficients[row, each] / self._largest[row, each]
-        await self._nc.write_errors(NineErrors(tuple(errors.tolist()), self._radius_m * 1e3, self._bound_um))
+        return np.asarray(coefficients[row, each] / self._largest[row, each], dtype=np.float64)
+
+    async def write(self, coefficients: FloatArray) -> None:
+        errors = tuple(self.errors_of(coefficients).tolist())
+        await self._nc.write_errors(NineErrors(errors, self._radius_m * 1e3, self._bound_um))
 
 
 class AsGreeted:

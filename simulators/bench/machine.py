@@ -1,12 +1,22 @@
 """The machine on the bench: plant, load case and control on one clock, as the devices measure them."""
 
 import csv
+import math
 from collections.abc import Callable, Sequence
 from datetime import timedelta
 from pathlib import Path
 
 from simulators.devices import ValueSource
-from simulators.nc import Activity, CycleSettings, DayPart, EmulatedControl, LoadCase, MeanLoads, SimulatedClock
+from simulators.nc import (
+    Activity,
+    CycleSettings,
+    DayPart,
+    EmulatedControl,
+    FollowingTerms,
+    LoadCase,
+    MeanLoads,
+    SimulatedClock,
+)
 from simulators.plant import RADIUS_MM, STEP_S, Environment, MachineDrive, Plant, load_machine
 from talc.names import THERMAL_ERRORS
 
@@ -16,6 +26,8 @@ IDLE_S = 12 * 3600.0
 """Time switched on but idle before simulated time begins: the reference is not taken on a cold machine."""
 REST_S = 900.0
 """The machine rests for this long at first."""
+TERMS = FollowingTerms(1.0, RADIUS_MM, (150.0, 150.0, 150.0), (210.0, math.hypot(210.0, 250.0)))
+"""Of the program with which the control follows the nine errors; as gateway.toml has them."""
 TRUTH_STEP_S = 60.0
 TRUTH_COLUMNS = ("utc_s", *THERMAL_ERRORS, "dx", "dy", "dz", "rx", "ry", "rz", "probing")
 """Simulated UTC; the nine errors; tool-to-workpiece deviation without (d) and with compensation (r), µm;
@@ -41,7 +53,8 @@ class BenchMachine:
         self.plant = Plant(load_machine(), Environment(), seed, start_utc=clock.utc() - timedelta(seconds=IDLE_S))
         self.plant.advance(IDLE_S, MachineDrive())
         self.plant.zero()
-        self.control = EmulatedControl(self, clock, program, cycle=CycleSettings(radius_mm=RADIUS_MM), seed=seed)
+        cycle = CycleSettings(radius_mm=RADIUS_MM)
+        self.control = EmulatedControl(self, clock, program, cycle=cycle, seed=seed, errors=TERMS)
 
     def advance(self, time_s: float) -> None:
         """Advance the plant to a past or present time, with the drives of each inner step from the control."""
@@ -96,7 +109,7 @@ class BenchMachine:
         state = self.control.nck.state(time_s)
         x, y, z, a, c = (state.positions[axis] for axis in ("X", "Y", "Z", "A", "C"))
         deviation = [float(v) for v in self.plant.deviation_um(x, y, z, a, c)]
-        shift = self.control.nck.shift_um((x, y, z))
+        shift = self.control.nck.shift_then_um(state)
         left = [d - s for d, s in zip(deviation, shift, strict=True)]
         return [self._epoch_s + time_s, *map(float, self.plant.errors()), *deviation, *left, float(state.probing)]
 

@@ -4,6 +4,7 @@ from simulators.nc.access import Security, User
 from simulators.nc.control import EmulatedControl, SimulatedClock
 from simulators.nc.cycle import CycleSettings, ReasonCode
 from simulators.nc.nck import MachineState, MachineUnderControl, Nck
+from simulators.nc.nine_errors import FollowingTerms
 from simulators.nc.program import Activity, DayPart, LoadCase, MeanLoads
 
 __all__ = [
@@ -11,6 +12,7 @@ __all__ = [
     "CycleSettings",
     "DayPart",
     "EmulatedControl",
+    "FollowingTerms",
     "LoadCase",
     "MachineState",
     "MachineUnderControl",

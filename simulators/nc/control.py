@@ -13,6 +13,7 @@ from simulators.nc.access import APPLICATION_URI, Security, User, Users, only
 from simulators.nc.attributes import Attributes, add_nodes
 from simulators.nc.cycle import CycleSettings
 from simulators.nc.nck import R_COUNT, MachineState, MachineUnderControl, Nck
+from simulators.nc.nine_errors import FollowingTerms
 from simulators.nc.program import LoadCase
 from simulators.nc.sampler import Sampler
 from simulators.nc.standard_nodes import StandardServer
@@ -40,7 +41,7 @@ class EmulatedControl:
 
     Parameters
     ----------
-    machine, program, cycle, seed, compensation_sign, programs, r_count: see Nck
+    machine, program, cycle, seed, compensation_sign, programs, r_count, errors: see Nck
     clock: simulated or real time
     users: name to password and rights
     security: None speaks without any
@@ -69,6 +70,7 @@ class EmulatedControl:
         port: int = 0,
         programs: Sequence[str] = (),
         r_count: int = R_COUNT,
+        errors: FollowingTerms | None = None,
     ) -> None:
         self.nck = Nck(
             machine,
@@ -78,6 +80,7 @@ class EmulatedControl:
             compensation_sign=compensation_sign,
             programs=programs,
             r_count=r_count,
+            errors=errors,
         )
         self.out_of_service: set[str] = set()
         self.sampling = True

@@ -1,8 +1,13 @@
-"""Where the axes are, and which tool is in the spindle, while the emulated control's program runs."""
+"""Where the axes are, and which tool is in the spindle, while the emulated control's program or its cycle runs."""
 
 import math
 
-from simulators.nc.program import Activity, DayPart, LoadCase
+import numpy as np
+
+from simulators.nc.cycle import CycleSettings
+from simulators.nc.program import Activity, DayPart, LoadCase, MeanLoads
+
+AXES = ("X", "Y", "Z", "A", "C")
 
 _CENTRE_MM = {"X": 0.0, "Y": 0.0, "Z": 150.0}
 _STROKE_MM = {"X": 300.0, "Y": 300.0, "Z": 200.0}
@@ -32,3 +37,23 @@ def tool_at(block: DayPart, time_s: float, program: LoadCase) -> int:
     if block.kind in (Activity.PAUSE, Activity.NIGHT):
         return 0
     return 1 + int(block.start_s / 300.0 + max(0.0, time_s - block.start_s) / program.operation_s) % 20
+
+
+def probing_positions(settings: CycleSettings, since_s: float) -> dict[str, float]:
+    """So long after a cycle's start. Each pose is held from a third of its slot until its touches are done."""
+    slot = (settings.duration_s - 2 * settings.approach_s) / len(settings.poses_deg)
+    progress = (since_s - settings.approach_s) / slot
+    pose = min(max(math.floor(progress), 0), len(settings.poses_deg) - 1)
+    part = min(max((progress - pose) * 3.0, 0.0), 1.0)
+    before = max(pose - 1, 0)
+    start = (*settings.nominal_centre_mm(before), *settings.poses_deg[before])
+    end = (*settings.nominal_centre_mm(pose), *settings.poses_deg[pose])
+    return {axis: s + part * (e - s) for axis, s, e in zip(AXES, start, end, strict=True)}
+
+
+def probing_loads(settings: CycleSettings) -> MeanLoads:
+    """Mean speeds of the moves from pose to pose and back, spindle at rest, no cutting fluid."""
+    points = [(*settings.nominal_centre_mm(pose), *settings.poses_deg[pose]) for pose in range(len(settings.poses_deg))]
+    path = np.abs(np.diff([*points, points[0]], axis=0)).sum(axis=0) / (settings.duration_s / 60.0)
+    x, y, z, a, c = (float(v) for v in path)
+    return MeanLoads(x=x, y=y, z=z, a=a / 360.0, c=c / 360.0)

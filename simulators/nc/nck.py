@@ -10,11 +10,10 @@ import numpy as np
 
 from simulators.nc.cycle import Centre, CycleSettings, ProbingCycle, ReasonCode
 from simulators.nc.main_run import MainRun
-from simulators.nc.moves import positions_at, tool_at
+from simulators.nc.moves import AXES, positions_at, probing_loads, probing_positions, tool_at
+from simulators.nc.nine_errors import R_COUNT_WITH_ERRORS, ErrorFollower, FollowingTerms
 from simulators.nc.program import LoadCase, MeanLoads
 from simulators.nc.watchdog import R_BEAT, R_OWNER, R_SLOPE_RAMP, R_WATCH, Logged, Watchdog
-
-AXES = ("X", "Y", "Z", "A", "C")
 
 R_COUNT = 100
 """R-parameters of channel 1: R0 to R99, the control's default."""
@@ -81,6 +80,7 @@ class Nck:
         None: the watchdog of simulators.nc.watchdog, which is what they are meant to do, at any step of time
     ipo_s: interpolation cycle
     r_count: how many R-parameters the channel has
+    errors: the control computes K0 from nine errors, as TALC_ERRORS is meant to, at any step of time; not with programs
     """
 
     def __init__(
@@ -94,18 +94,19 @@ class Nck:
         programs: Sequence[str] = (),
         ipo_s: float = 0.01,
         r_count: int = R_COUNT,
+        errors: FollowingTerms | None = None,
     ) -> None:
         self._machine = machine
         self.program = program
         self.cycle_settings = cycle if cycle is not None else CycleSettings()
         self.cycle = ProbingCycle(self.cycle_settings, self._touch, program.next_safe_point)
-        self._cycle_loads = _cycle_loads(self.cycle_settings)
+        self._cycle_loads = probing_loads(self.cycle_settings)
         self._seed = seed
         self._noise = self._again = np.zeros((len(self.cycle_settings.poses_deg), 3))
         self._spread_mm = 0.0
         self._noise_of = math.nan
         self._sign = compensation_sign
-        self.r = [0.0] * r_count
+        self.r = [0.0] * (r_count if errors is None else max(r_count, R_COUNT_WITH_ERRORS))
         self.k0_mm = [0.0] * 3
         """SD43900 $SA_TEMP_COMP_ABS_VALUE of X, Y, Z."""
         self.slope = [0.0] * 3
@@ -114,12 +115,16 @@ class Nck:
         """SD43920 $SA_TEMP_COMP_REF_POSITION."""
         self.table_weight = [0.0] * len(CEC_TABLES)
         """SD41310 $SN_CEC_TABLE_WEIGHT."""
-        self.watchdog = Watchdog(
-            self.r, ((self.k0_mm, 0), (self.r, R_OFFSETS)), ((self.slope, 1.0), (self.table_weight, 1e3))
-        )
+        offsets = () if errors is not None else ((self.k0_mm, 0), (self.r, R_OFFSETS))
+        self.watchdog = Watchdog(self.r, offsets, ((self.slope, 1.0), (self.table_weight, 1e3)))
         self._programs, self._ipo_s = programs, ipo_s
         self.main_run = self._started(None)
         """What runs the programs; None without any."""
+        self.errors = (
+            None
+            if errors is None
+            else ErrorFollower(errors, self.r, self.k0_mm, self._sign, self.watchdog, self._where)
+        )
         self.log: list[Logged] = []
         """Every change of SD43900 with its time."""
         self.mode = AUTO
@@ -145,31 +150,27 @@ class Nck:
 
     def advance(self, now_s: float) -> None:
         """Process what was due until now, and write the cycle's answer to the R-parameters."""
-        if self.main_run is None:
-            self.cycle.advance(now_s)
-            self._watch(now_s)
-            self._note(now_s, ramped=True)
-            self._show_answer()
-            return
         while (due_s := self.cycle.next_event_s) is not None and due_s < now_s:
-            self._interpolate(due_s)
+            self._run(due_s)
             self.cycle.advance(due_s)
-            self._show_answer()
-        self._interpolate(now_s)
+            self._show_answer(due_s)
+        self._run(now_s)
         self.cycle.advance(now_s)
-        self._show_answer()
+        self._show_answer(now_s)
 
-    def _interpolate(self, until_s: float) -> None:
-        """Every interpolation cycle until then."""
-        if self.main_run is not None:
-            for time_s in self.main_run.until(until_s):
-                positions = self.state(time_s).positions
-                self.main_run.cycle([positions[axis] for axis in AXES])
-                self._note(time_s, ramped=True)
-
-    def _watch(self, now_s: float) -> None:
+    def _run(self, until_s: float) -> None:
+        """What the control works out in each of its cycles, until then."""
         if self.main_run is None:
-            self.watchdog.advance(now_s)
+            (self.watchdog if self.errors is None else self.errors).advance(until_s)
+            self._note(until_s, ramped=True)
+            return
+        for time_s in self.main_run.until(until_s):
+            self.main_run.cycle(self._where(time_s))
+            self._note(time_s, ramped=True)
+
+    def _where(self, time_s: float) -> list[float]:
+        positions = self.state(time_s).positions
+        return [positions[axis] for axis in AXES]
 
     def _started(self, now_s: float | None) -> MainRun | None:
         if not self._programs:
@@ -188,7 +189,8 @@ class Nck:
         if began is None:
             positions, loads, tool = positions_at(block, time_s), block.loads, tool_at(block, time_s, self.program)
         else:
-            positions, loads, tool = self._probing_positions(time_s - began), self._cycle_loads, PROBE_TOOL
+            positions = probing_positions(self.cycle_settings, time_s - began)
+            loads, tool = self._cycle_loads, PROBE_TOOL
         status = IN_PROGRESS if block.cutting or began is not None else STOPPED
         return MachineState(
             time_s=time_s,
@@ -226,7 +228,7 @@ class Nck:
             return  # the watchdog's own: it writes it again in its next cycle
         other, self.r[number] = value != self.r[number], value
         if number == R_OWNER:
-            self._watch(now_s)  # a gateway that leaves is silent from now on
+            self._run(now_s)  # a gateway that leaves is silent from now on
         elif number == R_BEAT and other and self.main_run is None:
             self.watchdog.beat(now_s)
         elif number == R_REQUEST and value > 0 and value != self.cycle.answer.number:
@@ -234,7 +236,7 @@ class Nck:
             self.cycle.ask(now_s, int(value), valid_for if valid_for > 0 else math.inf)
         elif number == R_WITHDRAW and value > 0:
             self.cycle.withdraw(now_s, int(value))
-        self._show_answer()
+        self._show_answer(now_s)
 
     def write_k0(self, axis: int, value_mm: float, now_s: float) -> None:
         """Set SD43900 of X, Y or Z (0, 1, 2)."""
@@ -251,9 +253,11 @@ class Nck:
         for number in range(R_OFFSETS, R_SLOPE_RAMP + 1):
             self.r[number] = 0.0
         self.main_run = self._started(now_s)
+        if self.errors is not None:
+            self.errors.power_on(now_s)
         self.referenced = False
         self._note(now_s, ramped=False)
-        self._show_answer()
+        self._show_answer(now_s)
 
     def reference(self, now_s: float) -> None:
         """The axes have found their reference points."""
@@ -306,6 +310,14 @@ class Nck:
             shift.append((self._sign * value_mm + self.r[R_OFFSETS + axis]) * 1e3)
         return shift[0], shift[1], shift[2]
 
+    def shift_then_um(self, then: MachineState) -> Centre:
+        """The shift where the axes were at a moment that is over, with the offsets that are in force now."""
+        x, y, z, a, c = (then.positions[axis] for axis in AXES)
+        if self.errors is None or not self.referenced:
+            return self.shift_um((x, y, z))
+        found = self.errors.held_um if then.probing else self.errors.shift_um((x, y, z, a, c))
+        return float(found[0]), float(found[1]), float(found[2])
+
     def _note(self, now_s: float, *, ramped: bool) -> None:
         x, y, z = self.k0_mm
         if (x, y, z) != (self.log[-1].values_mm if self.log else (0.0, 0.0, 0.0)):
@@ -323,9 +335,9 @@ class Nck:
         else:
             reason = ReasonCode.NONE
         self.cycle.inhibit(now_s, reason)
-        self._show_answer()
+        self._show_answer(now_s)
 
-    def _show_answer(self) -> None:
+    def _show_answer(self, now_s: float) -> None:
         answer = self.cycle.answer
         if answer.centres_mm:
             self.r[R_RESULTS : R_RESULTS + 3 * len(answer.centres_mm)] = [v for c in answer.centres_mm for v in c]
@@ -334,6 +346,8 @@ class Nck:
                 self.r[number] = value
         self.r[R_RESULT_OF] = answer.number if answer.centres_mm else 0
         self.r[R_ANSWERS], self.r[R_STATE], self.r[R_REASON] = answer.number, answer.state, answer.reason
+        if self.errors is not None:
+            self.errors.advance(now_s)
 
     def _touch(self, time_s: float, pose: int) -> Centre | None:
         if not self.sphere_present:
@@ -373,23 +387,3 @@ class Nck:
         if index >= 0 and time_s < self.cycle.ended[index][1]:
             return self.cycle.ended[index][0]
         return None
-
-    def _probing_positions(self, since_s: float) -> dict[str, float]:
-        """Each pose is held from a third of its slot until its touches are done."""
-        settings = self.cycle_settings
-        slot = (settings.duration_s - 2 * settings.approach_s) / len(settings.poses_deg)
-        progress = (since_s - settings.approach_s) / slot
-        pose = min(max(math.floor(progress), 0), len(settings.poses_deg) - 1)
-        part = min(max((progress - pose) * 3.0, 0.0), 1.0)
-        before = max(pose - 1, 0)
-        start = (*settings.nominal_centre_mm(before), *settings.poses_deg[before])
-        end = (*settings.nominal_centre_mm(pose), *settings.poses_deg[pose])
-        return {axis: s + part * (e - s) for axis, s, e in zip(AXES, start, end, strict=True)}
-
-
-def _cycle_loads(settings: CycleSettings) -> MeanLoads:
-    """Mean speeds of the moves from pose to pose and back, spindle at rest, no cutting fluid."""
-    points = [(*settings.nominal_centre_mm(pose), *settings.poses_deg[pose]) for pose in range(len(settings.poses_deg))]
-    path = np.abs(np.diff([*points, points[0]], axis=0)).sum(axis=0) / (settings.duration_s / 60.0)
-    x, y, z, a, c = (float(v) for v in path)
-    return MeanLoads(x=x, y=y, z=z, a=a / 360.0, c=c / 360.0)

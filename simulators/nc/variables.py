@@ -8,7 +8,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 
-from simulators.nc.nck import AXES, CEC_TABLES, NOT_REFERENCED, REFERENCED, MachineState, Nck
+from simulators.nc.moves import AXES
+from simulators.nc.nck import CEC_TABLES, NOT_REFERENCED, REFERENCED, MachineState, Nck
 
 Value = float | int | bool
 

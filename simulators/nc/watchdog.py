@@ -6,6 +6,7 @@ alive     no other beat for R95 seconds, or the owner leaves   silent
 silent    the beat changes                                     alive
 """
 
+import math
 from dataclasses import dataclass
 from enum import IntEnum
 
@@ -47,6 +48,13 @@ class Watchdog:
     ) -> None:
         self._r, self._offsets, self._slopes = r, offsets, slopes
         self._heard_s = self._now_s = 0.0
+
+    @property
+    def silent_from_s(self) -> float:
+        """When it finds the gateway silent unless another beat comes; infinite while no gateway is alive."""
+        if self._r[R_WATCH] != WatchState.ALIVE or self._r[R_OWNER] <= 0:
+            return math.inf
+        return self._heard_s + self._r[R_SILENCE]
 
     def beat(self, now_s: float) -> None:
         """R94 has changed."""

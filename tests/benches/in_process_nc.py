@@ -13,7 +13,8 @@ from drivers.nc import (
     WatchdogTerms,
 )
 from simulators.nc.cycle import CycleState, ReasonCode
-from simulators.nc.nck import AXES, R_REQUEST, R_VALID_FOR, R_WITHDRAW, Nck
+from simulators.nc.moves import AXES
+from simulators.nc.nck import R_REQUEST, R_VALID_FOR, R_WITHDRAW, Nck
 from simulators.nc.watchdog import R_BEAT, R_OWNER, R_RAMP, R_SILENCE, R_WATCH, WatchState
 
 MODES = (OperatingMode.JOG, OperatingMode.MDA, OperatingMode.AUTO)
