@@ -26,7 +26,6 @@ _REFUSAL = 0x80
 class _Accepted:
     block: Block
     message: bytes
-    frame: bytes
     at_s: float
 
 
@@ -53,8 +52,7 @@ class Repeats:
 
     def accepted(self, unit: int, block: Block, message: bytes, now_s: float) -> None:
         """This is an answer of the unit. message: function code and data"""
-        frame = rtu_frame(bytes((unit,)) + message)
-        self._units.setdefault(unit, _AnsweringUnit()).answers.append(_Accepted(block, message, frame, now_s))
+        self._units.setdefault(unit, _AnsweringUnit()).answers.append(_Accepted(block, message, now_s))
 
     def is_doubtful(self, unit: int, block: Block, message: bytes, now_s: float) -> bool:
         """Whether this may be a copy of an answer to another request."""
@@ -84,7 +82,9 @@ class Repeats:
         found = False
         for unit, known in self._units.items():
             for answer in known.answers:
-                if now_s - answer.at_s <= _RECENT_S and answer.frame in heard and (unit, answer.block) not in due:
+                if now_s - answer.at_s > _RECENT_S or (unit, answer.block) in due:
+                    continue
+                if rtu_frame(bytes((unit,)) + answer.message) in heard:
                     known.copied_s, known.delay_s = now_s, now_s - answer.at_s
                     found = True
         return found
