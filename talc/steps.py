@@ -6,7 +6,7 @@ import numpy as np
 
 from talc.frame import FloatArray, IntArray
 
-_ABOUT = 0.9
+ABOUT_A_STEP = 0.9
 """Rows at least this fraction of a step apart count as one step each."""
 _SAME = 0.005
 """Spacings that differ from the step by less than this are the step, with inexact clocks."""
@@ -49,8 +49,9 @@ def on_grid(time_s: FloatArray, step_s: float) -> tuple[float, float, IntArray]:
     Rows denser than the grid fall into the steps that end at multiples of `step_s`. Others are a step each
     (`StepCounter`), of their median spacing if that is not about `step_s`. time_s: (rows,) UTC seconds, ascending.
     """
-    spacing_s = float(np.median(np.diff(time_s))) if len(time_s) > 1 else 0.0
-    if spacing_s < _ABOUT * step_s:
+    apart = np.diff(np.unique(time_s))
+    spacing_s = float(np.median(apart)) if apart.size else 0.0
+    if spacing_s < ABOUT_A_STEP * step_s:
         index: IntArray = np.ceil(time_s / step_s - 1e-9).astype(np.int64)
         return step_s, float(index[0]) * step_s, index
     if abs(spacing_s / step_s - 1.0) > _SAME:

@@ -11,6 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_valida
 from drivers.problems import problems_of
 from drivers.section import NotNegative, Positive
 from gateway.config import ConfigError, Problem, place
+from gateway.recordings import line_ranges
 
 DescribedUnit = Literal["nm", "um", "µm", "mm", "m", "um/m", "µm/m", "urad", "µrad", "mrad", "rad", "arcsec", "deg"]
 POSITION: Mapping[str, float] = {"nm": 1e-3, "um": 1.0, "µm": 1.0, "mm": 1e3, "m": 1e6}
@@ -83,6 +84,10 @@ class Description(_DescriptionSection):
     """By name or pattern; an exact name has precedence over patterns, which apply in their order."""
     ignore: tuple[str, ...] = ()
     """Names or patterns of columns that are neither."""
+    skip: tuple[str, ...] = ()
+    """Lines that are not of the table, such as "1-11"."""
+    missing: tuple[str, ...] = ()
+    """Cells that stand for an unknown value, besides the usual ones."""
     unit: DescribedUnit = "um"
     noise: NotNegative = 0.5
     """Standard deviation of the noise in the recorded errors, in their own unit."""
@@ -108,10 +113,16 @@ class Description(_DescriptionSection):
 
     @model_validator(mode="after")
     def _apart(self) -> Self:
+        line_ranges(self.skip)
         twice = [name for name in self.errors if name == self.time.column or self.ignores(name)]
         if twice:
             raise ValueError(f"errors: {twice[0]!r} is also the time or in `ignore`; it can be one of them")
         return self
+
+    @property
+    def skipped(self) -> tuple[tuple[int, int], ...]:
+        """First and last of each range of lines that are left out."""
+        return line_ranges(self.skip)
 
     def ignores(self, column: str) -> bool:
         """Whether a column is left out by name or pattern."""

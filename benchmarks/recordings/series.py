@@ -11,14 +11,24 @@ import numpy as np
 
 from benchmarks.recordings.description import Description, InputColumn, describe
 from gateway.config import ConfigError, Problem, shown, suggestion
-from gateway.recordings import FileProblems, FileTable, RecordingError, open_table, second_of
+from gateway.recordings import (
+    FileProblems,
+    FileTable,
+    RecordingError,
+    TextLayout,
+    Unknown,
+    forms_of,
+    open_table,
+    second_of,
+)
 from talc.frame import LARGEST_ERROR, LARGEST_INPUT, BoolArray, FloatArray, IntArray
 
 _UNIT_S = {"s": 1.0, "ms": 1e-3, "min": 60.0, "h": 3600.0, "days": 86400.0}
-_NOTHING = frozenset({"", "nan", "na", "n/a", "none", "null", "-", "?"})
 _NUMERIC = 0.5
 """Share of a column's cells that must be numbers for it to be an input without being named."""
 _LEAST_STEPS = 24
+_GUESSED_FROM = 50
+"""Cells from which the form of dates is guessed."""
 _SPACED = 1.1
 """A recording spaced wider than the grid by more than this keeps its own spacing."""
 
@@ -66,7 +76,7 @@ def steps_on(k: IntArray, run: IntArray) -> IntArray:
 def read_series(description: Path) -> tuple[Description, Series]:
     """The recording that a TOML file describes. ConfigError or RecordingError names file, place and value."""
     said, path = describe(description)
-    table, problems = open_table(path), FileProblems(path)
+    table, problems = open_table(path, TextLayout(said.skipped, said.missing)), FileProblems(path)
     inputs, strange_kinds = _plain(table, _roles(table.head, said, description), said.time.column, path)
     wanted = [said.time.column, *said.errors, *inputs]
     if said.runs.column is not None:
@@ -74,12 +84,15 @@ def read_series(description: Path) -> tuple[Description, Series]:
     columns, places = _cells(table, wanted, problems)
     time_s, run = _times(columns, places, table.word, said, description, problems)
     problems.refuse()
-    notes = [f"column {name!r}: does not hold numbers; left out" for name in strange_kinds]
-    errors = [_values(columns[e], e, said.scale_of(e), LARGEST_ERROR, table, places, problems) for e in said.errors]
+    notes = [*table.notes, *(f"column {name!r}: does not hold numbers; left out" for name in strange_kinds)]
+    unknown = Unknown(said.missing)
+    errors = [
+        _values(columns[e], e, said.scale_of(e), LARGEST_ERROR, table, places, problems, unknown) for e in said.errors
+    ]
     problems.refuse()
     kept, read = [], []
     for name in inputs:
-        values, strange = _tolerant(columns[name])
+        values, strange = _tolerant(columns[name], unknown)
         if np.isfinite(values).mean() < _NUMERIC and strange:
             notes.append(f"column {name!r}: {strange} of {len(values)} cells are not numbers; left out")
             continue
@@ -214,9 +227,13 @@ def _times(
     """(rows,) s, ascending over all runs, and (rows,) the number of the run."""
     cells = columns[said.time.column]
     time_s = np.array([_time(cell, said) for cell in cells])
+    fitting = forms_of(str(cell) for cell in cells[:_GUESSED_FROM]) if np.isnan(time_s).any() else []
     for i in np.flatnonzero(np.isnan(time_s)).tolist():
         expected = f"expected {said.time.format!r}" if said.time.format else "expected ISO 8601 or a number"
-        problems.add(f"{word} {places[i]}, column {said.time.column!r}", f"{shown(cells[i])} is not a time; {expected}")
+        forms = " or ".join(f"format = {form!r}" for form in fitting)
+        expected += f"; [time] {forms} reads this one" if forms else ""
+        where = f"{word} {places[i]}, column {said.time.column!r}"
+        problems.add(where, f"{shown(cells[i])} is not a time; {expected}", "time")
     problems.refuse()
     begins = np.zeros(len(cells), dtype=np.bool_)
     if said.runs.column is not None:
@@ -271,16 +288,16 @@ def _number(cell: object) -> float | None:
     return None
 
 
-def _tolerant(cells: Sequence[object]) -> tuple[FloatArray, int]:
+def _tolerant(cells: Sequence[object], unknown: Unknown) -> tuple[FloatArray, int]:
     """(rows,) NaN where there is no number, and how many of those are not simply missing."""
     found, strange = np.full(len(cells), np.nan), 0
     for i, cell in enumerate(cells):
         value = _number(cell)
         if value is not None and abs(value) <= LARGEST_INPUT:
             found[i] = value
-        elif not (cell is None or str(cell).strip().lower() in _NOTHING):
+        elif not unknown.is_word(cell):
             strange += 1
-    return found, strange
+    return unknown.without_numbers(found), strange
 
 
 def _values(
@@ -291,6 +308,7 @@ def _values(
     table: FileTable,
     places: Sequence[int],
     problems: FileProblems,
+    unknown: Unknown,
 ) -> FloatArray:
     """(rows,) an error, µm or µm/m; NaN where it was not measured."""
     found = np.full(len(cells), np.nan)
@@ -298,8 +316,11 @@ def _values(
         value = _number(cell)
         where = f"{table.word} {places[i]}, column {name!r}"
         if value is None:
-            if not (cell is None or str(cell).strip().lower() in _NOTHING):
-                problems.add(where, f"{shown(cell)} is not a number; leave an unknown error empty")
+            if not unknown.is_word(cell):
+                what = f"{shown(cell)} is not a number; leave an unknown error empty, or name the cell in `missing`"
+                problems.add(where, what, f"number {name}")
+        elif unknown.is_number(value):
+            continue
         elif abs(value * scale) > largest:
             problems.add(where, f"{shown(cell)} is beyond {largest / scale:g}; is its unit right?")
         else:

@@ -93,6 +93,28 @@ def named_units(pairs: tuple[str, ...]) -> dict[str, str]:
     return found
 
 
+def time_unit_of(unit: str, form: str) -> str:
+    """The unit of `--time-unit`; empty if it was not given."""
+    from gateway.recordings import TIME_UNITS
+
+    unit = unit.replace("µ", "u").replace("μ", "u")
+    if unit and unit not in TIME_UNITS:
+        raise click.BadParameter(f"{unit!r}: expected one of {', '.join(TIME_UNITS)}", param_hint="--time-unit")
+    if unit and form:
+        raise click.UsageError("--time-unit is for times that are plain numbers, --time-format for others")
+    return unit
+
+
+def skipped_lines(texts: tuple[str, ...]) -> tuple[tuple[int, int], ...]:
+    """First and last of each range of lines of `--skip`."""
+    from gateway.recordings import line_ranges
+
+    try:
+        return line_ranges(texts)
+    except ValueError as error:
+        raise click.BadParameter(str(error), param_hint="--skip") from None
+
+
 def time_zone_of(name: str | None) -> ZoneInfo | None:
     """The time zone of `--time-zone`; None if it was not given."""
     try:

@@ -6,7 +6,17 @@ from pathlib import Path
 
 import click
 
-from gateway.cli.arguments import PemPath, check_output, named_errors, named_units, page_path, shifts_of, time_zone_of
+from gateway.cli.arguments import (
+    PemPath,
+    check_output,
+    named_errors,
+    named_units,
+    page_path,
+    shifts_of,
+    skipped_lines,
+    time_unit_of,
+    time_zone_of,
+)
 from gateway.cli.exits import EXIT_DIFFERENT
 from gateway.cli.extras import need_extra
 
@@ -20,6 +30,10 @@ from gateway.cli.extras import need_extra
     "--config", type=click.Path(exists=True, dir_okay=False, path_type=Path), help="File with [grid] and [talc]."
 )
 @click.option("--time", "time_column", default="time", show_default=True, help="Column of the time.")
+@click.option("--time-of-day", "time_of_day", metavar="COLUMN", default="",
+              help="Column of the time of day, if that of the time holds the date alone.")  # fmt: skip
+@click.option("--time-unit", "time_unit", metavar="UNIT", default="",
+              help="Unit of times that are plain numbers: ns, us, ms, s, min, h or days.")  # fmt: skip
 @click.option("--time-format", metavar="FORMAT", default="",
               help="How times are written, such as '%d.%m.%Y %H:%M', or `excel` for its numbers.")  # fmt: skip
 @click.option("--time-zone", metavar="ZONE", help="Time zone of times without one, such as Europe/Zurich.")
@@ -33,6 +47,9 @@ from gateway.cli.extras import need_extra
     help="Column to use as an input although it resembles an error.",
 )
 @click.option("--ignore", multiple=True, metavar="COLUMN", help="Column that is not an input.")
+@click.option("--skip", multiple=True, metavar="LINES",
+              help="Lines outside the table, such as 1-11,13: a logger's settings, a row of units.")  # fmt: skip
+@click.option("--missing", multiple=True, metavar="CELL", help="Cell that stands for an unknown value, such as OVL.")
 @click.option("--calibration-interval", "calibration_min", type=click.FloatRange(min=0, min_open=True),
               metavar="MINUTES", help="Time between the measurements of a calibration (method models).")  # fmt: skip
 @click.option("--out", type=click.Path(dir_okay=False, path_type=Path),
@@ -44,12 +61,16 @@ def replay(
     output: Path | None,
     config: Path | None,
     time_column: str,
+    time_of_day: str,
+    time_unit: str,
     time_format: str,
     time_zone: str | None,
     errors: tuple[str, ...],
     units: tuple[str, ...],
     inputs: tuple[str, ...],
     ignore: tuple[str, ...],
+    skip: tuple[str, ...],
+    missing: tuple[str, ...],
     calibration_min: float | None,
     out: Path | None,
     every_measurement: bool,
@@ -62,7 +83,7 @@ def replay(
     with gaps (EX0C, ... in µm; EA0C, EB0C, EC0C in µm/m), and every other column is an input. The controller runs on it
     as if it were live and writes the report. The options are for recordings.
     """
-    from gateway.recordings import Columns, TimeFormat, is_database
+    from gateway.recordings import Columns, TextLayout, TimeFormat, is_database
 
     if is_database(file):
         from gateway.cli.replay import show
@@ -72,9 +93,9 @@ def replay(
     from gateway.cli.replay import Request, run_recording
 
     named = named_errors(errors)
-    columns = Columns(
-        time_column, named, ignore, inputs, named_units(units), TimeFormat(time_format, time_zone_of(time_zone))
-    )
+    clock = TimeFormat(time_format, time_zone_of(time_zone), time_unit_of(time_unit, time_format))
+    layout = TextLayout(skipped_lines(skip), missing)
+    columns = Columns(time_column, named, ignore, inputs, named_units(units), clock, time_of_day, layout)
     page = page_path(output, file, config)
     if out is not None and out.suffix not in (".csv", ".parquet"):
         raise click.BadParameter(f"{str(out)!r}: expected a name that ends in .csv or .parquet", param_hint="--out")

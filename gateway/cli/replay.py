@@ -69,8 +69,13 @@ class Request:
         words += [word for name in self.columns.ignored for word in ("--ignore", name)]
         words += [word for name in self.columns.inputs for word in ("--input", name)]
         words += [word for error, unit in self.columns.units.items() for word in ("--unit", f"{error}={unit}")]
+        words += ["--time-of-day", self.columns.time_of_day] if self.columns.time_of_day else []
+        words += ["--time-unit", self.columns.clock.unit] if self.columns.clock.unit else []
         words += ["--time-format", self.columns.clock.form] if self.columns.clock.form else []
         words += ["--time-zone", self.columns.clock.zone.key] if self.columns.clock.zone else []
+        skipped = ",".join(f"{a}-{b}" if b > a else f"{a}" for a, b in self.columns.layout.skip)
+        words += ["--skip", skipped] if skipped else []
+        words += [f"--missing={cell}" for cell in self.columns.layout.missing]
         words += [] if self.calibration_min is None else ["--calibration-interval", f"{self.calibration_min:g}"]
         words += ["--every-measurement"] if self.every_measurement else []
         return shlex.join(words)
@@ -139,11 +144,21 @@ def _roles(recording: Recording, columns: Columns) -> str:
     lines = [f"errors: {', '.join(errors)}", f"inputs ({len(inputs)}): {', '.join(inputs)}"]
     if left:
         lines.append(f"left out: {', '.join(left)}")
-    lines += _tiny(recording)
+    lines += [*recording.notes, *_tiny(recording), *_constant(recording)]
     if recording.origin_s is not None:
         begin = f"the first row, {recording.origin_s:g} s" if recording.origin_s else "the first row"
-        lines.append(f"times: seconds without a date; the report counts hours from {begin}")
+        kind = "seconds" if recording.time_unit == "s" else f"numbers in {recording.time_unit}"
+        lines.append(f"times: {kind} without a date; the report counts hours from {begin}")
     return "\n".join(lines)
+
+
+def _constant(recording: Recording) -> list[str]:
+    """Of inputs that can explain nothing."""
+    known = np.isfinite(recording.inputs)
+    low = np.min(recording.inputs, axis=0, initial=np.inf, where=known)
+    high = np.max(recording.inputs, axis=0, initial=-np.inf, where=known)
+    names = [name for name, a, b in zip(recording.input_names, low, high, strict=True) if a >= b]
+    return [f"inputs without any change, or without a value: {', '.join(names)}"] if names else []
 
 
 def _tiny(recording: Recording) -> list[str]:
@@ -216,6 +231,7 @@ def _made(
         ("command", request.command()),
         ("errors", ", ".join(errors)),
         ("columns left out", ", ".join(name or "the first, without a name" for name in recording.ignored) or "none"),
+        *((("reading", "; ".join(recording.notes)),) if recording.notes else ()),
         ("measurements used", used),
         ("calibration", calibration),
         ("settings", "the defaults" if config is None else f"{config.name}, SHA-256 {_sha256(config)}"),

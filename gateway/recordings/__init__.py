@@ -5,12 +5,14 @@ from typing import TYPE_CHECKING
 from drivers.first_use import on_first_use
 
 if TYPE_CHECKING:
-    from gateway.recordings.cells import TimeFormat, second_of
+    from gateway.recordings.chunks import FileTable
     from gateway.recordings.columns import COLUMN_UNITS, Columns
-    from gateway.recordings.files import FileTable, is_database, open_table
+    from gateway.recordings.files import is_database, open_table
     from gateway.recordings.grid import Recording, read_recording
+    from gateway.recordings.layout import TextLayout, Unknown, line_ranges
     from gateway.recordings.problems import FileProblems, RecordingError
     from gateway.recordings.table import write_table
+    from gateway.recordings.times import TIME_UNITS, TimeFormat, forms_of, second_of, unit_in
     from gateway.recordings.wire_log import (
         BusTap,
         WireEvent,
@@ -24,12 +26,14 @@ else:
     __getattr__ = on_first_use(
         __name__,
         {
-            ".cells": ("TimeFormat", "second_of"),
+            ".chunks": ("FileTable",),
             ".columns": ("COLUMN_UNITS", "Columns"),
-            ".files": ("FileTable", "is_database", "open_table"),
+            ".files": ("is_database", "open_table"),
             ".grid": ("Recording", "read_recording"),
+            ".layout": ("TextLayout", "Unknown", "line_ranges"),
             ".problems": ("FileProblems", "RecordingError"),
             ".table": ("write_table",),
+            ".times": ("TIME_UNITS", "TimeFormat", "forms_of", "second_of", "unit_in"),
             ".wire_log": (
                 "BusTap",
                 "WireEvent",
@@ -44,22 +48,28 @@ else:
 
 __all__ = [
     "COLUMN_UNITS",
+    "TIME_UNITS",
     "BusTap",
     "Columns",
     "FileProblems",
     "FileTable",
     "Recording",
     "RecordingError",
+    "TextLayout",
     "TimeFormat",
+    "Unknown",
     "WireEvent",
     "WireLog",
     "WireLogError",
     "WireLogWriter",
+    "forms_of",
     "is_database",
     "is_wire_log",
+    "line_ranges",
     "open_table",
     "read_recording",
     "read_wire_log",
     "second_of",
+    "unit_in",
     "write_table",
 ]

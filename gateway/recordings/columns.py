@@ -1,12 +1,14 @@
 """Assigns the columns: time, thermal errors, inputs. A column that looks like an error never becomes an input."""
 
 import math
+import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from gateway.config import suggestion
-from gateway.recordings.cells import TimeFormat
+from gateway.recordings.layout import TextLayout
 from gateway.recordings.problems import FileProblems
+from gateway.recordings.times import TimeFormat
 from talc.names import (
     ERROR_UNITS,
     MICROMETRE,
@@ -31,6 +33,10 @@ COLUMN_UNITS: Mapping[str, tuple[str, float]] = {
 }
 """Units of a column of errors: what they are here, and how much of it."""
 
+_AT_END = tuple(unit for unit in COLUMN_UNITS if unit not in ("m", "in", "um/m"))
+"""Units that a name may end with without brackets; `_m` and `_in` mean other things as well."""
+_BRACKETED = re.compile(r"[\[(]\s*([a-z/]+)\s*[\])]$")
+
 
 @dataclass(frozen=True, slots=True)
 class Columns:
@@ -46,6 +52,10 @@ class Columns:
     """Error to the unit of its column, one of COLUMN_UNITS; otherwise µm, or µm/m for EA0C, EB0C and EC0C."""
     clock: TimeFormat = field(default_factory=TimeFormat)
     """How the times are written."""
+    time_of_day: str = ""
+    """Column of the time of day, where that of the time holds the date alone; empty: none."""
+    layout: TextLayout = field(default_factory=TextLayout)
+    """Lines that are left out, and cells without a value."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +64,7 @@ class Roles:
 
     time: str
     errors: Mapping[str, str]
-    """Thermal error to column."""
+    """Error to column."""
     inputs: tuple[str, ...]
     ignored: tuple[str, ...]
     """The given ones, and a first column without a name: pandas writes its row numbers there."""
@@ -67,14 +77,23 @@ def roles_of(head: Sequence[str], columns: Columns, problems: FileProblems) -> R
     if head[0] == "" and columns.time and "" not in ignored:
         ignored = (*ignored, "")
     given = dict(columns.errors or {})
-    _present(head, columns.time, (*given.values(), *ignored, *columns.inputs), problems)
-    _used_once(columns.time, given, ignored, columns.inputs, problems)
-    errors = given | _recognised(head, given, {columns.time, *given.values(), *columns.inputs, *ignored})
-    taken = {columns.time, *errors.values(), *ignored}
+    clock = (columns.time_of_day,) if columns.time_of_day else ()
+    _present(head, columns.time, (*clock, *given.values(), *ignored, *columns.inputs), problems)
+    _used_once((columns.time, *clock), given, ignored, columns.inputs, problems)
+    errors = given | _recognised(head, given, {columns.time, *clock, *given.values(), *columns.inputs, *ignored})
+    taken = {columns.time, *clock, *errors.values(), *ignored}
     inputs = tuple(name for name in head if name not in taken)
     for name in inputs:
         if name not in columns.inputs:
             _no_error(name, errors, columns.errors or {}, problems)
+    for error, name in errors.items():
+        said = _unit_in(name)
+        if error not in columns.units and said not in ("", "um", "um/m"):
+            own = "um" if COLUMN_UNITS[said][0] == MICROMETRE else "um/m"
+            what = (
+                f"its name says {said}: --unit {f'{error}={said}'!r} reads it so, --unit {f'{error}={own}'!r} does not"
+            )
+            problems.add(f"column {name!r}", what)
     for error in columns.units:
         if error not in errors:
             problems.add(f"unit of {error}", f"there is no such error; {suggestion(error, list(errors))}")
@@ -121,10 +140,14 @@ def _own_names(error: str) -> tuple[str, str]:
 
 
 def _used_once(
-    time: str, errors: Mapping[str, str], ignored: Sequence[str], inputs: Sequence[str], problems: FileProblems
+    times: Sequence[str],
+    errors: Mapping[str, str],
+    ignored: Sequence[str],
+    inputs: Sequence[str],
+    problems: FileProblems,
 ) -> None:
     """No column may have two roles."""
-    given = [(time, "the time"), *((name, error) for error, name in errors.items())]
+    given = [*((name, "the time") for name in times), *((name, error) for error, name in errors.items())]
     given += [(name, "left out by --ignore") for name in dict.fromkeys(ignored)]
     given += [(name, "an input") for name in dict.fromkeys(inputs)]
     first: dict[str, str] = {}
@@ -181,6 +204,16 @@ def _no_error(name: str, errors: Mapping[str, str], given: Mapping[str, str], pr
 
 def _unit_of(name: str, error: str) -> str:
     """The unit that a column's name ends with, and how to say it; otherwise the error's own."""
-    fit = [u for u, (kind, scale) in COLUMN_UNITS.items() if kind == ERROR_UNITS[error] and scale != 1.0]
-    found = next((unit for unit in fit if name.lower().endswith(f"_{unit}")), None)
-    return ERROR_UNITS[error] if found is None else f"{found} (with --unit {error}={found})"
+    found = _unit_in(name)
+    if not found or COLUMN_UNITS[found][0] != ERROR_UNITS[error] or COLUMN_UNITS[found][1] == 1.0:
+        return ERROR_UNITS[error]
+    return f"{found} (with --unit {error}={found})"
+
+
+def _unit_in(name: str) -> str:
+    """The unit that a column's name ends with (`lift [mm]`, `EZ0T_mm`), one of COLUMN_UNITS; empty: none."""
+    text = name.strip().lower().replace("µ", "u").replace("μ", "u").replace('"', "arcsec")
+    bracketed = _BRACKETED.search(text)
+    if bracketed is not None:
+        return bracketed[1] if bracketed[1] in COLUMN_UNITS else ""
+    return next((unit for unit in _AT_END if re.search(rf"[\W_]{unit}$", text)), "")

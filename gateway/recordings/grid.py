@@ -8,13 +8,16 @@ from pathlib import Path
 import numpy as np
 
 from gateway.config import Problem
-from gateway.recordings.cells import Times, numbers_of
+from gateway.recordings.cells import numbers_of
+from gateway.recordings.chunks import Chunk, FileTable
 from gateway.recordings.columns import COLUMN_UNITS, Columns, Roles, roles_of, without_companions
-from gateway.recordings.files import Chunk, FileTable, open_table
+from gateway.recordings.files import open_table
+from gateway.recordings.layout import Unknown
 from gateway.recordings.problems import FileProblems, RecordingError
+from gateway.recordings.times import TimeFormat, Times
 from talc.frame import LARGEST_ERROR, LARGEST_INPUT, FloatArray, IntArray
 from talc.names import ERROR_UNITS, MICROMETRE, THERMAL_ERRORS
-from talc.steps import means_and_lasts, measured_together, on_grid
+from talc.steps import ABOUT_A_STEP, means_and_lasts, measured_together, on_grid
 
 _LEAST_STEPS = 12
 
@@ -44,7 +47,11 @@ class Recording:
     sha256: str
     """Of the file."""
     origin_s: float | None = None
-    """Of the first row, on the clock of `start_utc_s`, if the file counts seconds without a date; None: UTC."""
+    """Of the first row, on the clock of `start_utc_s`, if the file counts time without a date; None: UTC."""
+    time_unit: str = "s"
+    """In which it counts."""
+    notes: tuple[str, ...] = ()
+    """What a reader should know of how the file was read."""
 
 
 def read_recording(path: Path, columns: Columns, step_s: float) -> Recording:
@@ -52,23 +59,30 @@ def read_recording(path: Path, columns: Columns, step_s: float) -> Recording:
 
     Raises RecordingError with every problem: line (row in Parquet), column and value.
     """
-    table = open_table(path)
+    table = open_table(path, columns.layout)
     problems = FileProblems(path)
     roles = roles_of(table.head, columns, problems)
-    problems.refuse()
+    _refuse(problems, table)
     places = _places(roles, columns, problems)
     problems.refuse()
-    times = Times(problems, columns.clock)
-    time_s, values = _read(table, roles, columns, times, problems)
-    n = len(roles.inputs)
-    without_companions(measured_together(values[:, :n], values[:, n:]), roles, columns, problems)
+    clock = columns.clock.named(roles.time)
+    times = Times(problems, clock)
+    rows = _read(table, roles, columns, times, problems)
+    n, notes = len(roles.inputs), [*table.notes, *_of_unit(columns.clock, clock, times)]
+    without_companions(measured_together(rows.values[:, :n], rows.values[:, n:]), roles, columns, problems)
     problems.refuse()
+    rows, note = _once(rows, step_s, table.word, roles.time, times, problems)
+    problems.refuse()
+    notes += note
+    time_s, values = rows.time_s, rows.values
     step_s, start_s, index = on_grid(time_s, step_s)
     k, inputs, errors = means_and_lasts(index, values[:, :n], values[:, n:])
     if len(k) < _LEAST_STEPS:
         what = f"{len(time_s)} {table.word}s fill {len(k)} steps of {step_s:g} s; expected {_LEAST_STEPS} or more"
         what += (
-            "; are the times in seconds? (Excel's dates: --time-format excel)" if len(time_s) >= _LEAST_STEPS else ""
+            f"; are the times in {clock.unit or 's'}? --time-unit h is for hours, --time-format excel for Excel's dates"
+            if len(time_s) >= _LEAST_STEPS
+            else ""
         )
         raise RecordingError(path, [Problem("", what)])
     measured = np.full((len(k), len(THERMAL_ERRORS)), np.nan)
@@ -91,7 +105,58 @@ def read_recording(path: Path, columns: Columns, step_s: float) -> Recording:
         ignored=roles.ignored,
         sha256=sha256,
         origin_s=None if times.dated else times.first_s,
+        time_unit=clock.unit or "s",
+        notes=tuple(notes),
     )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _FileRows:
+    """What a file holds."""
+
+    time_s: FloatArray
+    """(rows,) ascending; equal ones may follow each other."""
+    values: FloatArray
+    """(rows, inputs and errors)."""
+    places: IntArray
+    """(rows,) lines."""
+
+
+def _of_unit(given: TimeFormat, clock: TimeFormat, times: Times) -> list[str]:
+    """That the column's name has said the unit."""
+    if given.unit or not clock.unit or clock.unit == "s" or times.dated:
+        return []
+    return [f"times are in {clock.unit}, as the column's name says; --time-unit s reads seconds"]
+
+
+def _once(
+    rows: _FileRows, step_s: float, word: str, time: str, times: Times, problems: FileProblems
+) -> tuple[_FileRows, list[str]]:
+    """Without rows that repeat the one before them. Equal times of other rows matter only if rows are a step each."""
+    same = np.flatnonzero(np.diff(rows.time_s) == 0.0) + 1
+    if not same.size:
+        return rows, []
+    equal = np.equal(rows.values[same], rows.values[same - 1])
+    equal |= np.isnan(rows.values[same]) & np.isnan(rows.values[same - 1])
+    exact = equal.all(axis=1)
+    apart = np.diff(np.unique(rows.time_s))
+    if apart.size and float(np.median(apart)) >= ABOUT_A_STEP * step_s:
+        for row in same[~exact].tolist():
+            what = "has the time of the row before it and other values; give each row a time of its own"
+            problems.add(f"{word} {rows.places[row]}, column {time!r}", what + times.repeated(), "same")
+    kept = np.ones(len(rows.time_s), dtype=np.bool_)
+    kept[same[exact]] = False
+    notes = [f"{int(exact.sum())} {word}s repeat the one before them and are left out"] if exact.any() else []
+    if not exact.all():
+        notes.append(f"{int((~exact).sum())} {word}s have the time of the one before them; all of a step are averaged")
+    return _FileRows(rows.time_s[kept], rows.values[kept], rows.places[kept]), notes
+
+
+def _refuse(problems: FileProblems, table: FileTable) -> None:
+    """Raises RecordingError when there is any problem, with where the table begins if that is not the first line."""
+    if problems and (advice := table.advice()):
+        problems.add("", advice)
+    problems.refuse()
 
 
 def _places(roles: Roles, columns: Columns, problems: FileProblems) -> list[int]:
@@ -115,27 +180,33 @@ def _places(roles: Roles, columns: Columns, problems: FileProblems) -> list[int]
     return [places.get(error, 0) for error in roles.errors]
 
 
-def _read(
-    table: FileTable, roles: Roles, columns: Columns, times: Times, problems: FileProblems
-) -> tuple[FloatArray, FloatArray]:
-    """(rows,) s, and (rows, inputs and errors), µm and µm/m."""
+def _read(table: FileTable, roles: Roles, columns: Columns, times: Times, problems: FileProblems) -> _FileRows:
+    """All rows, with errors in µm and µm/m. Raises RecordingError."""
     names = (*roles.inputs, *roles.errors.values())
     scale = np.ones(len(names))
     for i, error in enumerate(roles.errors, len(roles.inputs)):
         scale[i] = COLUMN_UNITS[columns.units[error]][1] if error in columns.units else 1.0
     largest = [LARGEST_INPUT] * len(roles.inputs) + [LARGEST_ERROR / x for x in scale[len(roles.inputs) :].tolist()]
+    unknown = Unknown(columns.layout.missing)
+    clock = (columns.time_of_day,) if columns.time_of_day else ()
     time_s: list[FloatArray] = []
     values: list[FloatArray] = []
-    for chunk in table.chunks(roles.time, names, problems):
+    places: list[int] = []
+    for chunk in table.chunks(roles.time, (*names, *clock), problems):
 
         def where(name: str, chunk: Chunk = chunk) -> Callable[[int], str]:
             return lambda i: f"{table.word} {chunk.places[i]}, column {name!r}"
 
-        time_s.append(times.take(chunk.time, where(roles.time)))
-        read = zip(names, largest, chunk.columns, strict=True)
-        values.append(np.column_stack([numbers_of(cells, most, where(name), problems) for name, most, cells in read]))
-    problems.refuse()
+        cells = chunk.time
+        if clock:
+            cells = [f"{day} {of_day}" for day, of_day in zip(chunk.time, chunk.columns[-1], strict=True)]
+        time_s.append(times.take(cells, where(roles.time)))
+        places += chunk.places
+        read = zip(names, largest, chunk.columns, strict=False)
+        found = [numbers_of(cells, name, most, where(name), problems, unknown) for name, most, cells in read]
+        values.append(np.column_stack(found))
+    _refuse(problems, table)
     if not time_s:
         problems.add("", "contains nothing but a heading")
-        return np.empty(0), np.empty((0, len(names)))
-    return np.concatenate(time_s), np.concatenate(values) * scale
+        return _FileRows(np.empty(0), np.empty((0, len(names))), np.empty(0, dtype=np.int64))
+    return _FileRows(np.concatenate(time_s), np.concatenate(values) * scale, np.array(places))

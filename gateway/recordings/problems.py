@@ -1,5 +1,6 @@
 """Problems of a recording, collected into one error."""
 
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -7,6 +8,8 @@ from gateway.config import Problem
 
 _SHOWN = 10
 """Number of problems that are listed; more are only counted."""
+_ALIKE = 3
+"""Number of those of one kind that are listed, so that others are seen too."""
 
 
 class RecordingError(Exception):
@@ -26,12 +29,19 @@ class FileProblems:
         self._file = file
         self._kept: list[Problem] = []
         self._more = 0
+        self._kinds: Counter[str] = Counter()
 
-    def add(self, where: str, what: str) -> None:
-        if len(self._kept) < _SHOWN:
+    def add(self, where: str, what: str, kind: str = "") -> None:
+        """kind: of mistakes that a file makes again and again, such as a column of text; empty: none of these."""
+        self._kinds[kind] += 1
+        if len(self._kept) < _SHOWN and (not kind or self._kinds[kind] <= _ALIKE):
             self._kept.append(Problem(where, what))
         else:
             self._more += 1
+
+    def __bool__(self) -> bool:
+        """Whether there is any."""
+        return bool(self._kept)
 
     def refuse(self) -> None:
         """Raises RecordingError when there is any."""

@@ -207,3 +207,22 @@ def test_the_shipped_recording_is_whole() -> None:
     assert np.diff(series.k).tolist() == [1] * 556
     assert (SHIPPED / "LICENSE").read_text(encoding="utf-8").startswith("MIT License")
     assert said.probing == 1.0
+
+
+def test_a_logger_s_settings_units_and_words_are_left_out(tmp_path: Path) -> None:
+    rows = rows_each(300, 40)
+    rows[3], rows[4] = "900,OVL,---", "1200,9999,2"
+    lines = ["made by a logger", HEAD, "s,degC,um", *rows]
+    said = 'errors = ["drift"]\nskip = ["1,3"]\nmissing = ["OVL", "9999"]\nreference = "recorded"'
+    _, series = read_series(written(tmp_path, said, lines))
+    assert np.isnan(series.inputs[3:5, 0]).all()
+    assert np.isnan(series.truth[3, 0])
+    assert len(series.k) == 40
+    with pytest.raises(ConfigError, match="'none': expected a line or lines, such as 1-3 or 5"):
+        read_series(written(tmp_path, said.replace("1,3", "none"), lines))
+
+
+def test_the_form_of_a_date_is_suggested(tmp_path: Path) -> None:
+    rows = [f"24.11.2026 {i // 12:02}:{i % 12 * 5:02},{i % 7},{i}" for i in range(40)]
+    with pytest.raises(RecordingError, match=r"is not a time; .*; \[time\] format = '%d.%m.%Y %H:%M' reads this one"):
+        read_series(written(tmp_path, 'errors = ["drift"]', [HEAD, *rows]))

@@ -139,7 +139,7 @@ def test_the_hour_that_a_night_has_twice_is_read_twice(tmp_path: Path) -> None:
     zone, begin = ZoneInfo("Europe/Zurich"), datetime(2026, 10, 24, 22, tzinfo=UTC)
     times = [(begin + timedelta(minutes=5 * i)).astimezone(zone).strftime("%Y-%m-%d %H:%M") for i in range(60)]
     path = table(tmp_path, "time,t1,t2,EX0C", rows=60, times=times)
-    with pytest.raises(RecordingError, match=r"not later than the time before it.*--time-zone, as in Europe/Zurich"):
+    with pytest.raises(RecordingError, match=r"earlier than the time before it.*--time-zone, as in Europe/Zurich"):
         read_recording(path, Columns(), 300.0)
     found = read_recording(path, Columns(clock=TimeFormat(zone=zone)), 300.0)
     assert (np.diff(found.k) == 1).all()
