@@ -17,6 +17,7 @@ if TYPE_CHECKING:
         MeasuredErrors,
         applied,
         believable,
+        holds_s,
         is_old,
         nine,
     )
@@ -37,6 +38,7 @@ else:
                 "MeasuredErrors",
                 "applied",
                 "believable",
+                "holds_s",
                 "is_old",
                 "nine",
             ),
@@ -57,6 +59,7 @@ __all__ = [
     "SiteSubscription",
     "applied",
     "believable",
+    "holds_s",
     "instant",
     "is_old",
     "listened_to",

@@ -26,7 +26,7 @@ from gateway.telemetry import (
     Source,
     StatusMessage,
 )
-from talc.frame import FloatArray
+from talc.frame import FloatArray, Phase
 from talc.names import THERMAL_ERRORS
 
 KEPT = timedelta(hours=8)
@@ -101,6 +101,8 @@ class Estimated:
     sigma: FloatArray
     """(9,)"""
     applied: Applied
+    no_good: bool = False
+    """The phase was `no_good`: the estimate does not fit."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -268,7 +270,8 @@ class MachineSeen:
         if self.estimates and self.estimates[-1].at == at:
             return  # it is known from before the gateway was away
         self.past += 1
-        self.estimates.append(Estimated(at, nine(message.corrected), nine(message.sigma), applied(self.compensation)))
+        now, no_good = applied(self.compensation), message.phase == Phase.NO_GOOD
+        self.estimates.append(Estimated(at, nine(message.corrected), nine(message.sigma), now, no_good))
         while self.estimates and self.estimates[0].at < at - KEPT:
             self.estimates.popleft()
         while self.measurements and self.measurements[0].at < at - KEPT:
@@ -323,9 +326,14 @@ class MachineSeen:
             return None
 
 
+def holds_s(seen: MachineSeen) -> float:
+    """How long an estimate counts as that of now, seconds."""
+    return max(OLD_S, _STEPS_MISSED * (seen.step_s or 0.0))
+
+
 def is_old(seen: MachineSeen, now_s: float) -> bool:
     """Whether the latest decision is too old to be that of now."""
     if seen.decision is None:
         return False
     age_s = seen.age_s(seen.decision.time, now_s)
-    return age_s is None or age_s > max(OLD_S, _STEPS_MISSED * (seen.step_s or 0.0))
+    return age_s is None or age_s > holds_s(seen)

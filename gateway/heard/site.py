@@ -26,7 +26,7 @@ from gateway.telemetry import (
 
 log = logging.getLogger(__name__)
 
-_MOST_MACHINES = 100
+_MOST_MACHINES = 300
 _ANSWER_LIMIT_S = 5.0
 _REPORT_LIMIT_S = 150.0
 """A small computer draws for half a minute, and others may be waiting."""
@@ -56,9 +56,10 @@ class SiteSeen:
         now: Callable[[], datetime] = lambda: datetime.now(UTC),
         now_s: Callable[[], float] = monotonic,
     ) -> None:
-        self.prefix, self._now, self.now_s = prefix, now, now_s
+        self.prefix, self.now, self.now_s = prefix, now, now_s
         self._lock = threading.Lock()
         self._machines = {name: MachineSeen(name) for name in expected}
+        self._full = False
         self.changed: Callable[[], None] = lambda: None
         """Called from any thread when something was heard."""
 
@@ -86,7 +87,7 @@ class SiteSeen:
         if message is not None:
             with self._lock:
                 if (seen := self._of(machine)) is not None:
-                    seen.apply(suffix, message, self._now(), self.now_s())
+                    seen.apply(suffix, message, self.now(), self.now_s())
             self.changed()
 
     def life(self, key: str, *, alive: bool) -> None:
@@ -94,12 +95,16 @@ class SiteSeen:
         machine = key.removeprefix(self.prefix + "/").partition("/")[0]
         with self._lock:
             if (seen := self._of(machine)) is not None:
-                seen.appear(self._now()) if alive else seen.disappear(self._now())
+                seen.appear(self.now()) if alive else seen.disappear(self.now())
         self.changed()
 
     def _of(self, machine: str) -> MachineSeen | None:
-        if machine not in self._machines and keys.MACHINE.fullmatch(machine) and len(self._machines) < _MOST_MACHINES:
-            self._machines[machine] = MachineSeen(machine)
+        if machine not in self._machines and keys.MACHINE.fullmatch(machine):
+            if len(self._machines) < _MOST_MACHINES:
+                self._machines[machine] = MachineSeen(machine)
+            elif not self._full:
+                self._full = True
+                log.warning("more than %d machines: %s and others that come now are not shown", _MOST_MACHINES, machine)
         return self._machines.get(machine)
 
 

@@ -169,10 +169,11 @@ def when(coming: AheadError | None, tolerance_um: float, *, ready: bool) -> Iter
     if until == len(coming.at):
         yield Sentence("when.not_within", {"at": at(coming.at[-1])})
         return
+    off: dict[str, Atom] = {"off": _worst((coming.high - coming.far)[known])}
     if until:
-        yield Sentence("when.not_before", {"at": at(coming.at[until - 1])})
-    off = coming.high - coming.far
-    yield Sentence("when.not_foreseeable", {"off": _worst(off[known])})
+        yield Sentence("when.not_before", off | {"at": at(coming.at[until - 1])})
+    else:
+        yield Sentence("when.not_foreseeable", off)
 
 
 def planned(loads: dict[str, AheadError | None], tolerance_um: float, *, ready: bool) -> Iterator[Sentence]:

@@ -36,7 +36,7 @@ log = logging.getLogger(__name__)
 
 _SCRIPTS = (
     "charts.js", "choice.js", "commands.js", "elements.js", "machine.js", "page.js", "room.js", "sensitivity.js",
-    "tables.js", "words.js",
+    "stream.js", "tables.js", "words.js",
 )  # fmt: skip
 _FILES: Final[Mapping[str, tuple[str, str]]] = {
     "page.css": ("web/static/page.css", "text/css"),
@@ -48,7 +48,10 @@ _FILES: Final[Mapping[str, tuple[str, str]]] = {
 }
 """Name in the address to file and type; there is no other file."""
 _ASKED_AT_ONCE = 2
+_UNBUFFERED = {"x-accel-buffering": "no"}
+"""nginx, and others that follow it, would keep a stream back until there is much of it."""
 _ENCODER = msgspec.json.Encoder()
+_DECODER = msgspec.json.Decoder(dict[str, dict[str, str]])
 _FARTHEST_MM, _LARGEST_TOLERANCE_UM = 10_000.0, 10_000.0
 
 
@@ -162,7 +165,8 @@ class _Pages:
             viewpoint = _viewpoint_of(request, self._uses)
         except SetupError as error:
             return PlainTextResponse(str(error), 400)
-        return StreamingResponse(self.streams.messages(Browser(name, viewpoint)), media_type="text/event-stream")
+        messages = self.streams.messages(Browser(name, viewpoint))
+        return StreamingResponse(messages, media_type="text/event-stream", headers=_UNBUFFERED)
 
     async def past(self, request: Request) -> Response:
         """What a machine's gateway has stored of a span of time, at the chosen point."""
@@ -214,16 +218,21 @@ def _no_machine() -> Response:
 
 
 def _viewpoint_of(request: Request, known: Mapping[str, MachineUse]) -> Callable[[str], Viewpoint]:
-    """By machine: what the browser asks for, else what is declared. Raises SetupError."""
-    asked = {
-        name: _number(request, name, _LARGEST_TOLERANCE_UM if name == "tolerance" else _FARTHEST_MM)
-        for name in ("tolerance", "x", "y", "z", "a", "c")
-    }
+    """By machine: what the browser asks for, else what is declared. Raises SetupError.
+
+    In the query, of the machine of the page; of the list, `asked` has the same by machine, in JSON.
+    """
+    try:
+        of_each = _DECODER.decode(request.query_params.get("asked") or "{}")
+    except msgspec.MsgspecError as error:
+        raise SetupError(f"asked: {error}") from None
+    asked_of = {name: _asked(values) for name, values in of_each.items()}
+    others = _asked(request.query_params)
     made: dict[str, Viewpoint] = {}
 
     def viewpoint(machine: str) -> Viewpoint:
         if machine not in made:
-            use = known.get(machine, MachineUse())
+            use, asked = known.get(machine, MachineUse()), asked_of.get(machine, others)
             default = {"x": use.sphere_radius_mm, "z": use.sphere_height_mm}
             place = {n: default.get(n, 0.0) if (v := asked[n]) is None else v for n in ("x", "y", "z", "a", "c")}
             tolerance = use.tolerance_um if asked["tolerance"] is None else asked["tolerance"]
@@ -233,8 +242,15 @@ def _viewpoint_of(request: Request, known: Mapping[str, MachineUse]) -> Callable
     return viewpoint
 
 
-def _number(request: Request, name: str, largest: float) -> float | None:
-    text = request.query_params.get(name)
+def _asked(query: Mapping[str, str]) -> dict[str, float | None]:
+    return {
+        name: _number(query, name, _LARGEST_TOLERANCE_UM if name == "tolerance" else _FARTHEST_MM)
+        for name in ("tolerance", "x", "y", "z", "a", "c")
+    }
+
+
+def _number(query: Mapping[str, str], name: str, largest: float) -> float | None:
+    text = query.get(name)
     if text is None or text == "":
         return None
     try:

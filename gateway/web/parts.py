@@ -281,7 +281,7 @@ def _status(status: StatusMessage) -> Iterator[SaidRow]:
     elif storage is not None:
         yield SaidRow("label.store", Sentence("store.good"), "good")
     if storage is not None and storage.free_mb is not None:
-        yield SaidRow("label.disk", Sentence("disk.free", {"mb": Amount(storage.free_mb, "MB", d=0)}))
+        yield SaidRow("label.disk", Sentence("disk.free", {"gb": Amount(storage.free_mb / 1e3, "GB")}))
     yield from _buses(status)
     dropped = status.readings_dropped + status.messages_dropped
     if dropped:

@@ -5,8 +5,13 @@ this width."""
 from typing import Final
 
 WORDS: Final = ("word.ready", "word.unsure", "word.not_ready", "word.unknown", "word.no_tolerance", "word.probing",
-                "word.no_data", "word.old", "word.gone", "word.silent", "word.never", "word.lost")  # fmt: skip
+                "word.no_data", "word.old", "word.gone", "word.silent", "word.never", "word.lost",
+                "word.connecting")  # fmt: skip
 """One of them stands there."""
+
+TOLERANCE: Final = ("tool.typed", "tool.declared", "tool.none")
+"""One of them stands below the tolerance."""
+SINCE: Final = ("since.at", "since.before")
 
 BECAUSE: Final = ("because.left", "because.no_good", "because.not_taken", "because.bounded", "because.no_estimate",
                   "because.no_measurement")  # fmt: skip
@@ -14,13 +19,22 @@ BECAUSE: Final = ("because.left", "because.no_good", "because.not_taken", "becau
 gone, is longer, and needs the room of what helps, too."""
 
 HELPS: Final[tuple[tuple[str, ...], ...]] = (
-    ("when.no_forecast", "when.not_checked", "when.not_within", "when.ready", "when.not_before", "when.stays"),
-    ("when.not_foreseeable",),
+    (
+        "when.no_forecast",
+        "when.not_checked",
+        "when.not_within",
+        "when.ready",
+        "when.not_before",
+        "when.stays",
+        "when.not_foreseeable",
+    ),
     ("help.best", "help.nothing", "help.measure", "help.measure_not_enough"),
     ("help.stop",),
     ("when.next_measurement",),
 )
 """All of these lines may stand there, in each of them one of its sentences."""
+AFAR: Final = 2
+"""So many of them, the first, are read from two metres."""
 
 WHAT: Final = ("help.wait", "help.probe", "help.warm")
 OPTION: Final = ("help.little", "help.enough", "help.option", "help.unforeseeable")
@@ -33,7 +47,7 @@ PLANNED: Final = ("planned.ready", "planned.stays", "planned.may_leave", "planne
 ORDERS: Final = ("notice.disarmed", "notice.paused")
 """Both may stand between the verdict and what is then said of what helps: HELPS_ORDERED and PLANNED."""
 
-HELPS_ORDERED: Final = (*HELPS[:2], HELPS[-1])
+HELPS_ORDERED: Final = (HELPS[0], HELPS[-1])
 """As HELPS, while an order stands."""
 
 NOTES: Final = ("tool.not_written", "tool.not_following")

@@ -1,6 +1,7 @@
 """Sends server-sent events to each open browser; the queue of a slow browser drops the oldest."""
 
 import asyncio
+import math
 from collections import deque
 from collections.abc import AsyncGenerator, Callable
 from contextlib import suppress
@@ -22,9 +23,13 @@ _FASTEST_S, _SLOWEST_S = 0.25, 2.0
 """Between two rounds: while messages come, and while none comes. A browser that hears nothing for longer than some
 rounds says so."""
 MOST_BROWSERS: Final = 64
+_LIST_S = 1.0
+"""Between two rounds of a list: it is judged as a whole, and a site has many machines."""
 _MOST_WAITING = 8
 _END = b""
 """Wakes a stream that has nothing more to send."""
+_TOLD_S = 10.0
+"""How often a browser is told this computer's time."""
 
 
 class BrowserQueue:
@@ -67,6 +72,8 @@ class Browser:
     past: tuple[int, bool] | None = None
     """State of the charts that it shows; likewise of the corrections."""
     explanations: int = 0
+    due_s: float = -math.inf
+    """Monotonic seconds before which a list is not judged again."""
 
     def send(self, kind: str, shown: object) -> None:
         """Send a part of the page if it has changed."""
@@ -123,6 +130,9 @@ class Streams:
         now_s = self._site.now_s()
         with self._site.machines() as machines:
             if browser.machine is None:
+                if now_s < browser.due_s:
+                    return  # the next round comes after at most _SLOWEST_S
+                browser.due_s = now_s + _LIST_S
                 shown = listed(machines, {name: browser.viewpoint(name) for name in machines}, now_s)
                 browser.send("list", shown)
                 return
@@ -143,6 +153,10 @@ class Streams:
             return ()
         return (certificate_row("[tls] certificate", self._own_end, datetime.now(UTC)),)
 
+    def _tick(self) -> bytes:
+        """This computer's time, UTC milliseconds: that of the browser may be wrong."""
+        return b"event: tick\ndata: %d\n\n" % round(self._site.now().timestamp() * 1e3)
+
     @property
     def full(self) -> bool:
         """Whether no other browser is served."""
@@ -152,14 +166,19 @@ class Streams:
         """What this browser is sent, until it closes the page or `run` ends."""
         self._browsers.add(browser)
         try:
-            yield b"retry: 2000\n\n"
+            clock = asyncio.get_running_loop().time
+            told_s = clock()
+            yield self._tick()
             self._refresh(browser)
             while not self._ended:
                 try:
                     message = await asyncio.wait_for(browser.queue.take(), _SLOWEST_S)
                 except TimeoutError:
-                    message = b"event: tick\ndata: 0\n\n"
-                if message != _END:
+                    message = b""
+                if not message or clock() - told_s > _TOLD_S:
+                    told_s = clock()
+                    message = self._tick() + message
+                if not self._ended:
                     yield message
         finally:
             self._browsers.discard(browser)

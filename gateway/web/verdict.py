@@ -2,13 +2,13 @@
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, field
-from datetime import datetime
+from dataclasses import dataclass, field, replace
+from datetime import datetime, timedelta
 from enum import StrEnum
 
 import numpy as np
 
-from gateway.heard import MachineSeen, applied, is_old, nine
+from gateway.heard import MachineSeen, applied, holds_s, is_old, nine
 from gateway.telemetry import Standing
 from gateway.web.ahead import advice, ahead, planned, planned_ahead, when
 from gateway.web.at_tool import ToolError, at_the_tool, course, half_width
@@ -36,6 +36,8 @@ class Verdict:
     since: datetime | None = None
     helps: tuple[Sentence, ...] = ()
     """When it will be ready, and what would help."""
+    before: bool = False
+    """It was so before `since`, too: nothing earlier is known."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -69,6 +71,16 @@ def tool_now(seen: MachineSeen, matrix: FloatArray, now_s: float) -> ToolNow:
 
 def verdict_of(seen: MachineSeen, viewpoint: Viewpoint, now_s: float) -> Verdict:
     """The verdict for one browser at this monotonic time."""
+    found = judged(seen, viewpoint, now_s)
+    if found.word not in _HELPED:
+        return found
+    since, before = _since(seen, viewpoint)
+    helps = _helps(seen, viewpoint, tool_now(seen, viewpoint.matrix, now_s), ready=found.colour is Colour.GREEN)
+    return replace(found, since=since, before=before, helps=tuple(helps))
+
+
+def judged(seen: MachineSeen, viewpoint: Viewpoint, now_s: float) -> Verdict:
+    """The same without since when it is so, and without what would help: a fraction of the work."""
     if not seen.present:
         return _absent(seen)
     if seen.decision is None:
@@ -79,24 +91,23 @@ def verdict_of(seen: MachineSeen, viewpoint: Viewpoint, now_s: float) -> Verdict
         return Verdict(Colour.GREY, "word.old", (Sentence("because.old", {"at": at(decided)}),), decided)
     if seen.probing is not None and seen.probing.standing == Standing.ASKED:
         return Verdict(Colour.AMBER, "word.probing", (Sentence("because.probing"),))
-    error, since = tool.error, _since(seen, viewpoint)
+    error = tool.error
     if seen.decision.phase == Phase.NO_GOOD:
-        helps = tuple(_helps(seen, viewpoint, tool, ready=False))
-        return Verdict(Colour.RED, "word.not_ready", (Sentence("because.no_good"),), since, helps)
+        return Verdict(Colour.RED, "word.not_ready", (Sentence("because.no_good"),))
     if error is None or not np.isfinite(error.far).all():
-        helps = tuple(_helps(seen, viewpoint, tool, ready=False))
-        return Verdict(Colour.AMBER, "word.unknown", _unknown(seen, error), since, helps)
+        return Verdict(Colour.AMBER, "word.unknown", _unknown(seen, error))
     worst = int(np.argmax(error.far))
     said = Sentence("because.left", {"axis": Word("XYZ"[worst]), "left": um(abs(float(error.left[worst]))),
                                  "half": um(float(error.half[worst])), "far": um(float(error.far[worst]))})  # fmt: skip
     if viewpoint.tolerance_um is None:
         return Verdict(Colour.GREY, "word.no_tolerance", (said, Sentence("because.no_tolerance")))
     colour = _colour(error.near, error.far, viewpoint.tolerance_um)
-    helps = tuple(_helps(seen, viewpoint, tool, ready=colour is Colour.GREEN))
-    return Verdict(colour, _WORDS[colour], (said,), since, helps)
+    return Verdict(colour, _WORDS[colour], (said,))
 
 
 _WORDS = {Colour.GREEN: "word.ready", Colour.AMBER: "word.unsure", Colour.RED: "word.not_ready"}
+_HELPED = {*_WORDS.values(), "word.unknown"}
+"""Of these it is said since when, and what would help."""
 
 
 def _colour(near: FloatArray, far: FloatArray, tolerance_um: float) -> Colour:
@@ -133,16 +144,21 @@ def _unknown(seen: MachineSeen, error: ToolError | None) -> tuple[Sentence, ...]
     return (Sentence("because.no_measurement"),)
 
 
-def _since(seen: MachineSeen, viewpoint: Viewpoint) -> datetime | None:
-    """The time of the first estimate of those in a row that give the colour of the latest; None: since before all."""
+def _since(seen: MachineSeen, viewpoint: Viewpoint) -> tuple[datetime | None, bool]:
+    """The time of the first estimate of those in a row that say the same as the latest, and whether that is the first
+    of all. After a time without estimates a new row begins."""
     if viewpoint.tolerance_um is None or not seen.estimates:
-        return None
+        return None, False
     past = course(viewpoint.matrix, seen.estimates)
-    colours = [_colour(near, far, viewpoint.tolerance_um) for near, far in zip(past.near, past.far, strict=True)]
-    first = len(colours) - 1
-    while first > 0 and colours[first - 1] is colours[-1]:
+    said = [
+        (Colour.RED, True) if e.no_good else (_colour(near, far, viewpoint.tolerance_um), bool(np.isfinite(far).all()))
+        for e, near, far in zip(seen.estimates, past.near, past.far, strict=True)
+    ]
+    times, longest = [e.at for e in seen.estimates], timedelta(seconds=holds_s(seen))
+    first = len(said) - 1
+    while first > 0 and said[first - 1] == said[-1] and times[first] - times[first - 1] <= longest:
         first -= 1
-    return seen.estimates[first].at if first > 0 else None
+    return times[first], first == 0
 
 
 def _helps(seen: MachineSeen, viewpoint: Viewpoint, tool: ToolNow, *, ready: bool) -> Iterator[Sentence]:
@@ -165,7 +181,7 @@ def _helps(seen: MachineSeen, viewpoint: Viewpoint, tool: ToolNow, *, ready: boo
         half = float(np.max(half_width(viewpoint.matrix, seen.measurements[-1].sigma)))
         if np.isfinite(half):
             key = "help.measure" if half <= tolerance_um else "help.measure_not_enough"
-            yield Sentence(key, {"half": um(half), "tolerance": um(tolerance_um)})
+            yield Sentence(key, {"half": um(half)})
     expected = None if seen.reasons is None else seen.at_k(seen.reasons.next_k)
     if seen.reasons is not None and expected is not None:
         values: dict[str, Atom] = {"at": at(expected), "why": Word(f"why.{seen.reasons.next_why}")}

@@ -12,7 +12,7 @@ from gateway.web.ahead import ahead
 from gateway.web.at_tool import course, moved
 from gateway.web.past import columns
 from gateway.web.sentences import Amount, SaidRow, Sentence, ToldName, Word, at, um
-from gateway.web.verdict import Verdict, Viewpoint, tool_now, verdict_of
+from gateway.web.verdict import Verdict, Viewpoint, judged, tool_now, verdict_of
 from gateway.web.waiting import cost_of_waiting
 from talc.frame import FloatArray
 
@@ -25,6 +25,8 @@ class ShownVerdict:
     word: str
     because: tuple[Sentence, ...]
     since: str | None
+    before: bool
+    """Whether it was so before `since`, too."""
     helps: tuple[Sentence, ...]
 
 
@@ -109,7 +111,7 @@ def _seconds(time: datetime | None) -> str | None:
 
 def _shown(verdict: Verdict) -> ShownVerdict:
     since = None if verdict.since is None else verdict.since.isoformat()
-    return ShownVerdict(verdict.colour.value, verdict.word, verdict.because, since, verdict.helps)
+    return ShownVerdict(verdict.colour.value, verdict.word, verdict.because, since, verdict.before, verdict.helps)
 
 
 def _orders(seen: MachineSeen) -> Iterator[Sentence]:
@@ -205,6 +207,7 @@ class ListedMachine:
     because: tuple[Sentence, ...]
     notices: tuple[Sentence, ...]
     heard: str | None
+    """To the minute, so that a list of many machines does not change with every message."""
 
 
 _WORST_FIRST = ("word.not_ready", "word.gone", "word.silent", "word.never", "word.old", "word.no_data", "word.unknown",
@@ -215,8 +218,8 @@ def listed(
     machines: Mapping[str, MachineSeen], viewpoints: Mapping[str, Viewpoint], now_s: float
 ) -> list[ListedMachine]:
     """Every machine, the worst first. viewpoints: by machine."""
-    judged = [(seen, verdict_of(seen, viewpoints[name], now_s)) for name, seen in sorted(machines.items())]
-    judged.sort(key=lambda each: _WORST_FIRST.index(each[1].word))
+    found = [(seen, judged(seen, viewpoints[name], now_s)) for name, seen in sorted(machines.items())]
+    found.sort(key=lambda each: _WORST_FIRST.index(each[1].word))
     return [
         ListedMachine(
             seen.machine,
@@ -224,7 +227,7 @@ def listed(
             verdict.word,
             verdict.because,
             (*_orders(seen), *(Sentence("notice.unarmed", {"text": ToldName(text)}) for text in seen.unarmed)),
-            _seconds(seen.heard),
+            None if seen.heard is None else seen.heard.isoformat(timespec="minutes"),
         )
-        for seen, verdict in judged
+        for seen, verdict in found
     ]

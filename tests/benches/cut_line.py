@@ -57,6 +57,11 @@ class CutLine:
         for writer in self._writers:
             writer.transport.abort()
 
+    def forget(self) -> None:
+        """What is open stays open, and nothing passes through it again; new connections do."""
+        for task in self._tasks:
+            task.cancel()
+
     async def close(self) -> None:
         if self._server is not None:
             self._server.close()

@@ -5,7 +5,7 @@ import math
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import Page, expect
+from playwright.sync_api import Locator, expect
 
 from gateway.web.catalogue import LANGUAGES, texts
 from tests.benches.page_rig import LIMIT_MS, MILL_SETTINGS, page_rig, played_mill
@@ -29,9 +29,9 @@ _CAPITAL = """(element) => {
 expect.set_options(timeout=LIMIT_MS)
 
 
-def minutes_of_arc(page: Page, selector: str) -> float:
+def minutes_of_arc(place: Locator) -> float:
     """Height of a capital letter from two metres."""
-    height_mm = page.locator(selector).first.evaluate(_CAPITAL) * MM_PER_PIXEL
+    height_mm = place.evaluate(_CAPITAL) * MM_PER_PIXEL
     return 60.0 * math.degrees(math.atan(height_mm / AWAY_MM))
 
 
@@ -44,11 +44,12 @@ def test_the_verdict_its_reason_and_the_numbers_are_read_from_two_metres(tmp_pat
         gateway = played_mill(rig, settings)
         with rig.page(f"/machine/mill?lang={language}", WIDTH, HEIGHT, locale=f"{language}-CH") as page:
             expect(page.locator("#because p").first).to_be_visible()
-            assert minutes_of_arc(page, "#word") >= LEGIBLE
-            assert minutes_of_arc(page, "#because p") >= 1.3 * ACUITY
-            assert minutes_of_arc(page, "#axes .number") >= 1.3 * ACUITY
+            assert minutes_of_arc(page.locator("#word").first) >= LEGIBLE
+            assert minutes_of_arc(page.locator("#because p").first) >= 1.3 * ACUITY
+            assert minutes_of_arc(page.locator("#axes .number").first) >= 1.3 * ACUITY
             for changes, verdict in (({"phase": "no_good"}, "word.not_ready"), ({"corrected": {}}, "word.unknown")):
                 gateway.say("decision " + json.dumps({"phase": "compensation"} | changes))
                 expect(page.locator("#word")).to_have_text(said[verdict])
                 for seen in ("#word", "#because", "#helps p", "[data-of=half]"):
                     expect(page.locator(seen).first).to_be_in_viewport(ratio=1.0)
+                assert minutes_of_arc(page.locator("#helps p").first) >= 1.3 * ACUITY, "when it will be ready"

@@ -20,6 +20,13 @@ export const changed = (id, data) => {
 export const draw = (id, data, nodes) => { if (changed(id, data)) $(id).replaceChildren(...nodes()); };
 export const marked = (mark) => mark ? make("span", word("mark." + mark), "mark m-" + mark) : "";
 
+// A thermal error by its name, and what that means.
+export const named = (error, tag) => {
+  const cell = make(tag, error, "when");
+  cell.append(" ", make("small", word("error." + error)));
+  return cell;
+};
+
 const colours = ["red", "grey", "amber", "green"];
 export const paint = (place, colour) => {
   if (place.classList.contains(colour)) return;

@@ -1,6 +1,6 @@
 // The state of one machine: whether it is ready, the tool, what it waits for, heat, health.
 import { machine } from "./choice.js";
-import { $, changed, draw, make, marked, paint, put, rows, say } from "./elements.js";
+import { $, changed, draw, make, marked, named, paint, put, rows, say } from "./elements.js";
 import { HEALTH, LONG, QUALITY, reservePlanned } from "./room.js";
 import { amount, exact, sentence, time, whole, word } from "./words.js";
 
@@ -49,7 +49,7 @@ const showHeat = (v) => {
   const most = longMovers(v.channels);
   if (!changed("drives", [v.driven, most])) return;
   $("drives").tBodies[0].replaceChildren(...v.driven.map((e) => {
-    const row = make("tr"), name = make("th", e.error);
+    const row = make("tr"), name = named(e.error, "th");
     name.scope = "row";
     const by = e.corrected ? e.movers.map(([input, by]) => `${input} ${amount(by)}`).join(", ") : word("heat.not_corrected");
     const cell = make("td"), room = make("div", undefined, "room");
@@ -93,12 +93,18 @@ export const readyDay = (latest) => $("report-day").addEventListener("change", (
   showDay(latest() || {});
 });
 
+// When it will be ready, and what helps most: to be read from two metres.
+const AFAR = /^(when\.(?!next_measurement)|help\.(best|nothing|measure))/;
+export const showWord = (colour, key) => {
+  paint($("ready"), colour);
+  put($("word"), word(key));
+  document.title = `${word(key)} · ${machine}`;
+};
+
 export const showMachine = (v) => {
   const { verdict } = v;
   document.body.classList.toggle("past", !v.alive);
-  paint($("ready"), verdict.colour);
-  put($("word"), word(verdict.word));
-  document.title = `${word(verdict.word)} · ${v.machine}`;
+  showWord(verdict.colour, verdict.word);
   const heard = [];
   if (v.heard) heard.push(word("page.heard").replace("{at}", exact.format(new Date(v.heard))));
   if (v.simulated && v.gateway_time) heard.push(word("page.simulated").replace("{at}", time(v.gateway_time)));
@@ -106,10 +112,10 @@ export const showMachine = (v) => {
   if (v.gateway_time) put($("state-of"), word("print.state_of").replace("{at}", whole.format(new Date(v.gateway_time))));
   $("unarmed").classList.toggle("spare", !v.unarmed);
   draw("because", verdict.because, () => say(verdict.because));
-  put($("since"), verdict.since ? word("since.at").replace("{at}", time(verdict.since)) : "");
+  put($("since"), verdict.since ? word(verdict.before ? "since.before" : "since.at").replace("{at}", time(verdict.since)) : "");
   if (changed("helps", [v.notices, verdict.helps])) {
     $("notices").replaceChildren(...say(v.notices, "notice"));
-    $("helps").replaceChildren(...say(verdict.helps));
+    $("helps").replaceChildren(...verdict.helps.map((help) => make("p", sentence(help), AFAR.test(help.say) ? "afar" : undefined)));
   }
   reservePlanned(v.planned);
   showAxes(v.axes);

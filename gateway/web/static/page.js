@@ -1,89 +1,96 @@
 // Shows what the server sends, one machine or the list of all.
 import { forgetCourse, keepForecast, readyCharts, showCourse } from "./charts.js";
-import { machine, query, readyChoice } from "./choice.js";
+import { machine, query, queryOfAll, readyChoice } from "./choice.js";
 import { hideCommands, readyCommands, showCommands } from "./commands.js";
-import { $, draw, keepHeights, make, paint, put, rows, say } from "./elements.js";
-import { readyDay, showMachine } from "./machine.js";
+import { $, changed, keepHeights, make, put, rows, say } from "./elements.js";
+import { readyDay, showMachine, showWord } from "./machine.js";
 import { reserve, WAITS } from "./room.js";
 import { showSensitivity } from "./sensitivity.js";
+import { stream } from "./stream.js";
 import { readyTables, showWeeks, takeCorrections, takeEvents } from "./tables.js";
-import { sentence, time, word } from "./words.js";
+import { amount, present, sentence, setPresent, time, word } from "./words.js";
 
-const SILENT_MS = 7000;
-let latest = null, heardMs = performance.now(), lost = false, showAgain = () => {};
+let latest = null, state = "heard", showAgain = () => {};
 // Until all of it is there, nothing of it: what came piece by piece would push the rest about.
 const showAll = () => document.body.classList.remove("waiting");
 const UNKNOWN = { alive: false, unarmed: false, notices: [] };
-const loseOrFind = (gone) => {
-  if (gone === lost) return;
-  lost = gone;
-  document.body.classList.toggle("past", lost || (latest !== null && latest.alive === false));
+const NAME = document.title;
+// now: "heard"; "lost", when the server does not answer; "resting", while nobody sees this tab and it does not listen.
+const become = (now) => {
+  if (now === state) return;
+  state = now;
+  const lost = now === "lost", key = lost ? "word.lost" : "word.connecting";
+  document.body.classList.toggle("past", now !== "heard" || (latest !== null && latest.alive === false));
   $("lost").hidden = !lost;
-  keepForecast(!lost);
-  if (!lost) showAgain();  // the server sends nothing again that has not changed
-  else {
-    const since = { say: "page.no_server", values: { at: { t: latest ? latest.shownAt : "" } } };
-    const verdict = { colour: "grey", word: "word.lost", because: [since], since: null, helps: [] };
+  keepForecast(now === "heard");
+  if (now === "heard") { showAgain(); return; }  // the server sends nothing again that has not changed
+  const since = { say: "page.no_server", values: { at: { t: latest ? latest.shownAt : "" } } };
+  const verdict = { colour: "grey", word: key, because: lost ? [since] : [], since: null, helps: [] };
+  hideCommands();
+  if (lost) {
     showAll();
-    hideCommands();
     $("lost").textContent = sentence(since);
-    if (!machine) drawList((latest ? latest.list : []).map((each) => ({ ...each, ...UNKNOWN, ...verdict })));
-    else if (latest) showMachine({ ...latest, ...UNKNOWN, verdict, axes: [] });
-    else {
-      paint($("ready"), "grey");
-      put($("word"), word("word.lost"));
-      document.title = `${word("word.lost")} · ${machine}`;
-    }
   }
+  if (!machine) drawList((latest ? latest.list : []).map((each) => ({ ...each, ...UNKNOWN, ...verdict })));
+  else if (latest) showMachine({ ...latest, ...UNKNOWN, verdict, axes: [] });
+  else if (lost) showWord("grey", key);
+  if (!lost) document.title = machine || NAME;
 };
 
 const showView = (v) => {
-  latest = { ...v, shownAt: new Date().toISOString() };
+  latest = { ...v, shownAt: present().toISOString() };
   showAgain = () => { showMachine(v); showCommands(v); };
   showAgain();
 };
 
+// What has not changed stays in place, and what has the keyboard keeps it.
+const items = new Map();
+const item = (m, language) => {
+  const text = JSON.stringify(m), known = items.get(m.machine);
+  if (known && known.text === text) return known.node;
+  const node = make("li", undefined, m.colour), link = make("a");
+  link.href = `/machine/${encodeURIComponent(m.machine)}?lang=${language}`;
+  link.append(make("span", undefined, "sign"), make("span", m.machine, "name"), " ", make("span", word(m.word), "word"));
+  link.firstChild.setAttribute("aria-hidden", "true");
+  node.append(link, ...say(m.notices, "notice"), ...say(m.because),
+    make("p", m.heard ? word("page.heard").replace("{at}", time(m.heard)) : "", "note"));
+  items.set(m.machine, { text, node, link });
+  return node;
+};
 const drawList = (list) => {
   $("no-machine").hidden = list.length > 0;
-  const language = document.documentElement.lang;
-  draw("machines", list, () => list.map((m) => {
-    const item = make("li", undefined, m.colour), link = make("a");
-    link.href = `/machine/${encodeURIComponent(m.machine)}?lang=${language}`;
-    link.append(make("span", undefined, "sign"), make("span", m.machine, "name"), " ", make("span", word(m.word), "word"));
-    link.firstChild.setAttribute("aria-hidden", "true");
-    item.append(link, ...say(m.notices, "notice"), ...say(m.because),
-      make("p", m.heard ? word("page.heard").replace("{at}", time(m.heard)) : "", "note"));
-    return item;
-  }));
+  if (!changed("machines", list)) return;
+  const focused = [...items.entries()].find(([, each]) => each.link === document.activeElement);
+  const nodes = list.map((m) => item(m, document.documentElement.lang)), place = $("machines");
+  if (nodes.length !== place.children.length || nodes.some((node, i) => node !== place.children[i])) place.replaceChildren(...nodes);
+  if (focused && items.has(focused[0])) items.get(focused[0]).link.focus({ preventScroll: true });
+  const counts = new Map();
+  for (const m of list) counts.set(m.word, (counts.get(m.word) || 0) + 1);
+  put($("summary"), list.length > 1 ? [...counts].map(([key, n]) => `${word(key)}: ${amount({ n, d: 0 })}`).join(" · ") : "");
 };
 const showList = (list) => {
-  latest = { alive: true, list, shownAt: new Date().toISOString() };
+  latest = { alive: true, list, shownAt: present().toISOString() };
   showAgain = () => drawList(list);
   showAgain();
 };
 
-let stream = null;
-const listen = () => {
-  if (stream) stream.close();
-  stream = new EventSource((machine ? "/stream/" + encodeURIComponent(machine) : "/stream") + "?" + (machine ? query() : ""));
-  const on = (kind, show) => stream.addEventListener(kind, (event) => {
-    heardMs = performance.now();
-    loseOrFind(false);
-    if (show) show(JSON.parse(event.data));
-  });
-  on("tick");
-  on("list", (list) => { showAll(); showList(list); });
-  on("view", showView);
-  on("events", takeEvents);
-  on("corrections", takeCorrections);
-  on("course", (course) => { showAll(); showCourse(course); });
-  stream.onerror = () => {
-    loseOrFind(true);
-    if (stream.readyState === EventSource.CLOSED) setTimeout(listen, 3000);
-  };
+// ms: the server's present. A screen whose own clock is wrong says so: people compare its times with the clock on it.
+const CLOCK_OFF_MS = 120e3;
+const takeClock = (ms) => {
+  const off = setPresent(ms), minutes = Math.abs(off) / 60e3, long = minutes >= 60;
+  $("clock-off").hidden = Math.abs(off) < CLOCK_OFF_MS;
+  put($("clock-off"), word(off > 0 ? "page.clock_slow" : "page.clock_fast")
+    .replace("{off}", amount(long ? { n: minutes / 60, u: "h", d: 1 } : { n: minutes, u: "min", d: 0 })));
 };
-setInterval(() => { if (performance.now() - heardMs > SILENT_MS) loseOrFind(true); }, 1000);
-
+const address = () => machine ? `/stream/${encodeURIComponent(machine)}?${query()}` : `/stream?${queryOfAll()}`;
+const listen = stream(address, {
+  tick: takeClock,
+  list: (list) => { showAll(); showList(list); },
+  view: showView,
+  events: takeEvents,
+  corrections: takeCorrections,
+  course: (course) => { showAll(); showCourse(course); },
+}, become);
 if (machine) {
   reserve(document);
   $("waits-room").replaceChildren(...rows(WAITS));
@@ -93,8 +100,7 @@ if (machine) {
   readyDay(() => latest);
   readyCharts();
   keepHeights(document.querySelectorAll(".kept"));
-  const answers = () => !lost && latest && latest.alive && latest.gateway_time;
+  const answers = () => state === "heard" && latest && latest.alive && latest.gateway_time;
   showWeeks(answers);
   showSensitivity(answers);
 }
-listen();

@@ -6,7 +6,7 @@ const days = Array.from({ length: 366 }, (_, day) => new Date(2024, 0, 1 + day, 
 const at = { t: days.reduce((a, b) => (time(b).length > time(a).length ? b : a)) };
 const um = { n: 188.8, u: "µm", d: 1 };
 export const LONG = {
-  at, left: um, half: um, far: um, off: um, gain: { ...um, sign: true }, tolerance: um, low: um, high: um, axis: { s: "X" }, axes: { s: "X, Y, Z" },
+  at, left: um, half: um, far: um, off: um, gain: { ...um, sign: true }, low: um, high: um, axis: { s: "X" }, axes: { s: "X, Y, Z" },
   by: { s: "maintenance team" }, why: { s: longest("why") }, source: { s: longest("source") }, mode: { s: longest("mode") },
   now: um, then: um, measured: um, hours: { n: 8, u: "h", d: 1 }, reason: { s: "a touch is missing" }, text: { s: "channel spindle_growth: comm_fault: no answer within 0.5 s" },
 };

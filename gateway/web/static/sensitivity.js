@@ -1,6 +1,6 @@
 // Micrometres per kelvin by week, from the gateway's store: again each hour, and sooner while it does not answer.
 import { machine } from "./choice.js";
-import { $, make, put } from "./elements.js";
+import { $, make, named, put } from "./elements.js";
 import { amount, date, word } from "./words.js";
 
 const UNHEARD_MS = 1000, UNKNOWN_MS = 10e3, KNOWN_MS = 3600e3;
@@ -11,7 +11,7 @@ const heading = (text) => {
   return cell;
 };
 const row = (e) => {
-  const found = make("tr"), name = make("th", e.error), first = e.slopes.findIndex((slope) => slope.n !== null);
+  const found = make("tr"), name = named(e.error, "th"), first = e.slopes.findIndex((slope) => slope.n !== null);
   name.scope = "row";
   found.append(name, make("td", e.temperature), make("td", amount(e.follows), "right"),
     ...e.slopes.map((slope, i) => make("td", amount(i === first ? { ...slope, u: e.unit } : slope), "right")));

@@ -1,6 +1,6 @@
 // What has happened, as tables: events, corrections, and how far measurements scatter.
 import { machine } from "./choice.js";
-import { $, make, put } from "./elements.js";
+import { $, make, named, put } from "./elements.js";
 import { amount, atom, date, time, word } from "./words.js";
 
 // On paper only the latest, and a line that says how many are not printed.
@@ -47,7 +47,7 @@ const showCorrections = () => {
   const lines = shown.map((c) => {
     const row = make("tr");
     const by = [...c.movers.map(([input, v]) => `${input} ${amount(v)}`), `${word("corrections.rest")} ${amount(c.rest)}`].join(", ");
-    row.append(make("td", time(c.t), "when"), make("td", c.error, "when"), make("td", `${amount({ ...c.estimate, u: "" })} ± ${amount(c.half)}`, "right"),
+    row.append(make("td", time(c.t), "when"), named(c.error, "td"), make("td", `${amount({ ...c.estimate, u: "" })} ± ${amount(c.half)}`, "right"),
       make("td", by), make("td", c.experts.map(([kind, share]) => `${atom(kind)} ${amount(share)}`).join(", ")),
       make("td", c.measured ? time(c.measured) : "–", "when"));
     return row;

@@ -12,11 +12,18 @@ const day = new Intl.DateTimeFormat(undefined, { weekday: "short", day: "numeric
 export const date = new Intl.DateTimeFormat(undefined, { day: "numeric", month: "short" });
 export const whole = new Intl.DateTimeFormat(undefined, { dateStyle: "full", timeStyle: "short" });
 export const exact = new Intl.DateTimeFormat(undefined, { hour: "2-digit", minute: "2-digit", second: "2-digit" });
+// The present by the server's clock; this browser's may be wrong.
+let ahead = 0;
+export const present = () => new Date(Date.now() + ahead);
+// Returns by how many milliseconds the server is ahead.
+export const setPresent = (ms) => (ahead = ms - Date.now());
 export const time = (iso) => {
   const at = new Date(iso);
   if (Number.isNaN(at.getTime())) return "–";
-  return (at.toDateString() === new Date().toDateString() ? clock : day).format(at);
+  return (at.toDateString() === present().toDateString() ? clock : day).format(at);
 };
+// As it is typed in: without its thousands apart.
+export const plain = (n) => new Intl.NumberFormat(undefined, { useGrouping: false, maximumFractionDigits: 3 }).format(n);
 const numbers = new Map();
 export const amount = ({ n, u, d, sign }) => {
   if (n === null || n === undefined) return "–";

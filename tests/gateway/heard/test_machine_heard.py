@@ -112,19 +112,20 @@ def test_times_that_are_none_are_ignored() -> None:
     assert heard.seen.at_k(3) == BEGAN + 3 * STEP
 
 
-def test_a_site_takes_messages_of_any_machine_and_only_logs_what_is_invalid() -> None:
+def test_a_site_takes_messages_of_any_machine_and_only_logs_what_is_invalid(caplog: pytest.LogCaptureFixture) -> None:
     site = SiteSeen("hall/a", ("mill",), lambda: BEGAN, lambda: 0.0)
     event = EventMessage("b", 1, BEGAN.isoformat(), "system", None, "problem", "x", None, None, None)
     site.take("hall/a/lathe/event", encode(event))
     site.take("hall/a/lathe/event", b"{")
     site.take("hall/a/lathe/of_a_later_version", b"{}")
     site.take("hall/a/no such name/event", encode(event))
-    for i in range(300):
+    for i in range(400):
         site.life(f"hall/a/m{i}/alive", alive=True)
     with site.machines() as machines:
         assert list(machines)[:3] == ["mill", "lathe", "m0"]
         assert len(machines["lathe"].events) == 1
-        assert len(machines) == 100
+        assert len(machines) == 300
+    assert caplog.text.count("more than 300 machines") == 1, "no machine is left out without a word"
 
 
 def test_a_gateway_on_this_computer_is_reached_on_its_own_addresses() -> None:

@@ -48,6 +48,9 @@ def test_a_forecast_that_may_be_off_by_more_than_it_says_promises_nothing() -> N
     said = helps(heard)
     assert "when.ready" not in said
     assert said["when.not_before"].values["at"] == at(BEGAN + timedelta(minutes=30))
+    assert amount(said["when.not_before"], "off") > 1.96 * 3.0
+    said = helps(cooling((9.0, 8.0, 2.0), missed=3.0))
+    assert "when.not_before" not in said
     assert amount(said["when.not_foreseeable"], "off") > 1.96 * 3.0
 
 

@@ -21,7 +21,8 @@ def group(name: str) -> set[str]:
 
 
 def test_every_word_and_reason_has_its_room() -> None:
-    assert set(room.WORDS) == group("word") - {"word.connecting"}
+    assert set(room.WORDS) == group("word")
+    assert set(room.SINCE) == group("since")
     assert set(room.BECAUSE) == group("because") - WITHOUT_HELP
 
 

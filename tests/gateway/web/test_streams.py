@@ -56,7 +56,7 @@ async def test_an_open_page_gets_the_whole_state_and_then_each_change() -> None:
         async with asyncio.timeout(LIMIT_S), aclosing(streams.messages(Browser("mill", lambda _: LOOKING))) as messages:
             async for message in messages:
                 found.append(kind_of(message))
-                if found == ["retry: 2000", "view", "events", "course"]:
+                if found == ["tick", "view", "events", "course"]:
                     heard.life("talc/mill/alive", alive=True)
                     heard.take("talc/mill/event", event(1, "</script>\n\ndata: forged"))
                 if message.startswith(b"event: events") and b"forged" in message:

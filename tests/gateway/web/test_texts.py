@@ -15,6 +15,7 @@ from gateway.probing import Standing
 from gateway.web import MachineUse, WebSettings, build_app
 from gateway.web.catalogue import LANGUAGES, chosen_language, texts
 from talc.frame import EventKind, Phase, Why
+from talc.names import THERMAL_ERRORS
 from tests.benches.heard import BEGAN
 
 ROOM = Path(str(files("gateway.web")))
@@ -32,6 +33,7 @@ WORDS = {
         ("why", Why),
         ("event", EventKind),
         ("nc", NcState),
+        ("error", THERMAL_ERRORS),
     )
     for text in known
 }

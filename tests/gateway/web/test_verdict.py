@@ -192,7 +192,34 @@ def test_it_says_since_when() -> None:
         heard.decision(k, sigma=sigma)
         heard.passes(STEP)
     verdict = verdict_of(heard.seen, within(8.0), heard.now_s)
-    assert (verdict.colour, verdict.since) == (Colour.AMBER, times[2])
+    assert (verdict.colour, verdict.since, verdict.before) == (Colour.AMBER, times[2], False)
+    verdict = verdict_of(heard.seen, within(100.0), heard.now_s)
+    assert (verdict.colour, verdict.since, verdict.before) == (Colour.GREEN, times[0], True)
+    heard.decision(5, corrected={"EZ0A": None})
+    verdict = verdict_of(heard.seen, within(8.0), heard.now_s)
+    assert (verdict.word, verdict.since) == ("word.unknown", heard.now), "amber, but another word than before"
+
+
+def test_a_phase_that_makes_it_red_is_red_since_it_began() -> None:
+    heard, times = HeardMachine(), []
+    heard.compensation()
+    for k, phase in enumerate(("compensation", "compensation", "no_good", "no_good")):
+        times.append(heard.now)
+        heard.decision(k, phase=phase)
+        heard.passes(STEP)
+    verdict = verdict_of(heard.seen, within(8.0), heard.now_s)
+    assert (verdict.word, verdict.since, verdict.before) == ("word.not_ready", times[2], False)
+
+
+def test_a_time_of_which_nothing_is_known_ends_what_was_before() -> None:
+    heard, times = HeardMachine(), []
+    heard.compensation()
+    for k in (0, 1, 40, 41):
+        heard.passes(STEP * (38 if k == 40 else 1))
+        times.append(heard.now)
+        heard.decision(k)
+    verdict = verdict_of(heard.seen, within(8.0), heard.now_s)
+    assert (verdict.colour, verdict.since, verdict.before) == (Colour.GREEN, times[2], False)
 
 
 def test_it_says_whether_a_measurement_would_be_enough_and_that_no_forecast_is_published() -> None:

@@ -1,0 +1,58 @@
+// Listens to what the server sends, again when that is cut, and not in tabs that nobody sees.
+const SILENT_MS = 7000, SOON_MS = 300, LATER_MS = 3000, ANEW_MS = 10000;
+// A browser has six connections to one server, for all of its tabs: beyond so many, those that nobody sees do without.
+const UNSEEN = 2;
+
+// address: of the stream; kinds: what takes each kind of message; become: told "heard", "lost" or "resting"
+export const stream = (address, kinds, become) => {
+  let source = null, openedMs = 0, heardMs = 0, cut = false, again = 0;
+  const close = () => {
+    clearTimeout(again);
+    if (source) source.close();
+    source = null;
+  };
+  const open = () => {
+    close();
+    openedMs = performance.now();
+    if (!cut) heardMs = openedMs;
+    source = new EventSource(address());
+    for (const [kind, take] of Object.entries(kinds)) source.addEventListener(kind, (event) => {
+      heardMs = performance.now();
+      cut = false;
+      become("heard");
+      take(JSON.parse(event.data));
+    });
+    // Proxies end long answers: nothing is lost if the next one comes.
+    source.onerror = () => {
+      close();
+      if (cut) become("lost");
+      again = setTimeout(open, cut ? LATER_MS : SOON_MS);
+      cut = true;
+    };
+  };
+  setInterval(() => {
+    if (!source) return;
+    const now = performance.now();
+    if (now - heardMs <= SILENT_MS) return;
+    become("lost");
+    // A connection that broke without a word would stay silent for ever.
+    if (now - openedMs > ANEW_MS) { cut = true; open(); }
+  }, 1000);
+
+  const seen = () => document.visibilityState !== "hidden";
+  let leave = null;  // the place of a tab that listens unseen
+  const place = async (i) => i < UNSEEN && (await new Promise((found) => {
+    navigator.locks.request(`unseen ${i}`, { ifAvailable: true }, (lock) => {
+      found(lock !== null);
+      return lock && new Promise((left) => { if (leave) left(); else leave = left; });
+    });
+  }) || place(i + 1));
+  const attend = async () => {
+    const placed = seen() || leave !== null || (Boolean(navigator.locks) && await place(0));
+    if (seen() && leave) { leave(); leave = null; }
+    if (!seen() && !placed) { close(); become("resting"); } else if (!source) open();
+  };
+  document.addEventListener("visibilitychange", attend);
+  attend();
+  return open;
+};

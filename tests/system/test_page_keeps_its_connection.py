@@ -1,0 +1,123 @@
+"""How the page for operators hears its server: through proxies, over networks that break, in many tabs of a browser."""
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Page, expect
+
+from tests.benches.page_line import page_line
+from tests.benches.page_rig import LIMIT_MS, MILL_SETTINGS, page_rig, played_mill
+
+pytestmark = [pytest.mark.peer, pytest.mark.slow]
+
+TABS = 9
+"""More than the six connections that a browser has to one server."""
+VERDICT = re.compile("^(Ready|Not sure|Not ready)$")
+
+_HIDE = """() => {
+  Object.defineProperty(document, "visibilityState", { configurable: true, get: () => "hidden" });
+  document.dispatchEvent(new Event("visibilitychange"));
+}"""
+_SHOW = "() => { delete document.visibilityState; document.dispatchEvent(new Event('visibilitychange')); }"
+_NOTE_WORDS = """() => {
+  window.words = [];
+  new MutationObserver(() => window.words.push(document.getElementById("word").textContent))
+    .observe(document.getElementById("word"), { childList: true, characterData: true, subtree: true });
+}"""
+
+expect.set_options(timeout=LIMIT_MS)
+
+
+@pytest.fixture
+def settings(tmp_path: Path) -> Path:
+    file = tmp_path / "web.toml"
+    file.write_text(MILL_SETTINGS, encoding="utf-8")
+    return file
+
+
+def expect_fresh(page: Page, gateway_says: str) -> None:
+    """It has heard this event."""
+    expect(page.locator("#word")).to_have_text(VERDICT)
+    expect(page.locator("#events")).to_contain_text(gateway_says)
+    expect(page.locator("#lost")).to_be_hidden()
+
+
+def event(text: str) -> str:
+    return "event " + json.dumps({"kind": "problem", "text": text})
+
+
+def test_a_proxy_that_ends_long_answers_is_not_seen(settings: Path) -> None:
+    with page_rig() as rig:
+        gateway = played_mill(rig, settings)
+        with page_line(rig.address) as line:
+            rig.address = line.address
+            with rig.page("/machine/mill") as page:
+                expect(page.locator("#word")).to_have_text(VERDICT)
+                page.evaluate(_NOTE_WORDS)
+                for n in range(3):
+                    line.cut()
+                    gateway.say(event(f"after cut {n}"))
+                    expect_fresh(page, f"after cut {n}")
+                assert page.evaluate("window.words") == []
+            assert rig.web is not None
+            rig.web.kill()
+
+
+def test_a_connection_that_broke_without_a_word_is_made_anew(settings: Path) -> None:
+    """As when a panel was out of reach while its access point was exchanged: nobody tells it that nothing will come."""
+    with page_rig() as rig:
+        gateway = played_mill(rig, settings)
+        with page_line(rig.address) as line:
+            rig.address = line.address
+            with rig.page("/machine/mill") as page:
+                expect(page.locator("#word")).to_have_text(VERDICT)
+                line.forget()
+                expect(page.locator("#word")).to_have_text("No connection")
+                gateway.say(event("it is back"))
+                expect_fresh(page, "it is back")
+
+
+def test_more_tabs_than_a_browser_has_connections(settings: Path) -> None:
+    with page_rig() as rig:
+        gateway = played_mill(rig, settings)
+        with rig.page("/machine/mill") as first:
+            tabs = [first]
+            for _ in range(TABS - 1):
+                expect(tabs[-1].locator("#word")).to_have_text(VERDICT)
+                tabs[-1].evaluate(_HIDE)
+                tabs.append(first.context.new_page())
+                tabs[-1].goto(first.url)
+            expect(tabs[-1].locator("#word")).to_have_text(VERDICT)
+            gateway.say(event("heard by those that are seen"))
+            expect_fresh(tabs[-1], "heard by those that are seen")
+            # Two of those that nobody sees still listen; the others do not say what they do not know.
+            told = [tab.title() for tab in tabs[:-1]]
+            assert sum(title != "mill" for title in told) == 2
+            resting = tabs[told.index("mill")]
+            assert resting.locator("#word").inner_text() == "Connecting"
+            expect(resting.locator("[data-of=left]")).to_have_text(["–"] * 3)
+            tabs[-1].evaluate(_HIDE)
+            resting.evaluate(_SHOW)
+            expect_fresh(resting, "heard by those that are seen")
+            expect(resting).to_have_title(re.compile("^(Ready|Not sure|Not ready) · mill$"))
+
+
+@pytest.mark.parametrize(("hours", "said"), [(-3.0, "3.0\u202fh slow"), (24.0, "24.0\u202fh fast")])
+def test_a_screen_whose_clock_is_wrong_says_so_and_takes_no_other_day_for_today(
+    settings: Path, hours: float, said: str
+) -> None:
+    with page_rig() as rig:
+        played_mill(rig, settings)
+        with rig.page("/?all=1") as page:
+            expect(page.locator("#machines li")).to_have_count(1)
+            expect(page.locator("#clock-off")).to_be_hidden()
+            told = page.locator("#machines .note").inner_text()
+            page.add_init_script(
+                f"const real = Date.now, off = {hours * 3.6e6}; Date.now = () => real() + off;"
+                "Date = class extends Date { constructor(...a) { super(...(a.length ? a : [real() + off])); } }"
+            )
+            page.reload()
+            expect(page.locator("#clock-off")).to_contain_text(said)
+            assert page.locator("#machines .note").inner_text()[:18] == told[:18], "no day before the time"
