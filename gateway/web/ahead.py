@@ -147,15 +147,13 @@ def _left(without: FloatArray, now: Applied) -> FloatArray:
 def when(coming: AheadError | None, tolerance_um: float, *, ready: bool) -> Iterator[Sentence]:
     """When it will be ready, or until when it stays so."""
     if coming is None:
-        if not ready:
-            yield Sentence("when.no_forecast")
+        yield Sentence("when.stays_unknown" if ready else "when.no_forecast")
         return
     known = coming.known()
     surely = known & (coming.high <= tolerance_um).all(axis=1)
     if ready:
         stays = int(np.argmin(np.append(surely, False)))
-        if stays:
-            yield Sentence("when.stays", {"at": at(coming.at[stays - 1])})
+        yield Sentence("when.stays", {"at": at(coming.at[stays - 1])}) if stays else Sentence("when.stays_unknown")
         return
     if surely.any():
         first = int(np.argmax(surely))

@@ -26,6 +26,7 @@ HELPS: Final[tuple[tuple[str, ...], ...]] = (
         "when.ready",
         "when.not_before",
         "when.stays",
+        "when.stays_unknown",
         "when.not_foreseeable",
     ),
     ("help.best", "help.nothing", "help.measure", "help.measure_not_enough"),

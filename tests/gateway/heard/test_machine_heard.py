@@ -2,6 +2,8 @@
 
 from datetime import timedelta
 
+import pytest
+
 from gateway.config import Telemetry
 from gateway.heard import KEPT, SiteSeen, listened_to
 from gateway.telemetry import EventMessage, encode

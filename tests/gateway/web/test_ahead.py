@@ -79,7 +79,13 @@ def test_a_machine_that_does_not_come_within_the_tolerance_says_so() -> None:
 def test_a_ready_machine_says_until_when_it_stays_so() -> None:
     heard = cooling((3.0, 8.0, 20.0), now=2.0)
     assert helps(heard)["when.stays"].values["at"] == at(BEGAN + timedelta(hours=2))
-    assert "when.stays" not in helps(cooling((12.0, 8.0, 2.0), now=2.0))
+    leaving = helps(cooling((12.0, 8.0, 2.0), now=2.0))
+    assert "when.stays" not in leaving
+    assert "when.stays_unknown" in leaving
+    unforeseen = HeardMachine()
+    unforeseen.compensation()
+    unforeseen.decision()
+    assert list(helps(unforeseen)) == ["when.stays_unknown"]
 
 
 def test_what_helps_most_is_said_first_and_by_how_much() -> None:
