@@ -67,12 +67,12 @@ find "$root$home" -name direct_url.json -delete
 
 echo "the package"
 install -D -m 644 deploy/systemd/talc-gateway.service "$root/usr/lib/systemd/system/talc-gateway.service"
-install -D -m 640 deploy/debian/gateway.toml "$root/etc/talc-gateway/gateway.toml"
 for page in LICENSE CHANGELOG.md README.md SECURITY.md docs/{install-pi,cyber-resilience}.md; do
     install -D -m 644 "$page" "$root/usr/share/doc/talc-gateway/$(basename "$page")"
 done
 mkdir -p "$root$home/share"
 cp -r deploy/{grafana,nc,pi,zenoh} "$root$home/share/"
+install -m 644 deploy/debian/gateway.toml "$root$home/share/gateway.toml"  # postinst copies it: no conffile, so no question
 [ "$architecture" != "$native" ] || deploy/debian/linuxcnc_component.sh "$root$home/share/nc/linuxcnc/prebuilt"
 /usr/bin/python3 deploy/debian/sbom.py "$site" "$work/build/lib/python$minor/site-packages" \
     "$root/usr/share/doc/talc-gateway"
@@ -81,7 +81,6 @@ ln -s "$home/bin/talc-gateway" "$root/usr/bin/talc-gateway"
 install -m 755 deploy/debian/{preinst,postinst,prerm,postrm} "$root/DEBIAN/"
 sed -i "s/@VERSION@/$version/" "$root/DEBIAN/postinst"
 echo "$version" >"$root$home/version"
-echo /etc/talc-gateway/gateway.toml >"$root/DEBIAN/conffiles"
 cat >"$root/DEBIAN/control" <<CONTROL
 Package: talc-gateway
 Version: $version

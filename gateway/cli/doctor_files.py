@@ -1,5 +1,9 @@
 """What `doctor` says of the files with keys, certificates and passwords that cannot be read."""
 
+import errno
+import os
+import pwd
+import subprocess
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,6 +27,8 @@ class UnreadFile:
     why: str
     page: str
     """How such a file is made."""
+    reader: str = ""
+    """The user who has to read it, if that is not this process's."""
 
     @property
     def what(self) -> str:
@@ -40,17 +46,44 @@ class UnreadFile:
         if isinstance(self.error, FileNotFoundError):
             guard = ", readable by the gateway's user alone (chmod 600)" if secret else ""
             return f"make the file ({self.page}) or copy it there{guard}, or change {name} in the configuration"
+        if self.reader:
+            return f"chown {self.reader} {self.path}; or LoadCredential= in a drop-in (docs/install-pi.md)"
         return "let the gateway's user read it; if it already may, run `doctor` as that user or as root"
 
 
 def unread_files(config: GatewayConfig) -> Iterator[UnreadFile]:
-    """Every file with a key, a certificate or a password that cannot be read."""
+    """Every file with a key, a certificate or a password that cannot be read.
+
+    Root can read all of them: it asks for the user who owns the database, as whom the service runs.
+    """
+    user = _owner(config.storage.path) if os.geteuid() == 0 else None
     for field, path, why, page in _named(config):
         try:
             with path.open("rb") as file:
                 file.read(1)
         except OSError as error:
             yield UnreadFile(field, path, error, why, page)
+        else:
+            if user is not None and not _may_read(user, path):
+                refused = PermissionError(errno.EACCES, f"not by {user.pw_name}, the user who owns the database")
+                yield UnreadFile(field, path, refused, why, page, user.pw_name)
+
+
+def _owner(database: Path) -> pwd.struct_passwd | None:
+    """Who owns the database, or its folder before there is one; None: root, or nobody with a name."""
+    try:
+        uid = (database if database.exists() else database.parent).stat().st_uid
+        return pwd.getpwuid(uid) if uid else None
+    except (OSError, KeyError):
+        return None
+
+
+def _may_read(user: pwd.struct_passwd, path: Path) -> bool:
+    """Asks the system as that user, since permissions are more than a file's mode: folders, groups, lists of access."""
+    groups = os.getgrouplist(user.pw_name, user.pw_gid)
+    asked = ["test", "-r", str(path)]
+    done = subprocess.run(asked, user=user.pw_uid, group=user.pw_gid, extra_groups=groups, cwd="/", check=False)
+    return done.returncode == 0
 
 
 def _named(config: GatewayConfig) -> Iterator[tuple[str, Path, str, str]]:

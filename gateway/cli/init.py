@@ -1,8 +1,10 @@
 """`talc-gateway init`: asks what no scan can find out, scans, and writes the first configuration of a machine."""
 
 import asyncio
+import os
 import re
 import socket
+import sys
 from collections.abc import Awaitable, Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
@@ -83,8 +85,13 @@ class _Wire:
 
 
 def init(path: Path, answers_file: Path | None, limit_s: float) -> int:
-    """Write `path`; the exit code. Raises ConfigError for an invalid answer."""
-    if path.exists():
+    """Write `path`; the exit code. Raises ConfigError for an invalid answer.
+
+    An existing file is replaced only if it is the Debian package's example, which nobody has changed.
+    """
+    if not os.access(path.resolve().parent, os.W_OK):
+        raise click.UsageError(f"nothing can be written to {path.resolve().parent}: is it there, and yours?")
+    if path.exists() and not _is_example(path):
         raise click.UsageError(f"{path} exists; `talc-gateway scan … --toml {path}` adds devices to it")
     given = _asked(find_ports()) if answers_file is None else read_answers(answers_file)
     places = _found(given, limit_s)
@@ -104,6 +111,14 @@ def init(path: Path, answers_file: Path | None, limit_s: float) -> int:
         click.echo(f"  line {number}: {what}")
     click.echo(f"next: talc-gateway check {path}; talc-gateway probe {path}; docs/arming.md leads from there")
     return 0
+
+
+def _is_example(path: Path) -> bool:
+    """Whether the file is what the Debian package's postinst has copied from the program's folder."""
+    try:
+        return path.read_bytes() == Path(sys.prefix, "share", "gateway.toml").read_bytes()
+    except OSError:
+        return False
 
 
 def _asked(ports: list[ScanPort]) -> Answers:

@@ -70,8 +70,8 @@ def init(config: Path, answers: Path | None, limit: float) -> None:
 
     \b
     Asks for the machine's name, wires and control, scans the wires (reads only), and writes a commented file that
-    `check` accepts. Lines that hold a guess say CONFIRM, and are listed. An existing file is never changed: `scan
-    --toml` adds to it.
+    `check` accepts. Lines that hold a guess say CONFIRM, and are listed. An existing file is never changed, except the
+    untouched example of the Debian package: `scan --toml` adds to it.
     """
     from gateway.cli.init import init as begin
 

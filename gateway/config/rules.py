@@ -93,6 +93,14 @@ def cautions(config: GatewayConfig) -> list[Problem]:
         found += [Problem(f"[nc] {field}", text) for field, text in config.nc.cautions()]
     found += _manuals_addresses(config)
     found += _following(config)
+    if config.storage.path.is_relative_to("/etc"):
+        found.append(
+            Problem(
+                "[storage] path",
+                f"'{config.storage.path}' is in /etc, where the service of the Debian package may not write; use "
+                "/var/lib/talc-gateway/gateway.sqlite",
+            )
+        )
     return [*found, *telemetry_cautions(config.telemetry)]
 
 

@@ -82,10 +82,14 @@ def first_configuration(
 
     items: what the description of an MTConnect agent suggests; None: it was not read.
 
-    Each line that holds a guess says CONFIRM and how to do so. Raises ConfigError: nothing was found that has a profile
+    Each line that holds a guess says CONFIRM and how to do so. A file below /etc is the service's, which may not write
+    there: its database gets the Debian package's folder. Raises ConfigError: nothing was found that has a profile
     (there is nothing to learn from), or an answer is invalid in a configuration.
     """
-    text = merged(_HEAD.format(name=toml_value(answers.machine)), places, path)
+    head = _HEAD.format(name=toml_value(answers.machine))
+    if path.resolve().is_relative_to("/etc"):
+        head += _STORAGE
+    text = merged(head, places, path)
     if answers.control is not None:
         text += "\n" + _control(answers.control, items or SuggestedItems())
     parse(text, path)
@@ -109,6 +113,11 @@ name = {name}
 
 [telemetry]
 listen = ["tcp/127.0.0.1:7447"]    # this computer only"""
+
+_STORAGE = """
+
+[storage]
+path = "/var/lib/talc-gateway/gateway.sqlite"  # the only folder that the service may write to"""
 
 _STATES = ("spindle_speed", "speed_X", "speed_Y", "speed_Z", "speed_A", "speed_C")
 

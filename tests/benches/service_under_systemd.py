@@ -45,17 +45,19 @@ BREAKS = """        import sqlite3
         database.write_bytes(b"of a newer program")
         raise RuntimeError("broken on purpose")
 """
-IN_FORCE_UM, SHORT_STOP_S = 100, 10
-"""A ramp of 100 s, as the gateway moves offsets by 1 µm/s; and a unit that would not wait for it."""
+SHORT_STOP_S = 10
+"""Of a unit that would not wait for the ramp."""
 ALLOWED = ("write to its own folder", "read its credential", "send to its own computer")
 
 
 @dataclass(frozen=True, slots=True)
 class SystemdPace:
-    """How long systemd waits; None: as the unit file says."""
+    """How long systemd waits (None: as the unit file says), and how long the ramp at a stop takes."""
 
     watchdog_s: float | None = None
     restart_s: float | None = None
+    in_force_um: int = 100
+    """The offset that is in force at a stop, in whole µm: as many seconds, as the gateway moves offsets by 1 µm/s."""
 
     def text(self) -> str:
         """Of a drop-in."""
@@ -88,11 +90,11 @@ def furnish(root: Path, package: Path, pace: SystemdPace) -> None:
     drop_in.write_text(pace.text(), encoding="utf-8")
 
 
-def tries(guest: BootedDebian) -> Iterator[TriedUnit]:
+def tries(guest: BootedDebian, pace: SystemdPace) -> Iterator[TriedUnit]:
     """Everything in its order, each row as soon as it is known."""
     guest.run("dpkg --install /talc-gateway.deb")
     guest.run("systemctl start time-client machine")
-    yield _ramp(guest)
+    yield _ramp(guest, pace.in_force_um)
     yield from _start(guest)
     yield _room(guest)
     yield from _clock(guest)
@@ -123,9 +125,9 @@ def _start(guest: BootedDebian) -> Iterator[TriedUnit]:
     yield TriedUnit("systemd-analyze security, of the running unit", exposure <= 2.0, f"{exposure}")
 
 
-def _ramp(guest: BootedDebian) -> TriedUnit:
+def _ramp(guest: BootedDebian, in_force_um: int) -> TriedUnit:
     """The first run finds an offset in force, and is stopped at once, by a unit that would kill it sooner."""
-    guest.run(f"{PYTHON} /usr/local/lib/systemd_offset.py begin {IN_FORCE_UM}")
+    guest.run(f"{PYTHON} /usr/local/lib/systemd_offset.py begin {in_force_um}")
     drop_in = "/run/systemd/system/talc-gateway.service.d"
     guest.run(f"mkdir -p {drop_in} && printf '[Service]\\nTimeoutStopSec={SHORT_STOP_S}\\n' >{drop_in}/short.conf")
     guest.run("systemctl daemon-reload && systemctl start talc-gateway")
@@ -366,11 +368,12 @@ def main() -> None:
     bad = 0
     with tempfile.TemporaryDirectory(dir="/var/tmp") as name:
         root = debootstrapped(Path(name) / "root")
-        furnish(root, package, SystemdPace())
+        pace = SystemdPace()
+        furnish(root, package, pace)
         bad_packages(package, root)
         print("| tried | | seen |\n|---|---|---|")
         with BootedDebian(root, Path(name) / "console") as guest:
-            for row in tries(guest):
+            for row in tries(guest, pace):
                 print(f"| {row.what} | {'as it should' if row.good else 'NO'} | {row.seen} |", flush=True)
                 bad += not row.good
         run(["rm", "-rf", root], check=True)

@@ -91,6 +91,8 @@ TABLE: dict[str, HowShown] = {
     ),
     r"demo --preset zimmermann-2022.*": RunElsewhere("tests/system/test_demo.py", '"--preset", "blaser-2019"'),
     r"init (gateway\.toml|CONFIG)": RunElsewhere("tests/gateway/cli/test_init.py", '"init"'),
+    r"init /etc/.*": RunElsewhere("tests/system/test_debian_package.py", "talc-gateway init /"),
+    r"probe /etc/.*": RunElsewhere("tests/system/test_debian_package.py", "talc-gateway probe /"),
     r"collect '?postgresql://.*": RunElsewhere("tests/gateway/collect/test_database_command.py", '"collect"'),
     r"collect (FOLDER|site) .*": RunElsewhere("tests/gateway/collect/test_network.py", '"collect"'),
     r"publish (OUTLETS|outlets\.toml.*)": RunElsewhere("tests/gateway/outlets/test_publish.py", '"publish"'),

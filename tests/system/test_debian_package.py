@@ -10,7 +10,7 @@ import sys
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
-from shutil import copytree, which
+from shutil import copytree, rmtree, which
 
 import pytest
 
@@ -29,6 +29,18 @@ fcntl.ioctl(socket.socket(), 0x8914, struct.pack("16sH14x", b"lo", 0x49))
 """SIOCSIFFLAGS with IFF_UP, IFF_LOOPBACK and IFF_RUNNING: a new network namespace has its loopback down."""
 OWN = "opt/talc-gateway"
 CONFIG, DATA = "etc/talc-gateway/gateway.toml", "var/lib/talc-gateway"
+INIT = f"""
+cd /tmp
+printf '[[at]]\\ns = 0\\nvalues = [20, 21, 22, 23, 24, 25, 26]\\n' >module.toml
+/{OWN}/bin/python -m simulators.devices adam6015 module.toml >at &
+until [ -s at ]; do kill -0 $!; sleep 0.1; done
+printf 'machine = "lathe"\\nhosts = ["127.0.0.1:%s"]\\n' "$(sed 's/.*port = //' at)" >answers.toml
+talc-gateway init /{CONFIG} --answers answers.toml
+talc-gateway check /{CONFIG}
+talc-gateway probe /{CONFIG}
+kill $!
+stat -c %U:%G:%a /{CONFIG}
+"""
 
 
 def run(*command: str | Path, folder: Path = ROOT) -> str:
@@ -78,7 +90,11 @@ class InstalledHost:
 def check_contents(package: Path, tmp_path: Path) -> None:
     """The program, its kernel, its unit and its configuration, and no path of the computer that built it."""
     run("dpkg-deb", "--raw-extract", package, tmp_path)
-    assert (tmp_path / "DEBIAN" / "conffiles").read_text().splitlines() == [f"/{CONFIG}"]
+    assert not (tmp_path / "DEBIAN" / "conffiles").exists(), (
+        "dpkg asks about them, and the answer of nobody is an error"
+    )
+    assert not (tmp_path / "etc").exists()
+    assert (tmp_path / OWN / "share" / "gateway.toml").is_file()
     assert (tmp_path / "usr/lib/systemd/system/talc-gateway.service").exists()
     scripts = [p for p in (tmp_path / OWN / "bin").iterdir() if p.is_file() and not p.is_symlink()]
     first = {p.name: p.read_bytes().splitlines()[0] for p in scripts}
@@ -127,6 +143,24 @@ def check_rehearsal(machine: InstalledHost) -> None:
     assert out.splitlines()[-1] == "# ended"
 
 
+def scripts_alone(contents: Path, folder: Path) -> Path:
+    """A package of the whole one's scripts, with little to unpack."""
+    for name in (f"{OWN}/bin", f"{OWN}/lib", "usr/share"):
+        rmtree(contents / name)
+    run("dpkg-deb", "--root-owner-group", "-Znone", "--build", contents, folder / "scripts.deb")
+    return folder / "scripts.deb"
+
+
+def check_init(machine: InstalledHost) -> None:
+    """As docs/install-pi.md begins: the untouched example becomes what the wires have, for the service to read."""
+    (machine.root / "tmp" / "init.sh").write_text(INIT, encoding="utf-8")
+    out = machine.run("sh -e /tmp/init.sh")
+    assert f"/{CONFIG}: good. 1 buses, 1 devices, 7 channels" in out
+    assert "7 of 7 good" in out
+    assert out.splitlines()[-1] == "root:talc-gateway:640"
+    assert f'path = "/{DATA}/gateway.sqlite"' in (machine.root / CONFIG).read_text(encoding="utf-8")
+
+
 def check_partition(machine: InstalledHost, install: str) -> None:
     """The data folder as a partition of its own: purged, it is empty, and the mount is where it was."""
     inside = f"mkdir -p /{DATA} && mount -t tmpfs data /{DATA}"
@@ -155,11 +189,12 @@ def test_it_installs_runs_upgrades_and_leaves_without_a_network(package: Path, d
     assert demo.splitlines()[-1] == "identical"
     assert machine.run(f"stat -c %U:%a /{DATA}").strip() == "talc-gateway:750"
     check_rehearsal(machine)
+    check_init(machine)
 
-    (debian / CONFIG).write_text((debian / CONFIG).read_text().replace('"mill"', '"lathe"'), encoding="utf-8")
+    (debian / CONFIG).write_text((debian / CONFIG).read_text().replace('"lathe"', '"press"'), encoding="utf-8")
     (debian / DATA / "gateway.sqlite").write_text("what was learnt", encoding="utf-8")
     machine.run(install)
-    assert '"lathe"' in (debian / CONFIG).read_text(encoding="utf-8")
+    assert '"press"' in (debian / CONFIG).read_text(encoding="utf-8")
     assert (debian / DATA / "gateway.sqlite").read_text(encoding="utf-8") == "what was learnt"
 
     machine.run("dpkg --remove talc-gateway")
@@ -168,13 +203,15 @@ def test_it_installs_runs_upgrades_and_leaves_without_a_network(package: Path, d
     assert (debian / DATA / "gateway.sqlite").exists()
     machine.run("dpkg --purge talc-gateway")
     assert machine.files() == before
-    check_partition(machine, install)
+    scripts_alone(tmp_path, debian / "package")
+    check_partition(machine, "dpkg --install /package/scripts.deb")
     assert machine.files() == before
 
     assert which("systemd-nspawn"), "Debian's package systemd-container"
-    furnish(debian, package, SystemdPace(watchdog_s=60.0, restart_s=5.0))
+    pace = SystemdPace(watchdog_s=60.0, restart_s=5.0, in_force_um=60)
+    furnish(debian, package, pace)
     bad_packages(package, debian)
     with BootedDebian(debian, tmp_path / "console") as guest:
-        rows = list(tries(guest))
+        rows = list(tries(guest, pace))
     assert [row for row in rows if not row.good] == []
     assert len(rows) > 25

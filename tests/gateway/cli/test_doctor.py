@@ -1,7 +1,11 @@
 """`doctor` on a computer whose files say what is wrong."""
 
+import os
+import pwd
+import tempfile
 from dataclasses import replace
 from pathlib import Path
+from shutil import chown
 
 import numpy as np
 import pytest
@@ -9,6 +13,7 @@ from click.testing import CliRunner
 
 from gateway.cli import main
 from gateway.cli.doctor import ailments
+from gateway.cli.doctor_files import unread_files
 from gateway.config import GatewayConfig, load
 from gateway.events import EventReported, FrameMade, MeasurementEnded
 from gateway.storage import Store
@@ -187,6 +192,34 @@ def test_of_a_missing_key_it_says_which_file_of_which_setting_and_what_to_do(
         f"make the file ({page}) or copy it there, readable by the gateway's user alone (chmod 600), or change"
         f" {field.split()[-1]} in the configuration"
     )
+
+
+def test_root_asks_for_the_user_who_owns_the_database(root: Path) -> None:
+    """A key that root made, as docs/install-pi.md has it done by root, must belong to the service's user."""
+    if os.geteuid() != 0:
+        pytest.skip("only root can ask for another user")
+    with tempfile.TemporaryDirectory() as name:  # pytest's own folder is closed to all others
+        folder, service = Path(name), pwd.getpwnam("nobody")
+        folder.chmod(0o755)
+        write(folder / "data" / "gateway.sqlite", "")
+        chown(folder / "data" / "gateway.sqlite", service.pw_uid)
+        write(folder / "talc.key", "k" * 32)
+        (folder / "talc.key").chmod(0o600)
+        store = '[nc]\nkind = "linuxcnc"\nkey_file = "talc.key"'
+        write(
+            folder / "gateway.toml", TEXT.replace("warn_free_mb", 'path = "data/gateway.sqlite"\nwarn_free_mb') + store
+        )
+        config = load(folder / "gateway.toml")
+        config = config.model_copy(update={"storage": config.storage.model_copy(update={"path": folder / "absent"})})
+        assert [one.what for one in ailments(config, root, synchronised=True)] == [], "the folder is root's own"
+        config = load(folder / "gateway.toml")
+        (ailment,) = unread_files(config)
+        chown(folder / "talc.key", service.pw_uid)
+        assert list(unread_files(config)) == []
+    assert ailment.what == (
+        f"[nc] key_file: '{folder}/talc.key' cannot be read: not by nobody, the user who owns the database"
+    )
+    assert ailment.remedy.startswith(f"chown nobody {folder}/talc.key")
 
 
 def test_of_a_certificate_that_no_key_opens_it_says_only_what_cannot_be_read(tmp_path: Path, root: Path) -> None:

@@ -2,9 +2,11 @@
 
 import asyncio
 import re
+import sys
 from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager, contextmanager
 from pathlib import Path
+from shutil import copy
 from threading import Event, Thread
 
 import pytest
@@ -205,6 +207,33 @@ def test_a_file_that_exists_is_not_touched(tmp_path: Path) -> None:
     assert done.exit_code == 2
     assert "adds devices to it" in done.output
     assert file.read_text(encoding="utf-8") == "mine"
+
+
+def test_the_untouched_example_of_the_package_is_replaced_and_an_edited_one_is_not(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    example = Path(__file__).parents[3] / "deploy" / "debian" / "gateway.toml"
+    (tmp_path / "share").mkdir()
+    copy(example, tmp_path / "share")
+    monkeypatch.setattr(sys, "prefix", str(tmp_path))  # of the package: /opt/talc-gateway
+    file = tmp_path / "gateway.toml"
+    with answering(module()) as port:
+        file.write_text(example.read_text(encoding="utf-8").replace("mill", "mine"), encoding="utf-8")
+        assert init(str(file), typed="mill\n").exit_code == 2
+        assert '"mine"' in file.read_text(encoding="utf-8")
+        copy(example, file)
+        file.chmod(0o640)
+        done = init(str(file), typed=f"mill\n127.0.0.1:{port}\nnone\n")
+    assert done.exit_code == 0, done.output
+    assert [d.profile for d in load(file).devices] == ["advantech_adam6015"]
+    assert file.stat().st_mode & 0o777 == 0o640
+
+
+def test_a_folder_that_cannot_be_written_is_told_before_anything_is_asked(tmp_path: Path) -> None:
+    done = init(str(tmp_path / "absent" / "gateway.toml"), typed="mill\n")
+    assert done.exit_code == 2
+    assert "nothing can be written to" in done.output
+    assert "Name of the machine" not in done.output
 
 
 def test_a_serial_line_is_scanned_at_the_usual_speeds_and_an_absent_can_interface_is_told(tmp_path: Path) -> None:

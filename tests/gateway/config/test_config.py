@@ -164,6 +164,17 @@ def test_raw_usb_port_is_a_caution_not_an_error() -> None:
     assert "/dev/serial/by-id" in caution.what
 
 
+def test_a_database_below_etc_is_a_caution_as_the_service_may_not_write_there() -> None:
+    """Also one that no line names: it would be beside the file."""
+    text = valid_text().replace("192.168.214.1", "127.0.0.1")
+    installed = Path("/etc/talc-gateway/gateway.toml")
+    (caution,) = cautions(parse(text, installed))
+    assert caution.where == "[storage] path"
+    assert "'/etc/talc-gateway/gateway.sqlite' is in /etc" in caution.what
+    elsewhere = f'{text}\n[storage]\npath = "/var/lib/talc-gateway/gateway.sqlite"\n'
+    assert cautions(parse(elsewhere, installed)) == []
+
+
 def test_an_address_as_in_a_manual_is_a_caution(tmp_path: Path) -> None:
     """Not an error: some devices have such addresses, and those that have all of them show some number."""
     profile = 'protocol = "modbus"\ntitle = "meter"\nbuses = ["modbus_tcp"]\nunit = "W"\n'

@@ -56,6 +56,14 @@ def test_it_is_valid_arms_nothing_and_names_each_guess(
         assert word in what or word in lines[number - 1]
 
 
+def test_a_file_below_etc_has_its_database_where_the_service_may_write(tmp_path: Path) -> None:
+    installed = Path("/etc/talc-gateway/gateway.toml")
+    text = first_configuration(Answers(machine="mill"), [ADAM], installed)
+    assert parse(text, installed).storage.path == Path("/var/lib/talc-gateway/gateway.sqlite")
+    elsewhere = first_configuration(Answers(machine="mill"), [ADAM], tmp_path / "gateway.toml")
+    assert parse(elsewhere, tmp_path / "gateway.toml").storage.path == tmp_path / "gateway.sqlite"
+
+
 ITEMS = SuggestedItems(
     positions={"X": "x1", "Y": "y1", "Z": "z1", "C": "c1"}, states={"speed_C": "c2"}, named={"mode": "m", "tool": "t"}
 )
