@@ -27,6 +27,8 @@ _NOT_COPIED = ("reading", "minute", "mark", "thinned", "recent_minute", "gathere
 _LARGEST = 1e9
 """Of any input, error or uncertainty."""
 _LONGEST_S = 1e11
+_LAST_K = 1e13
+"""Of any grid index. It counts steps since 1970, and a step may be short: one of a second has passed 1.7e9."""
 
 RawRow = tuple[Any, ...]
 
@@ -178,7 +180,7 @@ def _check_compensation(row: RawRow) -> None:
 
 def _check_moment(row: RawRow) -> None:
     _, k, _, monotonic_s, lead_s, _ = row
-    if not (0 <= k <= _LARGEST and 0.0 <= monotonic_s <= _LARGEST and abs(lead_s) <= _LONGEST_S):
+    if not (0 <= k <= _LAST_K and 0.0 <= monotonic_s <= _LARGEST and abs(lead_s) <= _LONGEST_S):
         raise ValueError("no time of a step")
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from gateway.storage import rows
 from gateway.storage.faults import StoreError
 from gateway.storage.learnt import Learnt
-from gateway.storage.lock import FileLock
+from gateway.storage.lock import FileLock, link_followed
 from gateway.storage.schema import connect, make_schema
 
 
@@ -20,6 +20,7 @@ def import_learnt(path: Path, learnt: Learnt, text: str, now: datetime, *, repla
     Returns the new name of the renamed one. Raises StoreError: a gateway runs on it, or it has a record.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
+    path = link_followed(path)
     lock = FileLock(path)
     try:
         aside = None

@@ -11,6 +11,25 @@ from pathlib import Path
 from gateway.storage.faults import StoreError
 
 
+def link_followed(path: Path) -> Path:
+    """The file that a symbolic link leads to: one database has one lock, whatever name leads to it, and what is set
+    aside or begun anew is on the disk where it is.
+
+    Raises StoreError for a link to a folder that is not there, such as that of a disk which is not mounted.
+    """
+    if not path.is_symlink():
+        return path
+    try:
+        target = Path(os.path.realpath(path))
+        if target.parent.is_dir() and not target.is_symlink():
+            return target
+    except OSError:  # links that lead in a circle
+        pass
+    raise StoreError(
+        f"{path}: is a link to {path.readlink()}, which cannot be reached; is the disk mounted that it is on?"
+    )
+
+
 class FileLock:
     """Lock of the single gateway that writes to a database; the kernel releases it when the process ends in any way.
 

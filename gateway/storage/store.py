@@ -37,7 +37,7 @@ from gateway.storage.answers import long_work
 from gateway.storage.damage import unreadable_rows
 from gateway.storage.epochs import begin_epoch
 from gateway.storage.faults import DamagedError, StoreError
-from gateway.storage.lock import FileLock
+from gateway.storage.lock import FileLock, link_followed
 from gateway.storage.mending import Known, begin_anew, mend
 from gateway.storage.readings import MOST_BOOTS, Channels, Pruning, Retention, last_boot
 from gateway.storage.schema import UNREADABLE, connect, is_damage, make_schema, unusable
@@ -89,6 +89,7 @@ class Store:
             path.parent.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise StoreError(f"{path}: cannot be written: {error.strerror}") from error
+        path = link_followed(path)
         self._lock = FileLock(path)
         self._path, self._known, mended = path, Known(), ""
         self.migrated_from: Path | None = None

@@ -19,7 +19,7 @@
 
 namespace {
 std::atomic<int> fault{0}, refused{0}, calls{0}, begins{0}, kind{0}, lasts{0}, hang_ms{0}, paused{0}, only{0};
-constexpr int hangs = -1, hangs_once = -2;
+constexpr int hangs = -1, hangs_once = -2, kills = -3;
 constexpr size_t most_names = 1 << 16;
 char names[most_names];  // of the calls so far, first letters
 
@@ -63,6 +63,7 @@ bool fails_now(char name) {
       usleep(1000 * hang_ms);
       return false;
     }
+    if (kind == kills) kill(getpid(), SIGKILL);
     ++refused;
     errno = kind;
     return true;
@@ -91,7 +92,7 @@ void set_disk_fault(int number, int kind_of_call) {
 }
 int disk_faults() { return refused; }
 // From the n-th call from now on, or at it alone; the error's number, or -2: the next synchronisation lasts that long
-// (with lasting = 1).
+// (with lasting = 1), or -3: the process is killed before it.
 void fail_from(int number, int error, int lasting, int milliseconds) {
   calls = refused = 0;
   kind = error, lasts = lasting, hang_ms = milliseconds;

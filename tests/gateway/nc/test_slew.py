@@ -171,6 +171,7 @@ def test_a_prediction_and_any_other_reason_keep_their_name() -> None:
     assert s.follow(1.0, np.ones(3)).source is Source.PREDICTION
     assert s.follow(2.0, np.ones(3), Source.PAUSED).source is Source.PAUSED
     assert s.follow(3.0, None, Source.STOPPED).source is Source.STOPPED
+    assert s.follow(4.0, None, Source.PAUSED).source is Source.PAUSED
 
 
 def test_without_a_basis_it_is_the_shift_at_the_reference() -> None:
@@ -195,3 +196,9 @@ def test_rows_of_one_cause_move_in_proportion_to_a_target_that_only_the_control_
     assert step.bounded == (False, False, False)
     s.follow(110.0, None)
     assert s.largest_um == pytest.approx(78.0)
+
+
+def test_two_columns_beyond_the_bound_are_scaled_and_not_cut_one_by_one() -> None:
+    wanted = np.array([[40.0, 60.0], [0.0, 0.0], [0.0, 0.0]])
+    step = slew(period_s=1000.0, in_force_um=np.zeros((3, 2))).follow(1000.0, wanted)
+    np.testing.assert_allclose(step.coefficients_um, wanted * 0.5)

@@ -8,8 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from gateway.clock import StepTime
+from gateway.events import DecisionMade, FrameMade
 from gateway.past import past_in
-from gateway.storage import History, Store
+from gateway.storage import History, Store, damage_found
 from tests.benches.service_file import two_temperatures
 from tests.benches.spoilt_stores import (
     DAMAGES,
@@ -27,6 +29,7 @@ from tests.benches.spoilt_stores import (
     write,
 )
 from tests.benches.stepped_clock import SteppedClock
+from tests.benches.store_writer import step
 
 
 @pytest.fixture(scope="module")
@@ -157,6 +160,16 @@ def test_a_whole_database_is_never_set_aside(whole: Path, tmp_path: Path) -> Non
     with Store(path, "second", SteppedClock()) as store, pytest.raises(ZeroDivisionError):
         store.repair(ZeroDivisionError("a mistake in the program"), 0)
     assert not list(tmp_path.glob("*damaged*"))
+
+
+@pytest.mark.parametrize("step_s", [0.05, 1.0, 300.0])
+def test_the_number_of_a_step_may_be_as_large_as_a_short_step_makes_it(step_s: float, tmp_path: Path) -> None:
+    frame, decision = step(round(4.1e9 / step_s))  # in the year 2099
+    with Store(tmp_path / "g.sqlite", "boot", SteppedClock()) as store:
+        store.begin("{}", "hash", "versions")
+        store.record(FrameMade(frame, StepTime(frame.k, "origin", 5.0, 0.0, known=True)))
+        store.record(DecisionMade(decision))
+    assert damage_found(tmp_path / "g.sqlite") == []
 
 
 def test_a_flipped_bit_in_the_name_of_a_column_is_damage(whole: Path, tmp_path: Path) -> None:

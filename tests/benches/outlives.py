@@ -1,0 +1,64 @@
+"""What a gateway leaves to the one after it when it is killed: its control, and what it had said, in shared memory."""
+
+import mmap
+import pickle
+import struct
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from simulators.nc.nck import Nck
+
+_HEAD = struct.Struct("=QQ")
+
+
+@dataclass
+class WhatOutlives:
+    """What the gateway's death leaves: its control, and what the gateway had said."""
+
+    nck: Nck
+    now_s: float = 0.0
+    decided: list[int] = field(default_factory=list)
+    """Grid indices of the steps that were decided."""
+    stored: list[int] = field(default_factory=list)
+    """Those of which the store said that they are on the disk."""
+    requests: list[int] = field(default_factory=list)
+    """Numbers of the cycles that the control was asked for."""
+
+
+class SharedMemory:
+    """Two copies in memory that a child shares with its parent; the newer one counts once it is whole."""
+
+    _SIZE = 1 << 22
+
+    def __init__(self) -> None:
+        self._memory, self._count = mmap.mmap(-1, 2 * self._SIZE), 0
+
+    def keep(self, what: WhatOutlives) -> None:
+        self._count += 1
+        data, at = pickle.dumps(what), (self._count % 2) * self._SIZE
+        self._memory[at : at + _HEAD.size] = _HEAD.pack(0, 0)
+        self._memory[at + _HEAD.size : at + _HEAD.size + len(data)] = data
+        self._memory[at : at + _HEAD.size] = _HEAD.pack(self._count, len(data))
+
+    def kept(self) -> WhatOutlives:
+        copies = [_HEAD.unpack_from(self._memory, n * self._SIZE) for n in range(2)]
+        newest = max(range(2), key=lambda n: int(copies[n][0]))
+        at, size = newest * self._SIZE + _HEAD.size, copies[newest][1]
+        self._count = copies[newest][0]
+        found = pickle.loads(self._memory[at : at + size])
+        assert isinstance(found, WhatOutlives)
+        return found
+
+
+class KeptNck(Nck):
+    """Tells whenever a gateway has changed it."""
+
+    changed: Callable[[], None] = staticmethod(lambda: None)
+
+    def write_r(self, number: int, value: float, now_s: float) -> None:
+        super().write_r(number, value, now_s)
+        KeptNck.changed()
+
+    def write_k0(self, axis: int, value_mm: float, now_s: float) -> None:
+        super().write_k0(axis, value_mm, now_s)
+        KeptNck.changed()

@@ -1,0 +1,27 @@
+"""Killed while it starts, rebuilds, learns, probes, writes or stops: no step on the control, nothing lost or torn."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.benches.kills import PHASES, WRITING
+
+KILLS = {WRITING: 6, **dict.fromkeys(PHASES, 2)}
+
+
+@pytest.mark.slow
+def test_whatever_it_does_when_it_is_killed_the_next_one_goes_on() -> None:
+    command = [sys.executable, "-m", "tests.benches.kills", "--writing", str(KILLS[WRITING]), "--phase", "2"]
+    done = subprocess.run(
+        command,
+        cwd=Path(__file__).parents[2],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout
+    rows = [line.strip("| ").split(" | ") for line in done.stdout.splitlines() if line.startswith("| ")]
+    assert {name: int(killed) for name, killed, _ in rows[1:]} == KILLS
