@@ -146,6 +146,8 @@ TABLE: dict[str, HowShown] = {
         "tests/gateway/storage/test_damage.py", "spoilt_stores"
     ),
     r"python -m tests\.benches\.disk_calls": RunElsewhere("tests/gateway/storage/test_disk_calls.py", "disk_calls"),
+    r"python -m tests\.benches\.kills .*": RunElsewhere("tests/system/test_killed_in_phases.py", "kills"),
+    r"python -m tests\.benches\.history_day": RunByNone("fills a day of 30 channels, minutes of processor time"),
     r"python -m tests\.benches\.site .*": RunElsewhere("tests/gateway/collect/test_site.py", "run_site"),
     r"python -m tests\.benches\.fuzz .*": RunByNone(_LONG),
     r"python -m tests\.benches\.soak .*": RunElsewhere("tests/system/test_soak.py", "soaked"),
