@@ -38,6 +38,7 @@ __all__ = [
     "steps",
     "training",
     "transfer",
+    "units",
     "window",
 ]
 

@@ -137,6 +137,10 @@ class Description(_DescriptionSection):
     def unit_of(self, error: str) -> DescribedUnit:
         return self.errors[error].unit or self.unit
 
+    def says_unit_of(self, error: str) -> bool:
+        """Whether the file says the unit of an error, of itself or of all."""
+        return self.errors[error].unit is not None or "unit" in self.model_fields_set
+
     def scale_of(self, error: str) -> float:
         """µm or µm/m per unit of the error."""
         return {**POSITION, **ANGLE}[self.unit_of(error)]

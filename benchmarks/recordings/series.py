@@ -22,6 +22,7 @@ from gateway.recordings import (
     second_of,
 )
 from talc.frame import LARGEST_ERROR, LARGEST_INPUT, BoolArray, FloatArray, IntArray
+from talc.units import named_unit
 
 _UNIT_S = {"s": 1.0, "ms": 1e-3, "min": 60.0, "h": 3600.0, "days": 86400.0}
 _NUMERIC = 0.5
@@ -85,6 +86,11 @@ def read_series(description: Path) -> tuple[Description, Series]:
     time_s, run = _times(columns, places, table.word, said, description, problems)
     problems.refuse()
     notes = [*table.notes, *(f"column {name!r}: does not hold numbers; left out" for name in strange_kinds)]
+    notes += [
+        f"column {name!r}: its name says {named_unit(name)}, read in {said.unit_of(name)}, as the file says no unit"
+        for name in said.errors
+        if named_unit(name) not in ("", said.unit_of(name)) and not said.says_unit_of(name)
+    ]
     unknown = Unknown(said.missing)
     errors = [
         _values(columns[e], e, said.scale_of(e), LARGEST_ERROR, table, places, problems, unknown) for e in said.errors

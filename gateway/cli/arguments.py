@@ -82,7 +82,7 @@ def named_errors(pairs: tuple[str, ...]) -> dict[str, str]:
 
 def named_units(pairs: tuple[str, ...]) -> dict[str, str]:
     """Unit of each error."""
-    from gateway.recordings import COLUMN_UNITS
+    from talc.units import COLUMN_UNITS
 
     found = {
         name: unit.replace("µ", "u").replace("μ", "u") for name, unit in _pairs(pairs, "--unit", "NAME=UNIT").items()

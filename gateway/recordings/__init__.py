@@ -6,7 +6,7 @@ from drivers.first_use import on_first_use
 
 if TYPE_CHECKING:
     from gateway.recordings.chunks import FileTable
-    from gateway.recordings.columns import COLUMN_UNITS, Columns
+    from gateway.recordings.columns import Columns
     from gateway.recordings.files import is_database, open_table
     from gateway.recordings.grid import Recording, read_recording
     from gateway.recordings.layout import TextLayout, Unknown, line_ranges
@@ -27,7 +27,7 @@ else:
         __name__,
         {
             ".chunks": ("FileTable",),
-            ".columns": ("COLUMN_UNITS", "Columns"),
+            ".columns": ("Columns",),
             ".files": ("is_database", "open_table"),
             ".grid": ("Recording", "read_recording"),
             ".layout": ("TextLayout", "Unknown", "line_ranges"),
@@ -47,7 +47,6 @@ else:
     )
 
 __all__ = [
-    "COLUMN_UNITS",
     "TIME_UNITS",
     "BusTap",
     "Columns",

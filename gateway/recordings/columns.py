@@ -1,7 +1,5 @@
 """Assigns the columns: time, thermal errors, inputs. A column that looks like an error never becomes an input."""
 
-import math
-import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -12,30 +10,12 @@ from gateway.recordings.times import TimeFormat
 from talc.names import (
     ERROR_UNITS,
     MICROMETRE,
-    MICROMETRE_PER_METRE,
     THERMAL_ERRORS,
     called_an_error,
     like_an_error,
     resembles_error,
 )
-
-COLUMN_UNITS: Mapping[str, tuple[str, float]] = {
-    "um": (MICROMETRE, 1.0),
-    "mm": (MICROMETRE, 1e3),
-    "m": (MICROMETRE, 1e6),
-    "in": (MICROMETRE, 25.4e3),
-    "um/m": (MICROMETRE_PER_METRE, 1.0),
-    "urad": (MICROMETRE_PER_METRE, 1.0),
-    "mrad": (MICROMETRE_PER_METRE, 1e3),
-    "rad": (MICROMETRE_PER_METRE, 1e6),
-    "deg": (MICROMETRE_PER_METRE, math.pi / 180 * 1e6),
-    "arcsec": (MICROMETRE_PER_METRE, math.pi / 180 / 3600 * 1e6),
-}
-"""Units of a column of errors: what they are here, and how much of it."""
-
-_AT_END = tuple(unit for unit in COLUMN_UNITS if unit not in ("m", "in", "um/m"))
-"""Units that a name may end with without brackets; `_m` and `_in` mean other things as well."""
-_BRACKETED = re.compile(r"[\[(]\s*([a-z/]+)\s*[\])]$")
+from talc.units import COLUMN_UNITS, named_unit
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +67,7 @@ def roles_of(head: Sequence[str], columns: Columns, problems: FileProblems) -> R
         if name not in columns.inputs:
             _no_error(name, errors, columns.errors or {}, problems)
     for error, name in errors.items():
-        said = _unit_in(name)
+        said = named_unit(name)
         if error not in columns.units and said not in ("", "um", "um/m"):
             own = "um" if COLUMN_UNITS[said][0] == MICROMETRE else "um/m"
             what = (
@@ -204,16 +184,7 @@ def _no_error(name: str, errors: Mapping[str, str], given: Mapping[str, str], pr
 
 def _unit_of(name: str, error: str) -> str:
     """The unit that a column's name ends with, and how to say it; otherwise the error's own."""
-    found = _unit_in(name)
+    found = named_unit(name)
     if not found or COLUMN_UNITS[found][0] != ERROR_UNITS[error] or COLUMN_UNITS[found][1] == 1.0:
         return ERROR_UNITS[error]
     return f"{found} (with --unit {error}={found})"
-
-
-def _unit_in(name: str) -> str:
-    """The unit that a column's name ends with (`lift [mm]`, `EZ0T_mm`), one of COLUMN_UNITS; empty: none."""
-    text = name.strip().lower().replace("µ", "u").replace("μ", "u").replace('"', "arcsec")
-    bracketed = _BRACKETED.search(text)
-    if bracketed is not None:
-        return bracketed[1] if bracketed[1] in COLUMN_UNITS else ""
-    return next((unit for unit in _AT_END if re.search(rf"[\W_]{unit}$", text)), "")

@@ -10,7 +10,7 @@ import numpy as np
 from gateway.config import Problem
 from gateway.recordings.cells import numbers_of
 from gateway.recordings.chunks import Chunk, FileTable
-from gateway.recordings.columns import COLUMN_UNITS, Columns, Roles, roles_of, without_companions
+from gateway.recordings.columns import Columns, Roles, roles_of, without_companions
 from gateway.recordings.files import open_table
 from gateway.recordings.layout import Unknown
 from gateway.recordings.problems import FileProblems, RecordingError
@@ -18,6 +18,7 @@ from gateway.recordings.times import TimeFormat, Times
 from talc.frame import LARGEST_ERROR, LARGEST_INPUT, FloatArray, IntArray
 from talc.names import ERROR_UNITS, MICROMETRE, THERMAL_ERRORS
 from talc.steps import ABOUT_A_STEP, means_and_lasts, measured_together, on_grid
+from talc.units import COLUMN_UNITS
 
 _LEAST_STEPS = 12
 

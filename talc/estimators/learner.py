@@ -8,7 +8,7 @@ import numpy as np
 
 from talc.estimators.clock import RowClock
 from talc.estimators.conventions import Conventions, NotFittedError
-from talc.estimators.rows import Inputs, input_rows, names_or_numbers, outputs_of, warn_if_tiny
+from talc.estimators.rows import Inputs, input_rows, names_or_numbers, outputs_of, refuse_other_units, warn_if_tiny
 from talc.frame import LARGEST_ERROR, LARGEST_INPUT, FloatArray
 from talc.learner.learner import RowLearner
 
@@ -81,6 +81,7 @@ class Learner(Conventions):
         measured, names, flat = outputs_of(y, X)
         if not np.isfinite(measured).any():
             raise ValueError("y holds no measurement: all of it is NaN")
+        refuse_other_units(names or (), self.unit_um)
         warn_if_tiny(measured * self.unit_um, "y")
         return self._begin(input_rows(X, times), measured, names, flat)
 
@@ -88,6 +89,7 @@ class Learner(Conventions):
         """Learn from the rows that follow, measured or not; the first time from the beginning, as `fit`."""
         measured, names, flat = outputs_of(y, X)
         if not hasattr(self, "_learner"):
+            refuse_other_units(names or (), self.unit_um)
             return self._begin(input_rows(X, times), measured, names, flat)
         rows = self._following(X, times)
         expected = len(self.error_names_)

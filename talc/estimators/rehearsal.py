@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from talc.estimators.rows import input_rows, warn_if_tiny
+from talc.estimators.rows import input_rows, refuse_other_units, warn_if_tiny
 from talc.frame import LARGEST_ERROR, Decision, FloatArray, Frame, IntArray
 from talc.learner import LearningCourse
 from talc.names import called_an_error, like_an_error, resembles_error
@@ -68,7 +68,7 @@ def rehearse(
     ------
     ValueError
         A column is missing, has two roles, or would become an input though it looks like an error, resembles one, or
-        has values only where an error has them.
+        has values only where an error has them. Or the name of an error's column says another unit than `unit_um`.
     TypeError
         `df` is no DataFrame.
 
@@ -95,6 +95,7 @@ def rehearse(
         raise ValueError(f"unit_um = {unit_um!r}: expected more than 0")
     chosen_inputs = inputs is not None
     errors, inputs = _columns(df, errors, inputs)
+    refuse_other_units(errors, unit_um)
     measured = input_rows(df[errors]).values * unit_um
     warn_if_tiny(measured, "each of the errors")
     rows = input_rows(df[inputs], times)

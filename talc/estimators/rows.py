@@ -1,5 +1,6 @@
 """Reads what users give, NumPy or pandas, into arrays with names and times. pandas is recognised, never imported."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -9,6 +10,7 @@ import numpy as np
 
 from talc.frame import FloatArray
 from talc.names import TINY_UM
+from talc.units import COLUMN_UNITS, named_unit
 
 _TIMES = ("M", "m")
 """NumPy's letters of moments, and of times since some beginning."""
@@ -32,6 +34,18 @@ def warn_if_tiny(measured_um: FloatArray, what: str) -> None:
     if 0.0 < largest <= TINY_UM:
         text = f"{what} is at most {largest:.2g} µm, too little to be predicted; if it is in mm, give unit_um=1000"
         warn(text, stacklevel=3)
+
+
+def refuse_other_units(columns: Sequence[str], unit_um: float) -> None:
+    """ValueError: a column of errors is named with a unit (`dz_mm`) of another size than unit_um."""
+    for name in columns:
+        said = named_unit(name)
+        if said and not math.isclose(COLUMN_UNITS[said][1], unit_um, rel_tol=1e-9):
+            size = COLUMN_UNITS[said][1]
+            raise ValueError(
+                f"column {name!r}: its name says {said}, but unit_um = {unit_um:g}; give unit_um={size:.12g} "
+                "(errors in several units: convert them), or rename the column"
+            )
 
 
 def input_rows(X: object, times: object = None) -> Inputs:

@@ -226,3 +226,13 @@ def test_the_form_of_a_date_is_suggested(tmp_path: Path) -> None:
     rows = [f"24.11.2026 {i // 12:02}:{i % 12 * 5:02},{i % 7},{i}" for i in range(40)]
     with pytest.raises(RecordingError, match=r"is not a time; .*; \[time\] format = '%d.%m.%Y %H:%M' reads this one"):
         read_series(written(tmp_path, 'errors = ["drift"]', [HEAD, *rows]))
+
+
+@pytest.mark.parametrize(
+    ("said", "noted"), [("", True), ('unit = "mm"\n', False), ('[errors]\ndz_mm = { unit = "um" }\n', False)]
+)
+def test_a_unit_in_an_error_s_name_is_noted_unless_the_file_says_one(tmp_path: Path, said: str, noted: bool) -> None:
+    errors = "" if "[errors]" in said else 'errors = ["dz_mm"]\n'
+    lines = ["time,t1,dz_mm", *(f"{300 * i},{20 + i},{0.001 * i}" for i in range(40))]
+    _, series = read_series(written(tmp_path, errors + said, lines))
+    assert any("its name says mm, read in um" in note for note in series.notes) == noted

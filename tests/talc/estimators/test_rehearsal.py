@@ -1,5 +1,6 @@
 """`talc.rehearse`: a recording as if it were live, for any errors, as the gateway would have run it."""
 
+import re
 from typing import Any
 
 import numpy as np
@@ -140,3 +141,22 @@ def test_errors_in_mm_are_predicted_in_mm(recorded: pd.DataFrame) -> None:
         talc.Learner().fit(table.iloc[:, :3], table["growth"] / 1000)
     with pytest.raises(ValueError, match=r"unit_um = 0: expected more than 0"):
         talc.rehearse(table, errors=["growth"], unit_um=0)
+
+
+@pytest.mark.parametrize(("name", "unit_um"), [("growth_mm", 1.0), ("growth [µm]", 1000.0), ("growth (in)", 1000.0)])
+def test_a_unit_in_an_error_s_name_is_not_overlooked(recorded: pd.DataFrame, name: str, unit_um: float) -> None:
+    table = recorded.iloc[:, :3].assign(**{name: recorded["EZ0A"]})
+    with pytest.raises(ValueError, match=rf"column {re.escape(repr(name))}: its name says .* unit_um = {unit_um:g};"):
+        talc.rehearse(table, errors=[name], unit_um=unit_um)
+    with pytest.raises(ValueError, match="its name says"):
+        talc.Learner(unit_um=unit_um).fit(table.iloc[:, :3], table[name])
+    with pytest.raises(ValueError, match="its name says"):
+        talc.Learner(unit_um=unit_um).partial_fit(table.iloc[:, :3], table[[name]])
+
+
+@pytest.mark.parametrize(
+    ("name", "unit_um"), [("growth_mm", 1000.0), ("growth_um", 1.0), ("m", 1.0), ("plugged_in", 1.0)]
+)
+def test_the_unit_that_a_name_says_may_be_given(recorded: pd.DataFrame, name: str, unit_um: float) -> None:
+    table = recorded.iloc[:60, :3].assign(**{name: recorded["EZ0A"]})
+    assert f"{name}_predicted" in talc.rehearse(table, errors=[name], unit_um=unit_um)

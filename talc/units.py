@@ -1,0 +1,35 @@
+"""Units of recorded errors, and those that the names of columns state."""
+
+import math
+import re
+from collections.abc import Mapping
+from typing import Final
+
+from talc.names import MICROMETRE, MICROMETRE_PER_METRE
+
+COLUMN_UNITS: Final[Mapping[str, tuple[str, float]]] = {
+    "um": (MICROMETRE, 1.0),
+    "mm": (MICROMETRE, 1e3),
+    "m": (MICROMETRE, 1e6),
+    "in": (MICROMETRE, 25.4e3),
+    "um/m": (MICROMETRE_PER_METRE, 1.0),
+    "urad": (MICROMETRE_PER_METRE, 1.0),
+    "mrad": (MICROMETRE_PER_METRE, 1e3),
+    "rad": (MICROMETRE_PER_METRE, 1e6),
+    "deg": (MICROMETRE_PER_METRE, math.pi / 180 * 1e6),
+    "arcsec": (MICROMETRE_PER_METRE, math.pi / 180 / 3600 * 1e6),
+}
+"""Units of a column of errors: what they are here, and how much of it."""
+
+_AT_END = tuple(unit for unit in COLUMN_UNITS if unit not in ("m", "in", "um/m"))
+"""Units that a name may end with without brackets; `_m` and `_in` mean other things as well."""
+_BRACKETED = re.compile(r"[\[(]\s*([a-z/]+)\s*[\])]$")
+
+
+def named_unit(name: str) -> str:
+    """The unit that a column's name ends with (`lift [mm]`, `EZ0T_mm`), one of COLUMN_UNITS; empty: none."""
+    text = name.strip().lower().replace("µ", "u").replace("μ", "u").replace('"', "arcsec")
+    bracketed = _BRACKETED.search(text)
+    if bracketed is not None:
+        return bracketed[1] if bracketed[1] in COLUMN_UNITS else ""
+    return next((unit for unit in _AT_END if re.search(rf"[\W_]{unit}$", text)), "")
