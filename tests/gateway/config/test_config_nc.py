@@ -51,7 +51,7 @@ security = "Basic256Sha256"
 user = "gateway"
 password_file = "secret/password"
 certificate = "gateway.der"
-private_key = "/etc/talc/gateway_key.pem"
+private_key = "/srv/talc/gateway_key.pem"
 server_certificate = "control.der"
 namespace_uri = "urn:some:control"
 timeout_s = 1.5
@@ -97,7 +97,7 @@ largest_um = 80.0
 """
 
 
-def config(text: str, folder: Path = Path("/etc/talc")) -> GatewayConfig:
+def config(text: str, folder: Path = Path("/srv/talc")) -> GatewayConfig:
     return parse(HEAD + text, folder / "gateway.toml")
 
 
@@ -110,10 +110,10 @@ def test_every_key_reaches_the_driver() -> None:
     settings = driver_settings(config(EVERYTHING))
     assert settings.url == "opc.tcp://192.168.214.1:4850"
     assert (settings.security, settings.user) == ("Basic256Sha256", "gateway")
-    assert settings.password_file == Path("/etc/talc/secret/password")
-    assert settings.certificate == Path("/etc/talc/gateway.der")
-    assert settings.private_key == Path("/etc/talc/gateway_key.pem")
-    assert settings.server_certificate == Path("/etc/talc/control.der")
+    assert settings.password_file == Path("/srv/talc/secret/password")
+    assert settings.certificate == Path("/srv/talc/gateway.der")
+    assert settings.private_key == Path("/srv/talc/gateway_key.pem")
+    assert settings.server_certificate == Path("/srv/talc/control.der")
     assert settings.namespace_uri == "urn:some:control"
     assert (settings.timeout_s, settings.subscribe_s) == (1.5, 0.25)
     assert settings.axis_numbers == {"X": 3, "Y": 2, "Z": 1, "A": 6, "C": 5}
