@@ -42,9 +42,10 @@ class BenchMachine:
     seed: determines weather, loads, sensor noise and probing noise
     clock: simulated time, read only
     hours: simulated hours that the load case must cover
+    errors: with which its control follows the nine errors; None: it has no program for that, but takes other routes
     """
 
-    def __init__(self, seed: int, clock: SimulatedClock, hours: float) -> None:
+    def __init__(self, seed: int, clock: SimulatedClock, hours: float, errors: FollowingTerms | None = TERMS) -> None:
         self._clock = clock
         self._truth: list[list[float]] = []
         self._epoch_s = clock.utc().timestamp() - clock.monotonic()
@@ -54,7 +55,7 @@ class BenchMachine:
         self.plant.advance(IDLE_S, MachineDrive())
         self.plant.zero()
         cycle = CycleSettings(radius_mm=RADIUS_MM)
-        self.control = EmulatedControl(self, clock, program, cycle=cycle, seed=seed, errors=TERMS)
+        self.control = EmulatedControl(self, clock, program, cycle=cycle, seed=seed, errors=errors)
 
     def advance(self, time_s: float) -> None:
         """Advance the plant to a past or present time, with the drives of each inner step from the control."""

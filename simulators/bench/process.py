@@ -8,7 +8,7 @@ from contextlib import AsyncExitStack
 from datetime import datetime
 from pathlib import Path
 
-from simulators.bench.machine import BenchMachine, TruthRecorder
+from simulators.bench.machine import TERMS, BenchMachine, TruthRecorder
 from simulators.clock import SharedClock
 from simulators.devices import M7015, Adam6015, Cia404Node, MeSensor, RtuLine, SlcanAdapter, TcpHost
 from simulators.plant import load_machine
@@ -42,7 +42,7 @@ async def _start(machine: BenchMachine, stack: AsyncExitStack) -> dict[str, str 
     return addresses
 
 
-async def _run(folder: Path, epoch: datetime, speed: float, seed: int, hours: float) -> None:
+async def _run(folder: Path, epoch: datetime, speed: float, seed: int, hours: float, *, follows: bool) -> None:
     loop, stop = asyncio.get_running_loop(), asyncio.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         loop.add_signal_handler(number, stop.set)
@@ -51,7 +51,7 @@ async def _run(folder: Path, epoch: datetime, speed: float, seed: int, hours: fl
     clock = SharedClock(folder / "clock", epoch=epoch, speed=speed)
     async with AsyncExitStack() as stack:
         stack.callback(clock.close)
-        machine = BenchMachine(seed, clock, hours)
+        machine = BenchMachine(seed, clock, hours, TERMS if follows else None)
         print(json.dumps(await _start(machine, stack)), flush=True)
         recorder = asyncio.create_task(TruthRecorder(machine, clock, folder / "truth.csv").run(stop.is_set))
         waiting = asyncio.create_task(stop.wait())
@@ -65,6 +65,11 @@ async def _run(folder: Path, epoch: datetime, speed: float, seed: int, hours: fl
 
 
 def main() -> None:
-    """`python -m simulators.bench FOLDER EPOCH SPEED SEED HOURS`: prints its addresses as one JSON line when ready."""
-    folder, epoch, speed, seed, hours = sys.argv[1:6]
-    asyncio.run(_run(Path(folder), datetime.fromisoformat(epoch), float(speed), int(seed), float(hours)))
+    """`python -m simulators.bench FOLDER EPOCH SPEED SEED HOURS [k0]`: prints its addresses as JSON when ready.
+
+    k0: its control has no program that follows the nine errors; routes that write K0 belong to it.
+    """
+    folder, epoch, speed, seed, hours, *route = sys.argv[1:]
+    follows = route != ["k0"]
+    run = _run(Path(folder), datetime.fromisoformat(epoch), float(speed), int(seed), float(hours), follows=follows)
+    asyncio.run(run)

@@ -16,11 +16,11 @@ from pathlib import Path
 
 import numpy as np
 
-from simulators.bench.machine import BenchMachine
+from simulators.bench.machine import TERMS, BenchMachine
 from simulators.clock import SharedClock
 from simulators.devices import M7015, Adam6015, Cia404Node, MeSensor, RtuLine, SlcanAdapter, TcpHost
 from simulators.devices.source import Faults, SensorFault
-from simulators.nc import SimulatedClock
+from simulators.nc import FollowingTerms, SimulatedClock
 from simulators.plant import load_machine
 
 FAULT_EVERY_S = 1200.0
@@ -75,11 +75,11 @@ def _now(act: Callable[[], None]) -> Act:
 
 @asynccontextmanager
 async def breakable_machine(
-    folder: Path, clock: SimulatedClock, seed: int, hours: float
+    folder: Path, clock: SimulatedClock, seed: int, hours: float, terms: FollowingTerms = TERMS
 ) -> AsyncIterator[tuple[BenchMachine, dict[str, int], dict[str, tuple[Act, Act]]]]:
     """The machine in this process; yields it, its TCP ports, and of each fault how it begins and ends."""
     names = load_machine().channels
-    machine = BenchMachine(seed, clock, hours)
+    machine = BenchMachine(seed, clock, hours, terms)
     units = {u: M7015(machine.temperatures(names[6 * u - 6 : 6 * u])) for u in (1, 2, 3)}
     adam, node = Adam6015(machine.temperatures(names[18:25])), Cia404Node(5, machine.temperatures(names[25:]), inputs=4)
     host, growth = TcpHost({1: adam}), MeSensor(machine.growth(), range_um=500.0)
@@ -110,10 +110,15 @@ async def breakable_machine(
 
 @asynccontextmanager
 async def faulty_machine(
-    folder: Path, clock: SimulatedClock, seed: int, hours: float, pause_s: float | None = None
+    folder: Path,
+    clock: SimulatedClock,
+    seed: int,
+    hours: float,
+    pause_s: float | None = None,
+    terms: FollowingTerms = TERMS,
 ) -> AsyncIterator[dict[str, int]]:
     """The machine and its bad day, in this process; yields its TCP ports. Faults at random: see `pause_s` above."""
-    async with breakable_machine(folder, clock, seed, hours) as (machine, ports, faults):
+    async with breakable_machine(folder, clock, seed, hours, terms) as (machine, ports, faults):
         plan = _in_turn(list(faults)) if pause_s is None else _at_random(seed, list(faults), pause_s)
         day = asyncio.create_task(_bad_day(clock, machine, faults, plan, folder / "faults.jsonl"))
         try:

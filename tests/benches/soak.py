@@ -20,7 +20,7 @@ import tempfile
 import threading
 from collections.abc import AsyncIterator, Callable, Coroutine, Iterator
 from contextlib import AbstractContextManager, ExitStack, asynccontextmanager, contextmanager, nullcontext, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 from importlib.resources import files
 from pathlib import Path
@@ -36,6 +36,7 @@ from gateway.clock import RealClock
 from gateway.config import GatewayConfig, load
 from gateway.control import sensor_watch, trainer
 from gateway.events import CompensationStepped, DecisionMade, EventReported, GatewayEvent, ReadingsTaken
+from simulators.bench.machine import TERMS
 from simulators.clock import SharedClock
 from talc.frame import EventKind, FloatArray
 from tests.benches.faulty_machine import faulty_machine
@@ -45,13 +46,15 @@ from tests.benches.rare_looks import rare_looks
 from tests.benches.simulated_time import held_time, real_monotonic_s, simulated_time
 from tests.benches.soak_judged import HeldNow, SoakResult, SoakRun, SoakSeen, judged
 
+SLEW_UM_PER_S = 0.3
+"""On simulated time, of the gateway and of the control's program alike."""
 AS_ON_A_MACHINE = (("= 100.0", "= 1.0"), ("= 30.0 ", "= 1.0 "), ("watchdog_s = 3600.0", "watchdog_s = 10.0"))
 """The periods of the bench's configuration, and those of a machine."""
 ON_SIMULATED_TIME = (
     ("[telemetry]", "[telemetry]\nenabled = false"),  # its threads would not wait for it
     ("timeout_s = 2.0", "timeout_s = 100.0"),  # OPC UA's client asks as often as that whether the control is there
     ("= 30.0 ", "= 100.0 "),  # the control as often as the buses: most of the work is that of its emulation
-    ("slew_um_per_s = 1.0", "slew_um_per_s = 0.3"),  # 30 µm in a period, as before
+    ("slew_um_per_s = 1.0", f"slew_um_per_s = {SLEW_UM_PER_S}"),  # 30 µm in a period, as before
 )
 SHORTEST_RUN_S = 1800.0
 LOOK_S = 600.0
@@ -114,7 +117,8 @@ async def _machine_apart(folder: Path, epoch: datetime, plan: SoakPlan) -> Async
 async def _machine_here(folder: Path, clock: SoakClock, plan: SoakPlan) -> AsyncIterator[dict[str, int]]:
     """The emulated machine in this process; as this configuration asks rarely, so do the libraries within."""
     with rare_looks():
-        async with faulty_machine(folder, clock, plan.seed, plan.days * 24.0, plan.pause_s) as ports:
+        terms = replace(TERMS, slew_um_per_s=SLEW_UM_PER_S)
+        async with faulty_machine(folder, clock, plan.seed, plan.days * 24.0, plan.pause_s, terms) as ports:
             yield ports
 
 

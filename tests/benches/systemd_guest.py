@@ -14,7 +14,9 @@ from simulators.clock import SharedClock
 
 HOURS = 24.0
 FOLDER, CONFIG = Path("/run/machine"), Path("/etc/talc-gateway/gateway.toml")
-FASTER = {
+CHANGED = {
+    # The ramp at a stop begins from an offset that was put into K0.
+    'route = "errors"': 'tables = {XY = 0, XZ = 1, YX = 2, YZ = 3, ZX = 4, ZY = 5}\nroute = "k0_slope"',
     "period_s = 100.0": "period_s = 1.0",  # the bench's are for simulated time
     "period_s = 30.0": "period_s = 1.0",
     "watchdog_s = 3600.0": "watchdog_s = 10.0",
@@ -27,7 +29,7 @@ def main() -> None:
     clock = SharedClock(FOLDER / "clock", epoch=epoch, owner=True)
     clock.start()
     machine = subprocess.Popen(
-        [sys.executable, "-m", "simulators.bench", str(FOLDER), epoch.isoformat(), "1", "1", str(HOURS)],
+        [sys.executable, "-m", "simulators.bench", str(FOLDER), epoch.isoformat(), "1", "1", str(HOURS), "k0"],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
     )
@@ -41,7 +43,7 @@ def main() -> None:
     fillings = {**addresses, "folder": "/var/lib/talc-gateway", "zenoh_port": 7447, "zenoh_connect": "[]", "talc": ""}
     for name, value in fillings.items():
         text = text.replace("{" + name + "}", str(value))
-    for before, after in FASTER.items():
+    for before, after in CHANGED.items():
         text = text.replace(before, after)
     CONFIG.write_text(text, encoding="utf-8")
     subprocess.run(["systemd-notify", "--ready"], check=True)
