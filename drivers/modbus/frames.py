@@ -37,6 +37,8 @@ RESPONSES: dict[int, type[ModbusPDU]] = {
 TCP_HEADER = struct.Struct(">HHHB")
 """Number of the transaction, protocol 0, length, unit."""
 _LONGEST_TCP_LENGTH = 254
+_REFUSAL_LENGTH = 5
+"""How many bytes a refusal has on a serial line."""
 _REMEMBERED = 4096
 """Requests kept: the same ones are sent in every period."""
 
@@ -88,7 +90,13 @@ def rtu_answers(heard: bytes | bytearray, unit: int, block: Block) -> Iterator[b
     refused = bytes((unit, block.function | 0x80))
     start = 0
     while start < len(heard) - 4:
-        length = rtu_length(block) if heard.startswith(normal, start) else 5 if heard.startswith(refused, start) else 0
+        length = (
+            rtu_length(block)
+            if heard.startswith(normal, start)
+            else _REFUSAL_LENGTH
+            if heard.startswith(refused, start)
+            else 0
+        )
         frame = bytes(heard[start : start + length])
         if length and len(frame) == length and is_rtu_frame(frame):
             yield frame[1:-2]
@@ -105,6 +113,17 @@ def find_rtu_answer(heard: bytes | bytearray, unit: int, block: Block) -> bytes 
 def is_damaged(heard: bytes | bytearray, block: Block) -> bool:
     """Whether this is as long as an answer to the request and nobody's valid answer."""
     return len(heard) == rtu_length(block) and not is_rtu_frame(heard)
+
+
+def foreign_refusal(heard: bytes | bytearray, unit: int) -> bytes | None:
+    """The message of a refusal by this unit at the end of these bytes, whatever function it names; None: there is none.
+
+    Some devices refuse with one function code, whatever they are asked.
+    """
+    frame = bytes(heard[-_REFUSAL_LENGTH:])
+    if len(frame) < _REFUSAL_LENGTH or frame[0] != unit or not frame[1] & 0x80 or not is_rtu_frame(frame):
+        return None
+    return frame[1:-2]
 
 
 def plausibly_of(heard: bytes | bytearray, unit: int, block: Block) -> bool:

@@ -54,6 +54,11 @@ class Repeats:
         """This is an answer of the unit. message: function code and data"""
         self._units.setdefault(unit, _AnsweringUnit()).answers.append(_Accepted(block, message, now_s))
 
+    def may_be_copy(self, unit: int, message: bytes, now_s: float) -> bool:
+        """Whether the unit has lately answered with the same."""
+        known = self._units.get(unit)
+        return known is not None and any(a.message == message and now_s - a.at_s <= _RECENT_S for a in known.answers)
+
     def is_doubtful(self, unit: int, block: Block, message: bytes, now_s: float) -> bool:
         """Whether this may be a copy of an answer to another request."""
         if (known := self._units.get(unit)) is None or message[0] & _REFUSAL:

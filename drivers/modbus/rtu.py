@@ -11,7 +11,15 @@ from pymodbus.pdu import ModbusPDU
 from drivers.base import BadAnswer, NoAnswer
 from drivers.byte_stream import ByteStream, TcpStream
 from drivers.modbus.bus import ModbusBus, decode_pdu
-from drivers.modbus.frames import find_rtu_answer, is_damaged, plausibly_of, rtu_answers, rtu_length, rtu_request
+from drivers.modbus.frames import (
+    find_rtu_answer,
+    foreign_refusal,
+    is_damaged,
+    plausibly_of,
+    rtu_answers,
+    rtu_length,
+    rtu_request,
+)
 from drivers.modbus.numbers import Block
 from drivers.modbus.repeats import Repeats
 from drivers.modbus.settings import ModbusRtuSettings, ModbusRtuTcpSettings
@@ -131,6 +139,9 @@ class RtuFramedBus(ModbusBus):
                 message = await self._hear(heard, unit, block, latest_s, wait_s)
         except TimeoutError:
             self._owing_until = None
+            if (message := self._foreign_refusal(heard, unit)) is not None:
+                self._came(unit, block)
+                return message
             self._missed(unit, block, like, heard)
             raise self._nothing_valid(device, unit, block, heard, wait_s) from None
         except asyncio.CancelledError:
@@ -159,8 +170,10 @@ class RtuFramedBus(ModbusBus):
         while (message := find_rtu_answer(heard, unit, block)) is None:
             heard += await self._stream.read(until - loop.time())
             self._skip_echo(heard, request, unit, block)
-            # Lets an answer that has begun finish; one that is complete and not valid is damaged.
-            rest_s = self._pause_s if is_damaged(heard, block) else wait_s
+            # Lets an answer that has begun finish; one that is complete and not valid has ended.
+            refused = self._foreign_refusal(heard, unit)
+            new = refused is not None and not self._repeats.may_be_copy(unit, refused, loop.time())
+            rest_s = self._pause_s if new or is_damaged(heard, block) else wait_s
             until = min(latest_s, loop.time() + rest_s)
         if self._echo is None:
             self._echo = False
@@ -193,13 +206,27 @@ class RtuFramedBus(ModbusBus):
     def _missed(self, unit: int, block: Block, like: Block, heard: bytearray) -> None:
         asked = self._unanswered.asked(unit, block)
         asked.missed = True
-        if is_damaged(heard, block):  # it has come: nothing is due
-            asked.sent -= 1
-            if not asked.sent:
-                self._unanswered.settle(unit, block)
+        if is_damaged(heard, block):
+            self._came(unit, block)
         else:
             self._patience.missed(unit, like)
         self._note(heard, unit, block)
+
+    def _came(self, unit: int, block: Block) -> None:
+        """An answer has come, though not a good one: it is not due any more."""
+        asked = self._unanswered.asked(unit, block)
+        asked.sent -= 1
+        if not asked.sent:
+            self._unanswered.settle(unit, block)
+
+    def _foreign_refusal(self, heard: bytes | bytearray, unit: int) -> bytes | None:
+        """The unit's refusal of another function than it was asked for, unless that may be a late answer."""
+        message = foreign_refusal(heard, unit)
+        if message is None or any(
+            u == unit and other.function == message[0] & 0x7F for u, other in self._unanswered.due
+        ):
+            return None
+        return message
 
     def _note(self, heard: bytes | bytearray, unit: int = 0, block: Block | None = None) -> None:
         """Bytes that were heard, beside the answer to this block or while nothing was asked."""
