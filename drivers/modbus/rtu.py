@@ -142,7 +142,10 @@ class RtuFramedBus(ModbusBus):
             if (message := self._foreign_refusal(heard, unit)) is not None:
                 self._came(unit, block)
                 return message
+            is_late = any(heard[:1] == bytes((other,)) for other, _ in self._unanswered.due)
             self._missed(unit, block, like, heard)
+            if not is_late and heard and heard[0] != unit and find_rtu_answer(heard, heard[0], block):
+                raise self._another(device, unit, heard[0]) from None
             raise self._nothing_valid(device, unit, block, heard, wait_s) from None
         except asyncio.CancelledError:
             asked.over = True
@@ -253,6 +256,15 @@ class RtuFramedBus(ModbusBus):
         except TimeoutError:
             self._note(heard)
             self._owing_until = None
+
+    def _another(self, device: str, unit: int, other: int) -> BadAnswer:
+        return BadAnswer(
+            f"unit {other} answered instead of unit {unit}",
+            heard=False,
+            bus=self._name,
+            device=device,
+            hint=f"if it is alone on the line, ask it as unit {other}; otherwise another master asks it",
+        )
 
     def _nothing_valid(
         self, device: str, unit: int, block: Block, heard: bytes | bytearray, waited_s: float

@@ -12,6 +12,7 @@ from drivers.micro_epsilon import MeRs485Bus, MeRs485Settings
 from drivers.modbus import Block, ModbusRtuBus, ModbusRtuSettings
 from drivers.recognition import Recognition, recognise_me_rs485, recognise_modbus
 from gateway.polling import UnexpectedError, contained
+from gateway.scan.alike import told_apart
 from gateway.scan.found import Found, Place, ScanProgress, ScanReport, open_bus, read_inputs
 
 Protocol = Literal["modbus_rtu", "me_rs485"]
@@ -120,6 +121,10 @@ async def _try(
             report.asked += 1
             if what is not None:
                 found.append(Found(unit, what, await read_inputs(bus, unit, what)))
+        if len(found) > 1 and isinstance(bus, ModbusRtuBus) and not stopped():
+            kept, remark = await told_apart(bus, attempt.units, [device.unit for device in found])
+            found = [device for device in found if device.unit in kept]
+            report.remarks += [f"{attempt.framing}: {remark}"] if remark else []
     report.remarks += [f"{attempt.framing}: {text}" for text in babble[:_MOST_BABBLE]]
     if len(babble) > _MOST_BABBLE:
         report.remarks.append(f"{attempt.framing}: and the same from {len(babble) - _MOST_BABBLE} more")

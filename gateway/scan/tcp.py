@@ -9,17 +9,16 @@ from drivers.micro_epsilon import MeEthernetBus, MeEthernetSettings
 from drivers.modbus import Block, ModbusBus, ModbusRtuTcpBus, ModbusRtuTcpSettings, ModbusTcpBus, ModbusTcpSettings
 from drivers.recognition import Recognition, recognise_me_ethernet, recognise_modbus
 from gateway.polling import UnexpectedError, contained
+from gateway.scan.alike import UNUSUAL_UNITS, told_apart
 from gateway.scan.found import Found, Place, ScanProgress, ScanReport, open_bus, read_inputs
 from gateway.scan.serial import ANY_REGISTER
 
 _MODBUS_PORT, _CONTROLLER_PORT = 502, 10001
-_UNUSUAL_UNITS = (113, 114, 115)
-"""Unit ids that are never used: a host that answers to one of them ignores the id, or refuses every unknown one."""
 _MOST_ODD = 3
 """Units with invalid answers before the scan leaves the host."""
 _ANY = (ANY_REGISTER, Block(4, 0, 1), Block(2, 0, 1), Block(1, 0, 1))
 _VALUE = "a value"
-_ONE_DEVICE = "answers to every unit id: one device"
+_ONE_DEVICE = "one device"
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,11 +71,10 @@ async def _modbus(
     odd: list[str] = []
     try:
         async with open_bus(bus):
-            unknown = await _answers(bus, next(unit for unit in _UNUSUAL_UNITS if unit not in scan.units[:2]), [])
-            alike: list[int] = []
+            unknown = await _answers(bus, next(unit for unit in UNUSUAL_UNITS if unit not in scan.units[:2]), [])
+            as_unknown: list[int] = []
             for unit in scan.units:
-                ignores = alike and unknown[-1:] == (_VALUE,)
-                if ignores or stopped() or (len(odd) >= _MOST_ODD and not found):
+                if stopped() or (len(odd) >= _MOST_ODD and not found and not as_unknown):
                     break
                 progress(report.asked, f"{host}:{port} unit {unit}")
                 report.asked += 1
@@ -84,12 +82,11 @@ async def _modbus(
                 if not (answer := await _answers(bus, unit, odd)):
                     continue
                 if answer == unknown:
-                    alike.append(unit)
+                    as_unknown.append(unit)
                 else:
                     found.append(await _look(bus, unit))
-            if alike and not found and not stopped():
-                found.append(await _look(bus, alike[0]))
-                report.remarks.append(f"{host}:{port} {_ONE_DEVICE}, shown as unit {alike[0]}")
+            found, remark = await _told_apart(bus, scan.units, found, as_unknown, unknown, stopped)
+            report.remarks += [f"{host}:{port} {remark}"] if remark else []
             if not found and not stopped():
                 nobody = f"{host}:{port} accepts connections, but none of the units asked answers (--units 1-16?)"
                 report.remarks.append(f"Modbus: {odd[0]}" if odd else nobody)
@@ -97,6 +94,34 @@ async def _modbus(
         report.remarks.append(f"Modbus: {error.advice}")
     if found:
         report.places.append(Place(bus.kind, {"host": host, "port": port}, tuple(found)))
+
+
+async def _told_apart(
+    bus: ModbusBus,
+    asked: Sequence[int],
+    found: Sequence[Found],
+    as_unknown: list[int],
+    unknown: tuple[str, ...],
+    stopped: Stopped,
+) -> tuple[list[Found], str]:
+    """Each device once, and a remark on the ids.
+
+    as_unknown: ids that answer as an id does that nobody has: so do all devices, if that is a value
+    """
+    remark = ""
+    answering = sorted(device.unit for device in found)
+    if unknown[-1:] == (_VALUE,):
+        answering = sorted(answering + as_unknown)
+    elif not answering and as_unknown:
+        answering = as_unknown[:1]
+        remark = (
+            f"refuses every unit asked as it refuses unknown ones: {_ONE_DEVICE}, shown as unit {answering[0]}, or one "
+            "with an id that was not asked (--units 1-247?)"
+        )
+    if answering and not remark and not stopped():
+        answering, remark = await told_apart(bus, asked, answering)
+    looked = {device.unit: device for device in found}
+    return [looked.get(u) or await _look(bus, u) for u in answering if u in looked or not stopped()], remark
 
 
 async def _answers(bus: ModbusBus, unit: int, odd: list[str]) -> tuple[str, ...]:

@@ -82,11 +82,28 @@ async def test_what_is_not_our_answer_is_reported_and_not_used(answer: bytes, he
     """heard: whether the unit may have sent it; one that is heard is not silent"""
     async with line() as (bus, peer):
         peer.reply = lambda _: answer
-        with pytest.raises(BadAnswer, match="no valid answer of unit 1") as caught:
+        with pytest.raises(BadAnswer, match=r"(no valid answer|answered instead) of unit 1") as caught:
             await bus.read("d", 1, TWO)
         assert caught.value.heard is heard
         peer.reply = honest
         assert await bus.read("d", 1, TWO) == (100, 101)
+
+
+async def test_a_device_with_an_id_of_its_own_is_told_by_that() -> None:
+    """Some devices answer to every id, with their own."""
+    async with line() as (bus, peer):
+        peer.reply = lambda _: registers(5, 7, 7)
+        with pytest.raises(BadAnswer, match=r"unit 5 answered instead of unit 1 .*ask it as unit 5"):
+            await bus.read("d", 1, TWO)
+
+
+async def test_another_units_late_answer_is_not_called_an_answer_instead() -> None:
+    async with line() as (bus, peer):
+        with pytest.raises(NoAnswer):
+            await bus.read("d", 5, TWO)
+        peer.reply = lambda _: registers(5, 7, 7)
+        with pytest.raises(BadAnswer, match="no valid answer of unit 1"):
+            await bus.read("d", 1, TWO)
 
 
 async def test_answer_is_found_among_garbage() -> None:
