@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import math
 import shlex
 from dataclasses import asdict, dataclass, replace
 from datetime import UTC
@@ -90,13 +91,18 @@ _SAID_OTHERWISE = {
 
 def run_recording(request: Request) -> None:
     """Check the recording, run the controller over it, print the table and write the page."""
-    from gateway.replay import columns_of, learnt_columns, rehearse_recording
+    from gateway.replay import column_named_twice, columns_of, learnt_columns, rehearse_recording
     from gateway.report import build, summary, table
 
     sections = TalcOnly() if request.config is None else load_talc_only(request.config)
     recording = read_recording(request.file, request.columns, sections.grid.step_s)
     if request.calibration_min is not None:
         sections = _calibrated(sections, recording, request.calibration_min, request.file)
+    if request.out is not None:
+        twice = column_named_twice(tuple(recording.error_columns), recording.input_names)
+        if twice is not None:
+            what = f"two columns would be called {twice!r}; --error NAME=COLUMN gives an error another name"
+            raise ConfigError(request.out, [Problem("", what)])
     console = terminal()
     console.print(_roles(recording, request.columns), soft_wrap=True, markup=False, highlight=False)
     prior = _prior(sections, recording, request.config)
@@ -105,6 +111,10 @@ def run_recording(request: Request) -> None:
     takes, longer = _calibration(recording, sections)
     if longer:
         console.print(f"Calibration takes {takes}, {longer}", soft_wrap=True)
+    if request.calibration_min is not None:
+        min_apart = sections.talc.control.calibration_interval_steps * recording.step_s / 60.0
+        if abs(min_apart - request.calibration_min) > 0.01 * request.calibration_min:
+            console.print(f"Calibration is measured every {min_apart:g} min: a number of steps", soft_wrap=True)
     with Progress(console=console, transient=True, disable=not console.is_terminal) as bar:
         task = bar.add_task("replaying", total=len(recording.k))
         data = rehearse_recording(
@@ -180,6 +190,8 @@ def _calibrated(sections: TalcOnly, recording: Recording, minutes: float, file: 
     if sections.talc.method == "learner":
         what = 'the learner has no calibration; it is for `method = "models"`, with --config'
         raise ConfigError(file, [Problem("--calibration-interval", what)])
+    if not math.isfinite(minutes):
+        raise ConfigError(file, [Problem("--calibration-interval", f"{minutes:g} is not a time in minutes")])
     every, control = max(round(minutes * 60.0 / recording.step_s), 1), sections.talc.control
     steps = max(control.calibration_steps, _LEAST_CALIBRATION * every)
     try:

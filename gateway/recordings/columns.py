@@ -17,6 +17,10 @@ from talc.names import (
 )
 from talc.units import COLUMN_UNITS, named_unit
 
+_INDEX_IN_PARQUET = "__index_level_0__"
+"""Name that pandas gives an index without a name in Parquet; in text it has none."""
+_NOTHING = '""'
+
 
 @dataclass(frozen=True, slots=True)
 class Columns:
@@ -47,17 +51,17 @@ class Roles:
     """Error to column."""
     inputs: tuple[str, ...]
     ignored: tuple[str, ...]
-    """The given ones, and a first column without a name: pandas writes its row numbers there."""
+    """The given ones, and an index of pandas without a name: its row numbers, if it is not the time."""
 
 
 def roles_of(head: Sequence[str], columns: Columns, problems: FileProblems) -> Roles:
     """The role of each column of a heading; contradictions go to `problems`."""
     _named_once(head, problems)
-    ignored = columns.ignored
-    if head[0] == "" and columns.time and "" not in ignored:
-        ignored = (*ignored, "")
     given = dict(columns.errors or {})
     clock = (columns.time_of_day,) if columns.time_of_day else ()
+    ignored, index = columns.ignored, _index_in(head)
+    if index is not None and index not in (columns.time, *clock, *given.values(), *columns.inputs, *ignored):
+        ignored = (*ignored, index)
     _present(head, columns.time, (*clock, *given.values(), *ignored, *columns.inputs), problems)
     _used_once((columns.time, *clock), given, ignored, columns.inputs, problems)
     errors = given | _recognised(head, given, {columns.time, *clock, *given.values(), *columns.inputs, *ignored})
@@ -85,6 +89,11 @@ def roles_of(head: Sequence[str], columns: Columns, problems: FileProblems) -> R
     return Roles(columns.time, errors, inputs, ignored)
 
 
+def _index_in(head: Sequence[str]) -> str | None:
+    """The column in which pandas writes an index without a name, if there is one."""
+    return "" if head[0] == "" else next((name for name in head if name == _INDEX_IN_PARQUET), None)
+
+
 def _named_once(head: Sequence[str], problems: FileProblems) -> None:
     """Every column but the first must have a name of its own."""
     for number, name in enumerate(head):
@@ -97,8 +106,11 @@ def _named_once(head: Sequence[str], problems: FileProblems) -> None:
 def _present(head: Sequence[str], time: str, others: Sequence[str], problems: FileProblems) -> None:
     """The columns that the command line names must exist."""
     if time not in head:
-        named = suggestion(time, [name for name in head if name])
-        first = 'column 1 has no name: if it is the time, give --time ""; otherwise ' if head[0] == "" else ""
+        first, index = "", _index_in(head)
+        named = suggestion(time, [name for name in head if name and name != index])
+        if index is not None:
+            which = f"column {index!r} is an index of pandas" if index else "column 1 has no name"
+            first = f"{which}: if it is the time, give --time {index or _NOTHING}; otherwise "
         problems.add(f"column {time!r}", f"is missing; --time NAME says which column is the time; {first}{named}")
     for name in others:
         if name not in head:

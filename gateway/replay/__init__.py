@@ -5,15 +5,15 @@ from typing import TYPE_CHECKING
 from drivers.first_use import on_first_use
 
 if TYPE_CHECKING:
-    from gateway.replay.recorded import columns_of, learnt_columns, rehearse_recording
+    from gateway.replay.recorded import column_named_twice, columns_of, learnt_columns, rehearse_recording
     from gateway.replay.stored import replay
 else:
     __getattr__ = on_first_use(
         __name__,
         {
-            ".recorded": ("columns_of", "learnt_columns", "rehearse_recording"),
+            ".recorded": ("column_named_twice", "columns_of", "learnt_columns", "rehearse_recording"),
             ".stored": ("replay",),
         },
     )
 
-__all__ = ["columns_of", "learnt_columns", "rehearse_recording", "replay"]
+__all__ = ["column_named_twice", "columns_of", "learnt_columns", "rehearse_recording", "replay"]

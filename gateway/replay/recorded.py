@@ -1,6 +1,7 @@
 """Runs a controller on a recording as if it were live, and collects what the report shows."""
 
 import math
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -177,6 +178,19 @@ def _moved(reasons: Reasons | None, names: Sequence[str]) -> FloatArray | None:
     return np.array([[abs(of.get(name, 0.0)) for name in names] for of in now])
 
 
+_OF_A_STEP = ("time", "k", "phase", "wanted")
+_OF_AN_ERROR = ("predicted", "corrected", "sigma", "measured")
+
+
+def column_named_twice(errors: Sequence[str], inputs: Sequence[str]) -> str | None:
+    """A name that two columns of `columns_of` would have with these errors and inputs; None: each has its own."""
+    names = Counter(_OF_A_STEP)
+    for error in errors:
+        parts = (*_OF_AN_ERROR, "trusted", *(f"from_{name}" for name in inputs), "level")
+        names.update((error, *(f"{error}_{part}" for part in parts)))
+    return next((name for name, count in names.items() if count > 1), None)
+
+
 def columns_of(data: ReportData) -> dict[str, Sequence[object]]:
     """What came of a recording, a row per step, as columns; of the errors that it has.
 
@@ -186,17 +200,18 @@ def columns_of(data: ReportData) -> dict[str, Sequence[object]]:
     the recording counts them if it has no dates.
     """
     seconds = (data.start_utc_s + data.time_s).tolist()
-    columns: dict[str, Sequence[object]] = {
-        "time": [datetime.fromtimestamp(t, UTC).isoformat() for t in seconds] if data.origin_s is None else seconds,
-        "k": data.k.tolist(),
-        "phase": [phase.value for phase in data.phases],
-        "wanted": data.asked,
-    }
+    of_a_step: tuple[Sequence[object], ...] = (
+        [datetime.fromtimestamp(t, UTC).isoformat() for t in seconds] if data.origin_s is None else seconds,
+        data.k.tolist(),
+        [phase.value for phase in data.phases],
+        data.asked,
+    )
+    columns = dict(zip(_OF_A_STEP, of_a_step, strict=True))
     recorded = data.measured if data.recorded is None else data.recorded
     for e in _errors_of(data).tolist():
         error = data.labels[e]
         columns[error] = recorded[:, e].tolist()
-        for name in ("predicted", "corrected", "sigma", "measured"):
+        for name in _OF_AN_ERROR:
             columns[f"{error}_{name}"] = getattr(data, name)[:, e].tolist()
         if data.trusted is not None:
             columns[f"{error}_trusted"] = data.trusted[:, e].tolist()

@@ -8,7 +8,7 @@ from warnings import warn
 import numpy as np
 
 from talc.estimators.clock import RowClock
-from talc.estimators.conventions import Conventions, NotFittedError
+from talc.estimators.conventions import Conventions, not_fitted
 from talc.estimators.rows import input_rows, names_or_numbers, outputs_of
 from talc.frame import FloatArray, Frame, TrainingJob, Why
 from talc.free_running import FreeRunningModel
@@ -87,7 +87,7 @@ class TrainedModels(Conventions, ABC):
         return_std: also their standard uncertainties, of the same shape; NaN for an error without a model.
         """
         if not hasattr(self, "_models"):
-            raise NotFittedError(f"this {type(self).__name__} is not fitted yet: call fit first")
+            raise not_fitted(self)
         rows = self._following(X, times)
         index = self._clock.ahead().take(rows)
         inputs = names_or_numbers(rows.names or getattr(self, "feature_names_in_", None), self.n_features_in_, "x")

@@ -4,7 +4,7 @@ from copy import copy
 
 import numpy as np
 
-from talc.estimators.rows import Inputs
+from talc.estimators.rows import Inputs, more_than_zero
 from talc.frame import IntArray
 from talc.steps import StepCounter
 
@@ -22,8 +22,8 @@ class RowClock:
     """
 
     def __init__(self, first: Inputs, step_s: float | None) -> None:
-        if step_s is not None and not step_s > 0:
-            raise ValueError(f"step_s = {step_s!r}: expected more than 0")
+        if step_s is not None:
+            more_than_zero("step_s", step_s)
         self._counter: StepCounter | None = None
         self._last = -1
         self.step_s = step_s or _STEP_S

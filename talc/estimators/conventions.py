@@ -1,7 +1,7 @@
 """What scikit-learn expects of an estimator besides `fit` and `predict`, without scikit-learn."""
 
 import inspect
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, Self, cast
 from warnings import warn
 
 import numpy as np
@@ -15,6 +15,17 @@ if TYPE_CHECKING:
 
 class NotFittedError(ValueError, AttributeError):
     """`fit` comes first."""
+
+
+def not_fitted(estimator: object) -> NotFittedError:
+    """The error of an estimator that has not been fitted; where there is scikit-learn, also one of its own class."""
+    text = f"this {type(estimator).__name__} is not fitted yet: call fit first"
+    try:
+        from sklearn.exceptions import NotFittedError as Theirs
+    except ImportError:
+        return NotFittedError(text)
+    both = type("NotFittedError", (NotFittedError, Theirs), {"__reduce__": lambda _: (not_fitted, (estimator,))})
+    return cast(NotFittedError, both(text))
 
 
 class Conventions:

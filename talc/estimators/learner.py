@@ -7,8 +7,15 @@ from typing import Any, Self
 import numpy as np
 
 from talc.estimators.clock import RowClock
-from talc.estimators.conventions import Conventions, NotFittedError
-from talc.estimators.rows import Inputs, input_rows, names_or_numbers, outputs_of, refuse_other_units, warn_if_tiny
+from talc.estimators.conventions import Conventions, not_fitted
+from talc.estimators.rows import (
+    Inputs,
+    input_rows,
+    names_or_numbers,
+    outputs_of,
+    refuse_other_units,
+    warn_if_tiny,
+)
 from talc.frame import LARGEST_ERROR, LARGEST_INPUT, FloatArray
 from talc.learner.learner import RowLearner
 
@@ -121,9 +128,10 @@ class Learner(Conventions):
 
     def _begin(self, rows: Inputs, measured: FloatArray, names: tuple[str, ...] | None, flat: bool) -> Self:
         m, n = measured.shape[1], rows.values.shape[1]
-        if not self.unit_um > 0:
-            raise ValueError(f"unit_um = {self.unit_um!r}: expected more than 0")
-        given = np.asarray(self.noise, dtype=np.float64)
+        try:
+            given = np.asarray(self.noise, dtype=np.float64)
+        except (TypeError, ValueError):
+            raise TypeError(f"noise = {self.noise!r}: expected a number, or one for each column of y") from None
         if given.shape not in ((), (1,), (m,)):
             raise ValueError(f"noise has {given.size} values: expected one, or one for each of the {m} columns of y")
         noise = np.broadcast_to(given, (m,)) * self.unit_um
@@ -140,7 +148,7 @@ class Learner(Conventions):
     def _ahead(self, X: object, times: object) -> Iterator[RowLearner]:
         """A copy of what is known, at each of the rows that follow."""
         if not hasattr(self, "_learner"):
-            raise NotFittedError(f"this {type(self).__name__} is not fitted yet: call fit first")
+            raise not_fitted(self)
         rows = self._following(X, times)
         learner, last = deepcopy(self._learner), self._k
         for k, values in zip(self._clock.ahead().take(rows).tolist(), rows.values, strict=True):

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from talc.estimators.rows import input_rows, refuse_other_units, warn_if_tiny
+from talc.estimators.rows import input_rows, more_than_zero, refuse_other_units, warn_if_tiny
 from talc.frame import LARGEST_ERROR, Decision, FloatArray, Frame, IntArray
 from talc.learner import LearningCourse
 from talc.names import called_an_error, like_an_error, resembles_error
@@ -17,6 +17,10 @@ if TYPE_CHECKING:
     import pandas
 
 Policy = Literal["uncertainty", "fixed", "every"]
+
+_OF_A_DECISION = ("predicted", "corrected", "sigma")
+"""Columns of the result for each error, from the decisions."""
+_OF_A_STEP = ("phase", "measured", "wanted")
 
 _ROLE_NEEDED = "as an input it may explain the error by itself. Name it among errors, drop it, or give inputs=[...]"
 
@@ -45,8 +49,9 @@ def rehearse(
         Columns with errors, µm or µm/m; in another unit, give `unit_um`.
     inputs : sequence of str or None
         Columns with inputs; None: all others.
-    times : array or None
-        (T,) UTC seconds or datetimes, ascending; None: the DatetimeIndex, or rows `step_s` apart.
+    times : array, str or None
+        (T,) UTC seconds or datetimes, ascending, or the name of a column with them; None: the DatetimeIndex, or rows
+        `step_s` apart.
     policy : {'uncertainty', 'fixed', 'every'}
         When it measures: when it is unsure; at the settings' `measurement_interval_steps`; or at every recorded error.
     step_s : float
@@ -68,9 +73,10 @@ def rehearse(
     ------
     ValueError
         A column is missing, has two roles, or would become an input though it looks like an error, resembles one, or
-        has values only where an error has them. Or the name of an error's column says another unit than `unit_um`.
+        has values only where an error has them. No error has a value, or one is named like another column of the
+        result. The name of an error's column says another unit than `unit_um`.
     TypeError
-        `df` is no DataFrame.
+        `df` is no DataFrame, or another argument is of a wrong type.
 
     Examples
     --------
@@ -91,23 +97,28 @@ def rehearse(
         raise ImportError("talc.rehearse needs pandas: install talc-gateway with the extra `pandas`") from None
     if not isinstance(df, pd.DataFrame):
         raise TypeError(f"df is of type {type(df).__name__}: expected a pandas DataFrame")
-    if not unit_um > 0:
-        raise ValueError(f"unit_um = {unit_um!r}: expected more than 0")
+    if not isinstance(settings, LearnerSettings | None):
+        raise TypeError(f"settings is of type {type(settings).__name__}: expected a talc.settings.LearnerSettings")
+    more_than_zero("step_s", step_s)
+    if isinstance(times, str):
+        _present_once("times", [times], list(df.columns))
+        df, times = df.drop(columns=times), df[times]
     chosen_inputs = inputs is not None
     errors, inputs = _columns(df, errors, inputs)
+    _refuse_a_name_twice(errors)
     refuse_other_units(errors, unit_um)
     measured = input_rows(df[errors]).values * unit_um
+    if not np.isfinite(measured).any():
+        raise ValueError("errors: none of them has a value")
     warn_if_tiny(measured, "each of the errors")
     rows = input_rows(df[inputs], times)
     for i, e in () if chosen_inputs else measured_together(rows.values, measured).items():
         raise ValueError(f"column {inputs[i]!r} has values only where {errors[e]!r} has them: {_ROLE_NEEDED}")
-    if not step_s > 0:
-        raise ValueError(f"step_s = {step_s!r}: expected more than 0")
     time_s = step_s * np.arange(1.0, len(df) + 1) if rows.time_s is None else rows.time_s
     step_s, _, index = on_grid(time_s, step_s)
     k, on_steps, recorded = means_and_lasts(index, rows.values, measured)
     chosen = settings or LearnerSettings()
-    found: dict[str, Any] = {"phase": [], "measured": [], "wanted": []}
+    found: dict[str, Any] = {name: [] for name in _OF_A_STEP}
     used, steps = np.full(recorded.shape, np.nan), []
     for row, (decision, taken) in enumerate(_course(k, on_steps, recorded, inputs, errors, chosen, policy, step_s)):
         used[row] = recorded[row] if taken else np.nan
@@ -118,7 +129,7 @@ def rehearse(
     table: dict[str, Any] = {}
     for j, error in enumerate(errors):
         table[error] = recorded[:, j] / unit_um
-        for name in ("predicted", "corrected", "sigma"):
+        for name in _OF_A_DECISION:
             table[f"{error}_{name}"] = [float(getattr(d, name)[j]) / unit_um for d in steps]
         table[f"{error}_measured"] = used[:, j] / unit_um
         table[f"{error}_trusted"] = [bool(d.trusted[j]) for d in steps]
@@ -150,6 +161,16 @@ def _course(
         decision = course.step(frame, known if taken else nothing)
         asked = decision.measure is not None
         yield decision, taken
+
+
+def _refuse_a_name_twice(errors: Sequence[str]) -> None:
+    """ValueError: an error is named like another column of the result."""
+    made = {f"{error}_{name}" for error in errors for name in (*_OF_A_DECISION, "measured", "trusted")} | set(
+        _OF_A_STEP
+    )
+    for error in errors:
+        if error in made:
+            raise ValueError(f"errors: the result has a column {error!r} of its own: rename this error")
 
 
 def _present_once(role: str, given: Sequence[str], names: Sequence[str]) -> None:

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from numbers import Real
 from typing import Any
 from warnings import warn
 
@@ -14,6 +15,9 @@ from talc.units import COLUMN_UNITS, named_unit
 
 _TIMES = ("M", "m")
 """NumPy's letters of moments, and of times since some beginning."""
+_TEXT = "times: row {row} is the text {time!r}: expected seconds or datetimes; pandas.to_datetime reads text"
+_HOUR_S = 3600.0
+_TWICE = '; if summer time ended there, tz_localize(zone, ambiguous="infer") tells the repeated hour from the first'
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -36,10 +40,19 @@ def warn_if_tiny(measured_um: FloatArray, what: str) -> None:
         warn(text, stacklevel=3)
 
 
-def refuse_other_units(columns: Sequence[str], unit_um: float) -> None:
+def more_than_zero(name: str, value: object) -> None:
+    """TypeError: it is no number. ValueError: it is not more than 0."""
+    if not isinstance(value, Real):
+        raise TypeError(f"{name} = {value!r}: expected a number")
+    if not float(value) > 0:
+        raise ValueError(f"{name} = {value!r}: expected more than 0")
+
+
+def refuse_other_units(columns: Sequence[object], unit_um: float) -> None:
     """ValueError: a column of errors is named with a unit (`dz_mm`) of another size than unit_um."""
+    more_than_zero("unit_um", unit_um)
     for name in columns:
-        said = named_unit(name)
+        said = named_unit(name) if isinstance(name, str) else ""
         if said and not math.isclose(COLUMN_UNITS[said][1], unit_um, rel_tol=1e-9):
             size = COLUMN_UNITS[said][1]
             raise ValueError(
@@ -61,9 +74,7 @@ def input_rows(X: object, times: object = None) -> Inputs:
     names = None
     if columns is not None and all(isinstance(name, str) for name in columns):
         names = tuple(columns)
-        twice = {name for name in names if names.count(name) > 1}
-        if twice:
-            raise ValueError(f"X: column {sorted(twice)[0]!r} occurs twice")
+        _once_each("X", names)
     values = _numbers(X, "X")
     if values.ndim != 2:
         raise ValueError(
@@ -95,11 +106,14 @@ def outputs_of(y: object, X: object = None) -> tuple[FloatArray, tuple[str, ...]
     names = None
     if columns is not None and all(isinstance(column, str) for column in columns):
         names = tuple(columns)
+        _once_each("y", names)
     elif isinstance(name, str):
         names = (name,)
     values = _numbers(y, "y")
     if values.ndim not in (1, 2) or (values.ndim == 2 and not values.shape[1]):
         raise ValueError(f"y has shape {values.shape}: y should be a 1d array, or 2d (rows, errors)")
+    if not len(values):
+        raise ValueError("y has no rows")
     if np.isinf(values).any():
         raise ValueError("Input y contains infinity or a value too large; where nothing was measured it is NaN")
     return np.ascontiguousarray(values.reshape(len(values), -1)), names, values.ndim == 1
@@ -114,10 +128,12 @@ def seconds_of(times: object, rows: int) -> FloatArray:
         times = times.tz_convert(None)  # type: ignore[attr-defined]
     found: Any = np.asarray(times)
     if found.dtype.kind == "O":  # datetime objects
-        found = np.array([_second(t) for t in found.tolist()])
+        found = np.array([_second(t, row) for row, t in enumerate(found.tolist())])
     elif found.dtype.kind in _TIMES:
         whole = "timedelta64[ns]" if found.dtype.kind == "m" else "datetime64[ns]"
         found = np.where(np.isnat(found), np.nan, found.astype(whole).astype(np.int64) / 1e9)
+    elif found.dtype.kind in "US":
+        raise TypeError(_TEXT.format(row=0, time=str(found.flat[0]) if found.size else ""))
     found = np.asarray(found, dtype=np.float64)
     if found.shape != (rows,):
         raise ValueError(f"times has shape {found.shape}: expected ({rows},), one for each row")
@@ -126,13 +142,23 @@ def seconds_of(times: object, rows: int) -> FloatArray:
         raise ValueError(f"times: row {int(bad[0])} has no time")
     back = np.flatnonzero(np.diff(found) <= 0.0)
     if back.size:
-        raise ValueError(f"times: row {int(back[0]) + 1} is not later than the row before it; sort the rows by time")
+        repeats = found[back[0] + 1] - found[back[0]] >= -_HOUR_S
+        raise ValueError(
+            f"times: row {int(back[0]) + 1} is not later than the row before it; sort the rows by time"
+            + (_TWICE if repeats else "")
+        )
     return np.asarray(found, dtype=np.float64)
 
 
 def names_or_numbers(names: Sequence[str] | None, count: int, letter: str) -> tuple[str, ...]:
     """The names, or a letter with a number each."""
     return tuple(names) if names is not None else tuple(f"{letter}{i}" for i in range(count))
+
+
+def _once_each(letter: str, names: tuple[str, ...]) -> None:
+    twice = {name for name in names if names.count(name) > 1}
+    if twice:
+        raise ValueError(f"{letter}: column {sorted(twice)[0]!r} occurs twice")
 
 
 def _index_of(table: object) -> Any:
@@ -160,8 +186,10 @@ def _same_times(X: object, y: object) -> None:
         )
 
 
-def _second(time: Any) -> float:
-    """A number of seconds, or a datetime; without a time zone it is UTC."""
+def _second(time: Any, row: int) -> float:
+    """A number of seconds, or a datetime; without a time zone it is UTC. TypeError: text."""
+    if isinstance(time, str):
+        raise TypeError(_TEXT.format(row=row, time=time))
     if hasattr(time, "timestamp"):
         return float(time.timestamp() if time.tzinfo else np.datetime64(time, "ns").astype(np.int64) / 1e9)
     return float(time)

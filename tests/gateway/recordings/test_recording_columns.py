@@ -2,6 +2,8 @@
 
 from pathlib import Path
 
+import numpy as np
+import pandas as pd
 import pytest
 from click.testing import CliRunner, Result
 
@@ -88,6 +90,21 @@ def test_the_row_numbers_of_pandas_are_no_input(tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match='column 1 has no name: if it is the time, give --time ""; otherwise'):
         read(table(tmp_path, "", "t1", "EX0C"), Columns())
     assert run(table(tmp_path, "", "t1", "EX0C"), "--time", "").exit_code == 0
+
+
+def test_the_index_of_pandas_in_parquet_is_the_time_or_no_input(tmp_path: Path) -> None:
+    path = tmp_path / "indexed.parquet"
+    index = pd.date_range("2026-03-02", periods=60, freq="5min")
+    frame = pd.DataFrame({"t1": np.arange(60) % 3, "EX0C": np.arange(60.0)}, index=index)
+    frame.to_parquet(path)
+    answer = run(path)
+    assert answer.exit_code == 2
+    assert "column '__index_level_0__' is an index of pandas: if it is the time, give --time __index" in answer.output
+    assert read(path, Columns("__index_level_0__")).input_names == ("t1",)
+    frame.rename_axis("time").reset_index()[frame["t1"].to_numpy() > 0].to_parquet(path)
+    found = read(path, Columns())
+    assert (found.input_names, found.ignored) == (("t1",), ("__index_level_0__",))
+    assert read(path, Columns(inputs=("__index_level_0__",))).input_names == ("t1", "__index_level_0__")
 
 
 def test_a_column_given_as_an_error_of_another_name_is_that_error_alone(tmp_path: Path) -> None:

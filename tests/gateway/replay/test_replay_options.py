@@ -1,6 +1,7 @@
 """What `replay` takes besides a plain table: other names, units and times; and the table that it writes."""
 
 import csv
+import re
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -251,6 +252,19 @@ def test_the_table_needs_a_known_suffix_and_overwrites_no_source(tmp_path: Path)
     assert "the table would overwrite" in run(beside, "--out", tmp_path / "own.csv").output
 
 
+@pytest.mark.parametrize("errors", [("E", "E_predicted"), ("phase", "lift"), ("lift", "lift_from_t1")])
+def test_no_error_overwrites_a_column_of_the_table(tmp_path: Path, errors: tuple[str, str]) -> None:
+    path, out = table(tmp_path, "time,t1,m1,m2"), tmp_path / "steps.csv"
+    named = [
+        word for error, column in zip(errors, ("m1", "m2"), strict=True) for word in ("--error", f"{error}={column}")
+    ]
+    answer = run(path, *named, "--out", out)
+    assert answer.exit_code == 2
+    assert re.search(r"steps\.csv: two columns would be called '.*'; --error NAME=COLUMN", answer.output)
+    assert not out.exists()
+    assert run(path, *named).exit_code == 0
+
+
 @pytest.mark.parametrize(("option", "what"), [("--out", "table"), ("-o", "page")])
 def test_a_folder_that_is_not_there_is_reported_before_anything_runs(tmp_path: Path, option: str, what: str) -> None:
     answer = run(table(tmp_path, "time,t1,t2,EX0C"), option, tmp_path / "absent" / "steps.csv")
@@ -265,6 +279,14 @@ def test_the_calibration_interval_is_of_the_trained_models(tmp_path: Path) -> No
     assert refused in run(path, "--calibration-interval", 30).output
     config.write_text('[talc]\nmethod = "models"\n', encoding="utf-8")
     assert "--calibration-interval is for errors measured less often" in run(path, "--config", config).output
+    assert (
+        "--calibration-interval: nan is not a time"
+        in run(path, "--config", config, "--calibration-interval", "nan").output
+    )
+    assert (
+        "measured every 5 min: a number of steps" in run(path, "--config", config, "--calibration-interval", 7).output
+    )
     answer = run(path, "--config", config, "--calibration-interval", 30)
     assert answer.exit_code == 0, answer.output
+    assert "a number of steps" not in answer.output
     assert "288 steps of 300 s, 24.0 h, measured each 6 steps" in " ".join(answer.output.split())

@@ -1,15 +1,16 @@
 """scikit-learn's own checks of estimators, and those of them that do not apply."""
 
+import pickle
 import subprocess
 import sys
 from typing import Any
 
 import pytest
+import sklearn.exceptions
 from sklearn.base import clone
 
 import talc
 
-NOT_OURS = {"check_estimators_unfitted": "it asks for scikit-learn's own NotFittedError, and talc does not import it"}
 NOT_OF_SERIES = dict.fromkeys(
     ("check_methods_sample_order_invariance", "check_methods_subset_invariance"),
     "what a row leads to depends on the rows before it",
@@ -30,7 +31,7 @@ CHECKED = [e for e in ESTIMATORS if not isinstance(e, talc.ClusterKernelARX)]
 def test_the_checks_that_apply_pass(estimator: Any) -> None:
     from sklearn.utils.estimator_checks import check_estimator  # two seconds, which `make test` need not spend
 
-    expected = NOT_OURS | (NOT_OF_SERIES if isinstance(estimator, talc.Learner) else {})
+    expected = NOT_OF_SERIES if isinstance(estimator, talc.Learner) else {}
     done = check_estimator(estimator, expected_failed_checks=expected, on_skip=None)
     assert {d["check_name"] for d in done if d["status"] == "xfail"} == set(expected)
     assert {d["check_name"] for d in done if d["status"] == "skipped"} <= {"check_array_api_input"}
@@ -48,6 +49,16 @@ def test_parameters_are_read_set_and_cloned(estimator: talc.Learner) -> None:
         twin.set_params(depth=3)
 
 
+@pytest.mark.parametrize("estimator", ESTIMATORS, ids=lambda e: type(e).__name__)
+def test_what_is_not_fitted_is_told_in_both_languages(estimator: Any) -> None:
+    for kind in (talc.NotFittedError, sklearn.exceptions.NotFittedError):
+        with pytest.raises(kind, match=f"this {type(estimator).__name__} is not fitted yet: call fit first") as told:
+            clone(estimator).predict([[1.0]])
+        again = pickle.loads(pickle.dumps(told.value))  # as processes send it to each other
+        assert isinstance(again, kind)
+        assert str(again) == str(told.value)
+
+
 def test_talc_learns_without_pandas_and_scikit_learn() -> None:
     program = """
 import sys
@@ -57,9 +68,15 @@ sys.modules["pandas"] = sys.modules["sklearn"] = None  # an import of either fai
 talc.Learner().fit(np.ones((3, 1)), [0.0, np.nan, 1.0], [0, 300, 900]).predict([[1.0]], times=[1200])
 talc.SparseOutputError().get_params()
 try:
+    talc.Learner().predict([[1.0]])
+except talc.NotFittedError as error:
+    print(error)
+try:
     talc.rehearse({}, errors=["drift"])
 except ImportError as error:
     print(error)
 """
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
-    assert done.stdout.startswith("talc.rehearse needs pandas: install"), done.stderr
+    unfitted, without = done.stdout.splitlines()
+    assert unfitted == "this Learner is not fitted yet: call fit first"
+    assert without.startswith("talc.rehearse needs pandas: install"), done.stderr

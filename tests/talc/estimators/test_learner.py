@@ -2,6 +2,7 @@
 
 import pickle
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -213,6 +214,40 @@ def test_what_is_missing_in_nullable_columns_is_missing() -> None:
     np.testing.assert_array_equal(nullable.predict(with_na[30:]), plain.predict(X[30:]))
     with pytest.raises(ValueError, match="X, column 'tool': could not convert string to float: 'T1'"):
         talc.Learner().fit(with_na.assign(tool="T1"), of_na)
+
+
+def test_an_error_s_name_occurs_once() -> None:
+    y = pd.DataFrame([[1.0, 2.0], [3.0, 4.0]], columns=["lift", "lift"])
+    for estimator in (talc.Learner(), talc.SparseOutputError()):
+        with pytest.raises(ValueError, match="y: column 'lift' occurs twice"):
+            estimator.fit([[1.0], [2.0]], y)
+
+
+def test_an_hour_that_repeats_is_told_from_rows_in_disorder() -> None:
+    index = pd.date_range("2026-10-24 22:00", periods=100, freq="5min", tz="Europe/Zurich")
+    X, y = np.arange(100.0)[:, None], np.arange(100.0)
+    with pytest.raises(ValueError, match=r"row 60 is not later .* if summer time ended there, tz_localize\(zone, amb"):
+        talc.Learner().fit(X, y, index.tz_localize(None))
+    with pytest.raises(ValueError, match=r"row 1 is not later than the row before it; sort the rows by time$"):
+        talc.Learner().fit(X, y, np.r_[4000.0, np.arange(99.0)])
+    told_apart = index.tz_localize(None).tz_localize("Europe/Zurich", ambiguous="infer")
+    assert talc.Learner().fit(X, y, told_apart).step_s_ == 300.0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "X", "y", "error", "text"),
+    [
+        ({"noise": "small"}, [[1.0]], [1.0], TypeError, "noise = 'small': expected a number, or one for each column"),
+        ({"step_s": "5min"}, [[1.0]], [1.0], TypeError, "step_s = '5min': expected a number"),
+        ({"unit_um": None}, [[1.0]], [1.0], TypeError, "unit_um = None: expected a number"),
+        ({}, [[]], [], ValueError, "y has no rows"),
+    ],
+)
+def test_what_is_no_number_or_no_row_is_named(
+    arguments: dict[str, Any], X: list[list[float]], y: list[float], error: type[Exception], text: str
+) -> None:
+    with pytest.raises(error, match=text):
+        talc.Learner(**arguments).fit(X, y)
 
 
 def test_rows_to_predict_must_follow(days: ThermalSeries) -> None:

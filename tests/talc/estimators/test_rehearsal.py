@@ -74,11 +74,53 @@ def test_denser_rows_are_averaged_and_a_gap_stays_one(recorded: pd.DataFrame) ->
         ({"errors": []}, "errors: expected one or more columns"),
         ({"errors": THERMAL_ERRORS, "policy": "often"}, "policy = 'often': expected uncertainty, fixed or every"),
         ({"errors": THERMAL_ERRORS, "step_s": 0.0}, "step_s = 0.0: expected more than 0"),
+        ({"errors": THERMAL_ERRORS, "times": "when"}, "times: there is no column 'when'"),
     ],
 )
 def test_what_is_wrong_is_said(recorded: pd.DataFrame, arguments: dict[str, Any], text: str) -> None:
     with pytest.raises(ValueError, match=text):
         talc.rehearse(recorded, **arguments)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        ({"step_s": "5min"}, "step_s = '5min': expected a number"),
+        ({"unit_um": "mm"}, "unit_um = 'mm': expected a number"),
+        ({"settings": {"noise": 1}}, "settings is of type dict: expected a talc.settings.LearnerSettings"),
+        ({"times": ["2026-03-02 06:00"] * 300}, "times: row 0 is the text '2026-03-02 06:00': expected seconds or"),
+    ],
+)
+def test_a_wrong_type_is_said(recorded: pd.DataFrame, arguments: dict[str, Any], text: str) -> None:
+    with pytest.raises(TypeError, match=text):
+        talc.rehearse(recorded, errors=THERMAL_ERRORS, **arguments)
+
+
+@pytest.mark.parametrize("names", [("E", "E_predicted"), ("phase",), ("measured",), ("E_sigma", "E")])
+def test_no_error_overwrites_a_column_of_the_result(recorded: pd.DataFrame, names: tuple[str, ...]) -> None:
+    table = recorded.iloc[:30, :3].assign(**{name: recorded.iloc[:30, 3 + i] for i, name in enumerate(names)})
+    with pytest.raises(ValueError, match=r"errors: the result has a column '.*' of its own: rename this error"):
+        talc.rehearse(table, errors=names, inputs=list(table.columns[:3]))
+
+
+def test_errors_without_a_value_are_refused(recorded: pd.DataFrame) -> None:
+    table = recorded.iloc[:30, :3].assign(growth=np.nan)
+    with pytest.raises(ValueError, match="errors: none of them has a value"):
+        talc.rehearse(table, errors=["growth"])
+
+
+def test_columns_may_have_numbers_for_names(recorded: pd.DataFrame) -> None:
+    table = recorded.iloc[:60, :3].assign(growth=recorded["EZ0A"])
+    expected = talc.rehearse(table, errors=["growth"])
+    found = talc.rehearse(table.set_axis(range(4), axis=1), errors=[3])  # type: ignore[list-item]  # as pandas does
+    np.testing.assert_array_equal(found["3_predicted"], expected["growth_predicted"])
+
+
+def test_a_column_may_hold_the_times(recorded: pd.DataFrame) -> None:
+    table = recorded.iloc[:60, :3].assign(growth=recorded["EZ0A"]).drop(recorded.index[20:30])
+    expected = talc.rehearse(table, errors=["growth"])
+    found = talc.rehearse(table.rename_axis("when").reset_index(), errors=["growth"], times="when")
+    pd.testing.assert_frame_equal(found.reset_index(drop=True), expected.reset_index(drop=True))
 
 
 def test_an_array_has_no_columns_to_name() -> None:
