@@ -100,13 +100,16 @@ class Sinumerik:
         self._status = tuple(settings.r(n) for n in (hand.request, hand.answers, hand.state, hand.reason))
         results = range(hand.results, hand.results + 3 * settings.poses)
         self._request = (*self._status, settings.r(hand.withdraw))
+        self._asked = tuple(settings.r(n) for n in (hand.request, hand.withdraw, hand.valid_for))
         self._result = (*self._status, settings.r(hand.result_of), *(settings.r(n) for n in (*results, hand.spread)))
         self._offsets, self._in_force = settings.offset_nodes, settings.in_force_nodes
         lease = settings.lease
         self._lease = tuple(settings.r(n) for n in (lease.owner, lease.beat, lease.state))
+        self._leased = tuple(settings.r(n) for n in (lease.owner, lease.beat, lease.silence, lease.ramp))
 
     async def connect(self) -> None:
-        """Open the session and read everything once, so that a wrong path or a missing right shows at once."""
+        """Open the session and read everything once that is read or written later, so that a wrong path or a missing
+        right shows at once."""
         try:
             await self._session.connect()
             for paths in filter(None, (self._snapshot, self._probing, self._alarms)):
@@ -115,6 +118,10 @@ class Sinumerik:
                     await self._session.subscribe(paths, self._settings.subscribe_s)
             await self._session.read(self._result)
             await self._session.read(self._in_force)
+            if self._settings.asks:
+                await self._session.read((*self._request, *self._asked))
+            if self._settings.writes:
+                await self._session.read((*self._lease, *self._leased))
         except BaseException:
             await self._session.close()
             raise
@@ -251,9 +258,7 @@ class Sinumerik:
     @property
     def _writable(self) -> tuple[tuple[str, ...], ...]:
         """Everything that this gateway writes, one request each."""
-        hand, lease, r = self._settings.handshake, self._settings.lease, self._settings.r
-        asked = tuple(r(n) for n in (hand.request, hand.withdraw, hand.valid_for))
-        return asked, tuple(r(n) for n in (lease.owner, lease.beat, lease.silence, lease.ramp)), self._offsets
+        return self._asked, self._leased, self._offsets
 
     async def claim(self, owner: int, terms: WatchdogTerms, predecessor: int | None = None) -> None:
         """Raises ValueError for an owner outside 1 .. 2**31 - 1."""

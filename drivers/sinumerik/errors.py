@@ -67,7 +67,7 @@ class SinumerikWithErrors(Sinumerik):
             raise BadAnswer(
                 f"TALC_ERRORS is of version {version:g}: expected {VERSION}", device=self._device, hint=_AGAIN
             )
-        await self._session.read((*self._wanted, *self._probed))
+        await self._session.read((*self._wanted, *self._probed, *self._echo, *self._moving))
         slew, radius, x, y, z, *reach = self._numbers(self._terms_told, await self._session.read(self._terms_told))
         if min(slew, radius, x, y, z, *reach) <= 0:
             raise BadAnswer("TALC_ERRORS reports a term that is not above 0", device=self._device, hint=_AGAIN)

@@ -292,6 +292,10 @@ class SinumerikSettings(SinumerikControl):
     """Machine states to read; None: default_states."""
     poses: int = Field(default=6, ge=1)
     """Number of poses that one probing cycle touches."""
+    asks: bool = True
+    """Whether it may request probing cycles: the control must have all R-parameters of `handshake`."""
+    writes: bool = True
+    """Whether it may write offsets: the control must have the R-parameters of `lease`."""
 
     @model_validator(mode="after")
     def _check_r_parameters(self) -> Self:

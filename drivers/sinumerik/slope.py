@@ -24,6 +24,7 @@ class SinumerikWithSlopes(Sinumerik):
         if comp.route != "k0_slope" or comp.travel_mm is None:
             raise ValueError(f"route = {comp.route!r}: expected 'k0_slope'")
         super().__init__(settings, clock)
+        self._leased = (*self._leased, settings.r(settings.lease.slope_ramp))
         self._tables = settings.table_nodes
         self._slopes = settings.linear(settings.nodes.slope)
         self._references = settings.linear(settings.nodes.reference)
@@ -87,8 +88,7 @@ class SinumerikWithSlopes(Sinumerik):
 
     @property
     def _writable(self) -> tuple[tuple[str, ...], ...]:
-        slope_ramp = self._settings.r(self._settings.lease.slope_ramp)
-        return *super()._writable, (slope_ramp,), self._slopes, self._references, tuple(self._tables.values())
+        return *super()._writable, self._slopes, self._references, tuple(self._tables.values())
 
     async def write_compensation(self, offsets_um: Triple) -> None:
         """The same shift at every position of the axes."""

@@ -29,16 +29,19 @@ class SinumerikNc(SinumerikControl):
     """Interval at which positions and states are read and compensation is written."""
     states: Mapping[Name, StateNode] = Field(default_factory=dict)
 
-    def settings(self, poses_deg: Poses, states: Iterable[str]) -> SinumerikSettings:
+    def settings(
+        self, poses_deg: Poses, states: Iterable[str], *, asks: bool = True, writes: bool = True
+    ) -> SinumerikSettings:
         """The driver's settings for a probing cycle of these poses.
 
         states: those of `known_states` that models use. Only these are read, so that a bit that is not wired does not
-        keep the gateway from connecting. Raises SetupError naming the field and the value; no network.
+        keep the gateway from connecting. asks, writes: see SinumerikSettings. Raises SetupError naming the field and
+        the value; no network.
         """
         known = self.known_states()
         given: dict[str, object] = {name: getattr(self, name) for name in SinumerikControl.model_fields}
         chosen = {"poses": len(poses_deg), "states": {name: known[name] for name in states}}
-        return settings_of(SinumerikSettings, given | chosen)
+        return settings_of(SinumerikSettings, given | chosen | {"asks": asks, "writes": writes})
 
     def known_states(self) -> Mapping[str, StateNode]:
         """Every machine state that can be an input."""

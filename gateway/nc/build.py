@@ -15,7 +15,9 @@ def control_of(nc: Nc, config: GatewayConfig, clock: ServiceClock) -> NumericalC
     poses = config.probing.poses_deg
     match nc:
         case SinumerikNc():
-            return make_sinumerik(nc.settings(poses, (state.name for state in config.states)), clock)
+            asks, writes = config.probing.armed, config.compensation.mode == "compensate"
+            names = (state.name for state in config.states)
+            return make_sinumerik(nc.settings(poses, names, asks=asks, writes=writes), clock)
         case AgentNc() | LinuxCncNc():
             return AgentControl(nc.settings(poses, ()), clock)
         case MtConnectNc():

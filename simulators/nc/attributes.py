@@ -28,6 +28,11 @@ class Kernel(Protocol):
         """Names of nodes whose values the control calls bad."""
         ...
 
+    @property
+    def write_protected(self) -> set[str]:
+        """Names of nodes that nobody may write."""
+        ...
+
     def now(self) -> float:
         """Simulated seconds, after everything that was due has been processed."""
         ...
@@ -89,7 +94,9 @@ class Attributes(AttributeService):
             if variable is None:
                 results += await super().write(ua.WriteParameters(NodesToWrite=[item]), user)
             else:
-                results.append(StatusCode(UInt32(self._write(variable, item.Value, rights))))
+                protected = str(item.NodeId.Identifier) in self._kernel.write_protected
+                allowed = frozenset() if protected else rights
+                results.append(StatusCode(UInt32(self._write(variable, item.Value, allowed))))
         self._kernel.wake()
         return results
 

@@ -51,6 +51,7 @@ class EmulatedControl:
     Attributes
     ----------
     out_of_service: names of the nodes whose values the control itself calls bad
+    write_protected: names of the nodes that nobody may write, whatever his rights
     sampling: False reports no more changes of subscribed nodes; their subscriptions give signs of life all the same
     before_read: awaited with the names of the nodes before a read is answered, like a control that takes its time
     """
@@ -83,6 +84,7 @@ class EmulatedControl:
             errors=errors,
         )
         self.out_of_service: set[str] = set()
+        self.write_protected: set[str] = set()
         self.sampling = True
         self.before_read: Callable[[Sequence[str]], Awaitable[None]] | None = None
         self._clock = clock

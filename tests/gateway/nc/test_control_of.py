@@ -1,0 +1,72 @@
+"""The driver that a configuration gets: it requires of the control what this gateway will use, and no more."""
+
+from pathlib import Path
+
+import pytest
+
+from drivers.base import WrongDevice
+from gateway.clock import RealClock
+from gateway.config import parse
+from gateway.nc import control_of
+from simulators.nc import Activity, DayPart, EmulatedControl, LoadCase, MeanLoads
+from tests.benches.emulated_bench import Rigid
+
+pytestmark = pytest.mark.simulated_time
+
+TEXT = """
+[machine]
+name = "mill"
+[[bus]]
+name = "tcp1"
+kind = "modbus_tcp"
+host = "192.168.0.10"
+[[device]]
+name = "adam"
+bus = "tcp1"
+profile = "advantech_adam6015"
+[device.channels]
+ambient = 0
+[nc]
+kind = "sinumerik"
+url = "{url}"
+security = "none"
+[nc.handshake]
+withdraw = 201
+[nc.lease]
+owner = 202
+[probing]
+armed = {armed}
+[compensation]
+mode = "{mode}"
+"""
+
+
+@pytest.mark.parametrize(
+    ("mode", "armed", "missing"),
+    [
+        ("monitor", False, None),
+        ("advise", False, None),
+        ("monitor", True, 201),
+        ("advise", True, 201),
+        ("compensate", False, 202),
+    ],
+)
+async def test_a_gateway_that_only_reads_needs_no_parameter_of_claim_and_request(
+    mode: str, armed: bool, missing: int | None
+) -> None:
+    day = LoadCase([DayPart(0.0, 1e9, Activity.ROUGHING, MeanLoads())])
+    control = EmulatedControl(Rigid(), RealClock(), day)
+    try:
+        text = TEXT.format(url=await control.start(), mode=mode, armed=str(armed).lower())
+        config = parse(text, Path("/srv/talc/gateway.toml"))
+        assert config.nc is not None
+        nc = control_of(config.nc, config, RealClock())
+        if missing is None:
+            await nc.connect()
+            assert set((await nc.snapshot()).positions) == set("XYZAC")
+            await nc.close()
+        else:
+            with pytest.raises(WrongDevice, match=rf"R\[u1,{missing}\] does not exist"):
+                await nc.connect()
+    finally:
+        await control.stop()
