@@ -8,7 +8,6 @@ from drivers.mtconnect.settings import MtConnectSettings
 from drivers.nc import AXES, LINEAR_AXES, NcSnapshot, OperatingMode, ProgramState
 from drivers.only_read import ONLY_READ, OnlyRead
 
-_LARGEST_MM = 100_000.0
 MODES = {
     "AUTOMATIC": OperatingMode.AUTO,
     "SEMI_AUTOMATIC": OperatingMode.AUTO,
@@ -66,8 +65,6 @@ class MtConnectControl(OnlyRead):
             raise BadAnswer(f"no position of {', '.join(missing)}: the agent says UNAVAILABLE", device="nc")
         positions = {axis: self._value(axis, settings.positions[axis], told) for axis in AXES}
         for axis, origin in zip(LINEAR_AXES, settings.origin_mm, strict=True):
-            if abs(positions[axis]) > _LARGEST_MM:
-                raise BadAnswer(f"{axis} = {positions[axis]:g} mm: beyond 100 m", device="nc")
             positions[axis] -= origin
         states = {name: self._value(name, item, told) for name, item in settings.states.items() if item in told}
         return NcSnapshot(

@@ -61,8 +61,6 @@ REASONS: Final = {
 }
 EMERGENCY_STOP: Final = 3000
 """Alarm while an emergency stop is pressed or not yet acknowledged."""
-FARTHEST_MM: Final = 1e5
-"""No linear axis is longer: a position beyond is none."""
 ALIVE: Final = 1
 """State of the control's watchdog while it receives the gateway's heartbeat."""
 
@@ -137,13 +135,6 @@ class Sinumerik:
         shown = await self._session.latest(self._alarms) if self._alarms else []
         time, monotonic_s = self._clock.utc(), self._clock.monotonic()
         x, y, z, *rotary = self._numbers(self._positions, values[: len(AXES)])
-        for path, position in zip(self._positions, (x, y, z), strict=False):
-            if abs(position) > FARTHEST_MM:
-                raise BadAnswer(
-                    f"{path} = {position:g} mm: no axis is so long",
-                    device=self._settings.device,
-                    hint="is it another node, or another unit? See [nc.nodes] position",
-                )
         values = values[len(AXES) :]
         states = {
             name: float(value) / source.divisor

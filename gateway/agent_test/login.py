@@ -6,7 +6,7 @@ from contextlib import AsyncExitStack, suppress
 
 from drivers.agent import VERSION, Capability, greeting_of
 from drivers.base import DriverError
-from drivers.nc import AXES, OperatingMode, ProgramState
+from drivers.nc import AXES, FARTHEST_MM, LINEAR_AXES, OperatingMode, ProgramState
 from drivers.signature import SHORTEST_KEY
 from gateway.agent_test.clause import Clauses, Trial
 from gateway.agent_test.line import BareLine, Broken, Told, connected, excerpt, is_finite_number, logged_in
@@ -182,8 +182,8 @@ async def greeting_is_complete(trial: Trial) -> None:
 
 @LOGIN.add()
 async def status_is_complete(trial: Trial) -> None:
-    """`status` contains finite positions of X, Y, Z, A, C, finite states, and each key of docs/agent.md with its
-    type."""
+    """`status` contains finite positions of X, Y, Z, A, C, none of X, Y, Z beyond 100 m, finite states, and each key of
+    docs/agent.md with its type."""
     async with logged_in(trial.target) as line:
         status = await line.ask("status")
     if not isinstance(status, dict):
@@ -191,6 +191,8 @@ async def status_is_complete(trial: Trial) -> None:
     positions, states = status.get("positions"), status.get("states")
     if not isinstance(positions, dict) or not all(is_finite_number(positions.get(a)) for a in AXES):
         raise Broken(f"positions = {excerpt(positions)}")
+    if any(abs(positions[axis]) > FARTHEST_MM for axis in LINEAR_AXES):
+        raise Broken(f"positions = {excerpt(positions)}: beyond 100 m")
     if not isinstance(states, dict) or not all(map(is_finite_number, states.values())):
         raise Broken(f"states = {excerpt(states)}")
     for name in ("estop", "on", "homed", "probe", "probing"):

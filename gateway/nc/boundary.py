@@ -7,10 +7,12 @@ from collections.abc import Awaitable, Callable, Mapping
 from datetime import datetime
 from typing import NoReturn, TypeVar
 
-from drivers.base import DriverError, Quality
+from drivers.base import BadAnswer, DriverError, Quality
 from drivers.nc import (
     AXES,
     ERRORS,
+    FARTHEST_MM,
+    LINEAR_AXES,
     FollowsErrors,
     FollowsPosition,
     LinearOffsets,
@@ -59,6 +61,7 @@ class _Contained:
             _check_snapshot(snapshot)
         except (AttributeError, TypeError, ValueError, OverflowError) as error:
             self._unexpected("snapshot", error)
+        _check_distance(snapshot.positions)
         return snapshot
 
     async def request_probing(self, number: int) -> None:
@@ -196,6 +199,17 @@ def _check_snapshot(snapshot: NcSnapshot) -> None:
     _check_numbers({"monotonic_s": snapshot.monotonic_s}, ())
     _check_numbers(snapshot.positions, AXES)
     _check_numbers(snapshot.states, ())
+
+
+def _check_distance(positions: Mapping[str, float]) -> None:
+    """Raises BadAnswer. A rotary axis may have turned often."""
+    for axis in LINEAR_AXES:
+        if abs(positions[axis]) > FARTHEST_MM:
+            raise BadAnswer(
+                f"position {axis} = {positions[axis]:g} mm: no axis is so long",
+                device="nc",
+                hint="is it another value of the control, or another unit? See [nc]",
+            )
 
 
 def _check_status(status: RequestStatus, number: int) -> None:

@@ -10,15 +10,12 @@ from typing import Protocol, assert_never
 import numpy as np
 
 from drivers.base import Refused
-from drivers.nc import NumericalControl, ProbingState, RequestStatus, Triple
+from drivers.nc import FARTHEST_MM, NumericalControl, ProbingState, RequestStatus, Triple
 from gateway.clock import ServiceClock
 from gateway.config import Probing
 from gateway.probing.uninterrupted import to_its_end
 from talc import probing
 from talc.frame import FloatArray, Measurement, Why
-
-_FARTHEST_MM = 1e6
-"""No machine is as large; the least squares overflow far beyond."""
 
 
 class End(StrEnum):
@@ -168,8 +165,8 @@ def centres(status: RequestStatus, poses: int) -> FloatArray:
         raise Rejected(f"{values.size} result values, expected {poses * 3}")
     if not np.all(np.isfinite(values)):
         raise Rejected("a result is not a finite number")
-    if np.max(np.abs(values)) > _FARTHEST_MM:
-        raise Rejected(f"a centre is farther than {_FARTHEST_MM:g} mm away")
+    if np.max(np.abs(values)) > FARTHEST_MM:
+        raise Rejected(f"a centre is farther than {FARTHEST_MM:g} mm away")
     return values
 
 

@@ -16,7 +16,7 @@ from drivers.nc import OperatingMode, ProbingState, WatchdogTerms
 from drivers.sinumerik.control import Sinumerik
 from drivers.sinumerik.settings import OffsetRoute, Paths, SinumerikSettings, StateNode
 from gateway.clock import RealClock
-from simulators.nc import Activity, DayPart, EmulatedControl, LoadCase, MeanLoads, User, nck
+from simulators.nc import Activity, DayPart, EmulatedControl, LoadCase, MeanLoads, User
 from simulators.nc.nck import R_ANSWERS, R_REQUEST, R_RESULT_OF, R_STATE
 from simulators.nc.variables import AccessRight
 from tests.benches.cut_line import line_to
@@ -257,19 +257,6 @@ async def test_whether_it_may_write_can_be_tried_and_a_missing_right_is_named(
         with pytest.raises(Refused, match=f"'watcher' the right {right.value}"):
             await watcher.try_writing()
         await watcher.close()
-
-
-async def test_an_absurd_position_is_an_invalid_answer_that_names_its_node(monkeypatch: pytest.MonkeyPatch) -> None:
-    async with running(emulated()) as url:
-        nc = Sinumerik(SinumerikSettings(security="none", url=url), SystemClock())
-        await nc.connect()
-        far = dict.fromkeys("XYZAC", 0.0) | {"Y": -2e5, "C": 1e7}
-        monkeypatch.setattr(nck, "positions_at", lambda *_: far)
-        with pytest.raises(BadAnswer, match=r"actToolBasePos\[u1,2\] = -200000 mm: no axis is so long"):
-            await nc.snapshot()
-        far["Y"] = 9e4
-        assert (await nc.snapshot()).positions["C"] == 1e7, "a table may have turned often"
-        await nc.close()
 
 
 async def test_done_without_the_results_of_this_request_is_an_invalid_answer() -> None:

@@ -94,6 +94,7 @@ WRONG: list[tuple[str, str, str]] = [
     ("greeting-is-complete", '"poses": POSES, ', ""),
     ("greeting-is-complete", '"bound_um": BOUND_UM', '"bound_um": None'),
     ("status-is-complete", '"C": 0.0}', '"C": float("nan")}'),
+    ("status-is-complete", '"X": 100.0', '"X": 1e300'),
     ("status-is-complete", '"probe": False', '"probe": 0'),
     ("status-is-complete", '"estop": False, ', ""),
     ("status-is-complete", '"mode": "auto"', '"mode": "automatic"'),

@@ -5,13 +5,15 @@ import math
 from collections.abc import Callable
 from dataclasses import fields, replace
 from datetime import UTC, datetime
+from pathlib import Path
 from typing import Any
 
 import pytest
 
-from drivers.base import DriverError, NoAnswer, Quality
+from drivers.base import BadAnswer, DriverError, NoAnswer, Quality
 from drivers.nc import (
     AXES,
+    LINEAR_AXES,
     FollowsErrors,
     FollowsPosition,
     LinearOffsets,
@@ -28,6 +30,7 @@ from drivers.nc import (
 from gateway.nc.boundary import contained_control
 from gateway.polling import UnexpectedError
 from tests.benches.answering_control import AnsweringControl, AnsweringErrors, AnsweringSlopes
+from tests.benches.fake_agent import agent_and_driver
 from tests.benches.nc_link_bench import LinkBench, answer_wrongly, decision
 
 SNAPSHOT = NcSnapshot(datetime(2026, 1, 1, tzinfo=UTC), 5.0, dict.fromkeys(AXES, 1.0), {"coolant": 1.0})
@@ -225,6 +228,41 @@ async def test_a_zero_for_not_ready_writes_nothing_and_does_not_end_the_link() -
         await bench.clock.run_until(10.0)
         assert len(bench.control.writes) == written
         assert bench.link.present is None
+        repair()
+        await bench.clock.run_until(50.0)
+        assert bench.control.in_force == (0.0, 0.0, 6.0)
+
+
+@pytest.mark.parametrize("axis", LINEAR_AXES)
+@pytest.mark.parametrize("far", [-2e5, 1e300, 10**300])
+async def test_a_position_beyond_any_machine_is_a_bad_answer_that_names_the_axis(axis: str, far: float) -> None:
+    absurd = replace(SNAPSHOT, positions=SNAPSHOT.positions | {axis: far})
+    with pytest.raises(BadAnswer, match=f"position {axis} = .* mm: no axis is so long"):
+        await with_operation("snapshot", absurd).snapshot()
+
+
+async def test_a_long_axis_and_a_table_that_has_turned_often_pass() -> None:
+    large = replace(SNAPSHOT, positions={"X": 9e4, "Y": -9e4, "Z": 1e5, "A": -1e7, "C": 1e7})
+    assert await with_operation("snapshot", large).snapshot() is large
+
+
+async def test_an_agent_s_absurd_position_is_a_bad_answer(tmp_path: Path) -> None:
+    async with agent_and_driver(tmp_path) as (agent, nc):
+        agent.answers["status"] = {"positions": dict.fromkeys("XYZAC", 0.0) | {"X": 1e300}, "states": {}}
+        with pytest.raises(BadAnswer, match=r"position X = 1e\+300 mm: no axis is so long"):
+            await contained_control(nc).snapshot()
+
+
+async def test_nothing_is_written_for_an_absurd_position_and_the_link_recovers() -> None:
+    bench = LinkBench("compensate")
+    async with bench.running():
+        bench.link.follow(decision(6.0))
+        await bench.clock.run_until(3.0)
+        written = len(bench.control.writes)
+        repair = answer_wrongly(bench, "snapshot", lambda s: replace(s, positions=s.positions | {"X": 1e300}))
+        await bench.clock.run_until(10.0)
+        assert len(bench.control.writes) == written
+        assert [text for text in bench.notices if "no axis is so long" in text]
         repair()
         await bench.clock.run_until(50.0)
         assert bench.control.in_force == (0.0, 0.0, 6.0)
