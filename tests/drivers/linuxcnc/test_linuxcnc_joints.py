@@ -2,6 +2,7 @@
 right joints by the right length, or refused by name. In part in the real LinuxCNC, Debian's linuxcnc-uspace.
 """
 
+import asyncio
 import re
 from pathlib import Path
 from typing import Any
@@ -153,6 +154,7 @@ MACHINES = [
     pytest.param("XYZAC", {"LINEAR_UNITS": "inch", "LOWER": -0.008, "BOUND": 0.008, "SLEW": 0.04}, INCH_MM, id="inch"),
     pytest.param("CYXAZ", {"SLEW": 1}, 1.0, id="another order"),
     pytest.param("XYYZAC", {"SLEW": 1}, 1.0, id="gantry"),
+    pytest.param("XYZAC", {"SERVO_PERIOD": 2_000_000, "SLEW": 1}, 1.0, id="2 ms"),
 ]
 
 
@@ -188,6 +190,23 @@ async def test_every_machine_reports_its_axes_and_moves_their_joints(
             tip = positions(await bench.nc.snapshot())
             there = kinematics.tcp_offsets(WARM, tip, RADIUS_MM * 1e-3)
             assert await bench.nc.read_compensation() == pytest.approx(tuple(there), abs=0.01), block
+
+
+@pytest.mark.peer
+@pytest.mark.slow
+@pytest.mark.parametrize("period_ms", [1, 2])
+async def test_the_slew_is_per_second_whatever_the_servo_period(period_ms: int, tmp_path: Path) -> None:
+    settings = {"SERVO_PERIOD": period_ms * 1_000_000, "SLEW": 0.02}
+    async with running(tmp_path, settings) as bench:
+        await claimed(bench, WatchdogTerms(600.0, 1.0))
+        await bench.operator.ask("sample", 1, "talc-z-in-force")  # the first one loads the sampler
+        writing = asyncio.create_task(bench.nc.write_compensation((0.0, 0.0, 60.0)))
+        rows = await bench.operator.ask("sample", 1000 // period_ms, "talc-z-in-force")
+        await writing
+        moved_um = np.diff(np.array(rows)[:, 0]) * 1e3
+        at_full_rate = moved_um[moved_um > 0][1:]  # what the first sampling left in the queue is older
+        assert len(at_full_rate) > 100 // period_ms
+        assert at_full_rate == pytest.approx(0.02 * period_ms, abs=1e-6)
 
 
 @pytest.mark.peer
