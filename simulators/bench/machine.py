@@ -28,6 +28,8 @@ REST_S = 900.0
 """The machine rests for this long at first."""
 TERMS = FollowingTerms(1.0, RADIUS_MM, (150.0, 150.0, 150.0), (210.0, math.hypot(210.0, 250.0)))
 """Of the program with which the control follows the nine errors; as gateway.toml has them."""
+STEP_OF_WORK_S, WORK_S = 300.0, 120.0
+"""Of a program that rests often, and what of it is work."""
 TRUTH_STEP_S = 60.0
 TRUTH_COLUMNS = ("utc_s", *THERMAL_ERRORS, "dx", "dy", "dz", "rx", "ry", "rz", "probing")
 """Simulated UTC; the nine errors; tool-to-workpiece deviation without (d) and with compensation (r), µm;
@@ -43,14 +45,23 @@ class BenchMachine:
     clock: simulated time, read only
     hours: simulated hours that the load case must cover
     errors: with which its control follows the nine errors; None: it has no program for that, but takes other routes
+    rests: its program stops every five minutes for three, so that a probing cycle can be had in each grid step
     """
 
-    def __init__(self, seed: int, clock: SimulatedClock, hours: float, errors: FollowingTerms | None = TERMS) -> None:
+    def __init__(
+        self,
+        seed: int,
+        clock: SimulatedClock,
+        hours: float,
+        errors: FollowingTerms | None = TERMS,
+        *,
+        rests: bool = False,
+    ) -> None:
         self._clock = clock
         self._truth: list[list[float]] = []
         self._epoch_s = clock.utc().timestamp() - clock.monotonic()
         start_hour = clock.utc().hour + clock.utc().minute / 60.0
-        program = _day(seed, hours, start_hour)
+        program = _with_rests(seed, hours) if rests else _day(seed, hours, start_hour)
         self.plant = Plant(load_machine(), Environment(), seed, start_utc=clock.utc() - timedelta(seconds=IDLE_S))
         self.plant.advance(IDLE_S, MachineDrive())
         self.plant.zero()
@@ -121,6 +132,18 @@ def _day(seed: int, hours: float, start_hour: float) -> LoadCase:
     rest = DayPart(0.0, REST_S, Activity.PAUSE, MeanLoads())
     shifted = (DayPart(b.start_s + REST_S, b.end_s + REST_S, b.kind, b.loads) for b in later.blocks)
     return LoadCase([rest, *shifted])
+
+
+def _with_rests(seed: int, hours: float) -> LoadCase:
+    """Two minutes of work and three of rest, again and again."""
+    working = LoadCase.random(seed, hours * 3600.0, nights=False)
+    blocks = list[DayPart]()
+    for number in range(math.ceil(hours * 3600.0 / STEP_OF_WORK_S)):
+        begin = number * STEP_OF_WORK_S
+        block = working.at(begin)
+        blocks.append(DayPart(begin, begin + WORK_S, block.kind, block.loads))
+        blocks.append(DayPart(begin + WORK_S, begin + STEP_OF_WORK_S, Activity.PAUSE, MeanLoads()))
+    return LoadCase(blocks)
 
 
 class TruthRecorder:

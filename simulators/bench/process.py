@@ -42,7 +42,9 @@ async def _start(machine: BenchMachine, stack: AsyncExitStack) -> dict[str, str 
     return addresses
 
 
-async def _run(folder: Path, epoch: datetime, speed: float, seed: int, hours: float, *, follows: bool) -> None:
+async def _run(
+    folder: Path, epoch: datetime, speed: float, seed: int, hours: float, *, follows: bool, rests: bool
+) -> None:
     loop, stop = asyncio.get_running_loop(), asyncio.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         loop.add_signal_handler(number, stop.set)
@@ -51,7 +53,7 @@ async def _run(folder: Path, epoch: datetime, speed: float, seed: int, hours: fl
     clock = SharedClock(folder / "clock", epoch=epoch, speed=speed)
     async with AsyncExitStack() as stack:
         stack.callback(clock.close)
-        machine = BenchMachine(seed, clock, hours, TERMS if follows else None)
+        machine = BenchMachine(seed, clock, hours, TERMS if follows else None, rests=rests)
         print(json.dumps(await _start(machine, stack)), flush=True)
         recorder = asyncio.create_task(TruthRecorder(machine, clock, folder / "truth.csv").run(stop.is_set))
         waiting = asyncio.create_task(stop.wait())
@@ -65,11 +67,12 @@ async def _run(folder: Path, epoch: datetime, speed: float, seed: int, hours: fl
 
 
 def main() -> None:
-    """`python -m simulators.bench FOLDER EPOCH SPEED SEED HOURS [k0]`: prints its addresses as JSON when ready.
+    """`python -m simulators.bench FOLDER EPOCH SPEED SEED HOURS [k0] [rests]`: prints its addresses as JSON when ready.
 
     k0: its control has no program that follows the nine errors; routes that write K0 belong to it.
+    rests: its program stops every five minutes for three.
     """
-    folder, epoch, speed, seed, hours, *route = sys.argv[1:]
-    follows = route != ["k0"]
-    run = _run(Path(folder), datetime.fromisoformat(epoch), float(speed), int(seed), float(hours), follows=follows)
-    asyncio.run(run)
+    folder, epoch, speed, seed, hours, *words = sys.argv[1:]
+    begins, pace = datetime.fromisoformat(epoch), float(speed)
+    kind = {"follows": "k0" not in words, "rests": "rests" in words}
+    asyncio.run(_run(Path(folder), begins, pace, int(seed), float(hours), **kind))

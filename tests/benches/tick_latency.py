@@ -1,0 +1,204 @@
+"""From a grid tick to a subscriber, while the gateway learns: `python -m tests.benches.tick_latency --seconds 120`.
+
+`talc-gateway run` in a process of its own, on the computer's clock, with grid steps of a second. Its machine is the
+bench's, in another process, whose time passes 300 times as fast: each step has the heat and the probing cycle of five
+minutes. The subscriber is this process. The latency of a step runs from the instant that the step's number says until
+its decision has come here.
+
+Two ways of learning, a row each: the learner, which measures and learns in every step that allows it; and the papers'
+models, trained in a process beside. Both begin with a day in the store, so the sensor check learns too.
+"""
+
+import argparse
+import json
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from importlib.resources import files
+from itertools import pairwise
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+import zenoh
+
+from benchmarks.acquisition import want_training
+from gateway.config import load
+from gateway.telemetry import DecisionMessage, EventMessage, decode
+from simulators.clock import SharedClock
+from talc.frame import EventKind
+from tests.benches.free_port import free_port
+
+STEP_S = 1.0
+_FASTER = 300.0
+_READY_S, _STOPPED_S = 60.0, 60.0
+_PACE = {
+    "step_s = 300.0": f"step_s = {STEP_S}",
+    "period_s = 100.0": "period_s = 0.5",
+    "period_s = 30.0": "period_s = 0.2",
+    "lead_s = 180.0": "lead_s = 0.9",
+    "poll_s = 10.0": "poll_s = 0.05",
+    "timeout_s = 900.0": "timeout_s = 30.0",
+    "stale_after_s = 900.0": "stale_after_s = 10.0",
+}
+"""From the bench's configuration, whose gateway lives in the machine's time, to one that lives in ours."""
+WAYS = {
+    "learner": """
+[talc.learner]
+policy = "fixed"
+measurement_interval_steps = 1
+shortest_interval_steps = 1
+""",
+    "models": """
+[talc]
+method = "models"
+[talc.training]
+selector = "pso"
+max_na = 5
+max_nb = 5
+max_inputs = 12
+[talc.control]
+measurement_interval_steps = 1
+no_good_measurements = 1
+acl = "fixed"
+acl_fixed_um = 0.01
+acl_fixed_um_per_m = 0.01
+""",
+}
+"""Talc's settings for each way of learning. No model meets these limits, so one training follows another."""
+_SENSOR_CHECK = "[sensor_check]\nwindow_steps = 12\nlearn_steps = 288\n"
+
+
+@dataclass(frozen=True, slots=True)
+class TickRun:
+    """What came to the subscriber."""
+
+    latencies_s: tuple[float, ...]
+    """By step, in order."""
+    missing: int
+    """Steps between the first and the last whose decision did not come, or came twice or out of order."""
+    learnt: int
+    """Measurements that were learnt from meanwhile."""
+    trained_share: float
+    """Share of the time in which a training ran."""
+
+    def percentile_ms(self, share: float) -> float:
+        return float(np.percentile(self.latencies_s, share)) * 1e3
+
+
+@dataclass(slots=True)
+class _HeardDecisions:
+    """Decisions by their step, with their latency, and how often something was learnt."""
+
+    steps: list[int] = field(default_factory=list)
+    latencies_s: list[float] = field(default_factory=list)
+    learnt: int = 0
+    first: threading.Event = field(default_factory=threading.Event)
+
+    def take(self, sample: zenoh.Sample) -> None:
+        now_s = time.time()
+        message = decode(str(sample.key_expr).rpartition("/")[2], sample.payload.to_bytes())
+        if isinstance(message, DecisionMessage):
+            self.steps.append(message.k)
+            self.latencies_s.append(now_s - message.k * STEP_S)
+            self.first.set()
+        elif isinstance(message, EventMessage):
+            self.learnt += message.kind == EventKind.STATE_UPDATE
+
+
+@contextmanager
+def _machine(folder: Path) -> Iterator[dict[str, object]]:
+    """The bench's machine, and its addresses."""
+    epoch = datetime.now(UTC)
+    words = ("simulators.bench", str(folder), epoch.isoformat(), str(_FASTER), "1", "200", "rests")
+    with (
+        closing(SharedClock(folder / "clock", epoch=epoch, speed=_FASTER, owner=True)) as clock,
+        subprocess.Popen([sys.executable, "-m", *words], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process,
+    ):
+        assert process.stdout is not None
+        assert process.stdin is not None
+        addresses = json.loads(process.stdout.readline())
+        clock.start()
+        try:
+            yield addresses
+        finally:
+            process.stdin.close()
+            process.wait(_STOPPED_S)
+
+
+def _listening(here: str) -> zenoh.Config:
+    config = zenoh.Config()
+    config.insert_json5("listen/endpoints", f'["{here}"]')
+    config.insert_json5("scouting/multicast/enabled", "false")
+    return config
+
+
+def _configured(folder: Path, addresses: dict[str, object], here: str, talc: str) -> Path:
+    text = files("simulators.bench").joinpath("gateway.toml").read_text(encoding="utf-8")
+    before, mark, _ = text.partition("[talc]")
+    assert mark
+    for name, value in {
+        **addresses,
+        "folder": folder,
+        "zenoh_port": free_port(),
+        "zenoh_connect": f'["{here}"]',
+    }.items():
+        before = before.replace("{" + name + "}", str(value))
+    for old, new in _PACE.items():
+        assert old in before, f"{old} is not in the bench's configuration"
+        before = before.replace(old, new)
+    path = folder / "gateway.toml"
+    path.write_text(before + talc + _SENSOR_CHECK, encoding="utf-8")
+    return path
+
+
+def _children(process: int) -> list[str]:
+    return [c for task in Path(f"/proc/{process}/task").iterdir() for c in (task / "children").read_text().split()]
+
+
+def run_ticks(way: str, seconds: float) -> TickRun:
+    """Run a gateway that learns in one of the ways, and hear its decisions for so long after the first."""
+    heard, trained, here = _HeardDecisions(), list[bool](), f"tcp/127.0.0.1:{free_port()}"
+    with TemporaryDirectory() as name, _machine(Path(name)) as addresses, zenoh.open(_listening(here)) as session:
+        path = _configured(Path(name), addresses, here, WAYS[way])
+        want_training(load(path))
+        hearing = [session.declare_subscriber("talc/bench/*", heard.take)]
+        gateway = subprocess.Popen([sys.executable, "-m", "gateway", "run", str(path)], stderr=subprocess.DEVNULL)
+        try:
+            if not heard.first.wait(_READY_S):
+                raise RuntimeError("the gateway published no decision")
+            until_s = time.monotonic() + seconds
+            while time.monotonic() < until_s:
+                trained.append(bool(_children(gateway.pid)))
+                time.sleep(STEP_S / 2)
+        finally:
+            for subscriber in hearing:
+                subscriber.undeclare()
+            gateway.terminate()
+            gateway.wait(_STOPPED_S)
+    missing = sum(later - earlier != 1 for earlier, later in pairwise(heard.steps))
+    return TickRun(tuple(heard.latencies_s), missing, heard.learnt, sum(trained) / max(1, len(trained)))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seconds", type=float, default=120.0)
+    seconds = parser.parse_args().seconds
+    print("| learns by | steps | missing | measurements learnt from | a process beside learnt | p50, p99, most |")
+    for way in WAYS:
+        found = run_ticks(way, seconds)
+        p50, p99, most = (found.percentile_ms(share) for share in (50, 99, 100))
+        print(
+            f"| {way} | {len(found.latencies_s)} | {found.missing} | {found.learnt} "
+            f"| {found.trained_share:.0%} of the time | {p50:.0f}, {p99:.0f}, {most:.0f} ms |",
+            flush=True,
+        )
+
+
+if __name__ == "__main__":
+    main()
