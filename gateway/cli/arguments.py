@@ -1,5 +1,6 @@
-"""Parses arguments of the commands: CONFIG, NAME=VALUE, units, time zones, shifts, and the files to write."""
+"""Parses arguments of the commands: CONFIG, numbers, NAME=VALUE, units, time zones, shifts, and the files to write."""
 
+import math
 from collections.abc import Callable
 from datetime import time
 from pathlib import Path
@@ -7,6 +8,7 @@ from typing import TYPE_CHECKING, TypeVar
 from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
 import click
+from click.core import Context, Parameter
 
 if TYPE_CHECKING:
     from gateway.config import GatewayConfig
@@ -24,6 +26,17 @@ _ACCESS = (
     click.option("--user", help="Where user and password are asked for; with --password-file."),
     click.option("--password-file", type=PemPath, help="Holds the user's password alone."),
 )
+
+
+class Number(click.FloatRange):
+    """A number, between limits if it has any. click's own also takes nan and inf, which no comparison refuses."""
+
+    def convert(self, value: float, param: Parameter | None, ctx: Context | None) -> float:
+        """Raises BadParameter."""
+        found = float(super().convert(value, param, ctx))
+        if not math.isfinite(found):
+            self.fail(f"{value!r}: expected a finite number", param, ctx)
+        return found
 
 
 def read_config(path: Path) -> "GatewayConfig":

@@ -1,0 +1,51 @@
+"""What every command refuses before it begins: numbers that are none, and what no option can mean."""
+
+from collections.abc import Iterator
+
+import click
+import pytest
+
+from gateway.cli import main
+from tests.benches.command import here
+
+
+def options(command: click.Command, name: str = "") -> Iterator[tuple[str, click.Parameter]]:
+    """Every parameter of a command and of those below it, with the command's words."""
+    yield from ((name, parameter) for parameter in command.params)
+    if isinstance(command, click.Group):
+        for below in command.commands.values():
+            yield from options(below, f"{name} {below.name}")
+
+
+NUMBERS = [
+    pytest.param(parameter, id=f"{name} {parameter.opts[0]}".strip())
+    for name, parameter in options(main)
+    if isinstance(parameter.type, click.types.FloatParamType)
+]
+
+
+@pytest.mark.parametrize("text", ["nan", "inf", "-inf"])
+@pytest.mark.parametrize("parameter", NUMBERS)
+def test_no_number_of_a_command_is_nan_or_infinite(parameter: click.Parameter, text: str) -> None:
+    with pytest.raises(click.BadParameter):
+        parameter.type.convert(text, parameter, None)
+
+
+@pytest.mark.parametrize("parameter", NUMBERS)
+def test_a_number_of_a_command_is_read(parameter: click.Parameter) -> None:
+    assert parameter.type.convert("1.0", parameter, None) == 1.0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("demo", "--hours", "nan"), "'nan': expected a finite number"),
+        (("demo", "--hours", "1e9"), "1000000000.0 is not in the range 1<=x<=10000"),
+        (("demo", "--seed", "-1"), "-1 is not in the range x>=0"),
+        (("scan", "can", "can0", "--udp-port", "99999"), "99999 is not in the range 1<=x<=65535"),
+    ],
+)
+def test_what_cannot_be_is_refused_in_words(arguments: tuple[str, ...], said: str) -> None:
+    done = here(*arguments)
+    assert done.code == 2
+    assert said in done.err
