@@ -16,7 +16,8 @@ _EXIT_UNWELL = 3
 def status(config: Path, as_json: bool) -> None:
     """Show how the gateway of CONFIG is, on the computer where it runs. Exit code 3 unless all is well.
 
-    Well means that it runs, decides in time, and every channel is good. It reads the database and touches no device.
+    Well means that it runs, decides in time, every channel is good, and nothing is wrong with the control. It reads the
+    database and touches no device.
     """
     from gateway.cli.status import show
     from gateway.config import load

@@ -1,7 +1,7 @@
 """`talc-gateway doctor`: what is wrong around the gateway on this computer, why it matters, and what to do."""
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -12,32 +12,21 @@ import numpy as np
 
 from gateway.acquisition import NO_OTHER_MASTER, OTHER_MASTER
 from gateway.cli.doctor_files import unread_files
+from gateway.cli.doctor_power import power
 from gateway.cli.terminal import terminal
 from gateway.clock import clock_synchronised
-from gateway.config import CanOpenSection, CanSection, GatewayConfig, ModbusRtuSection, cautions, credential_problems
+from gateway.config import (
+    CanOpenSection,
+    CanSection,
+    GatewayConfig,
+    MeRs485Section,
+    ModbusRtuSection,
+    cautions,
+    credential_problems,
+)
 from gateway.storage import History, answered
 from talc.frame import FloatArray
 
-_SUPPLY = (
-    "adapters lose their connection, and cards their content",
-    "use the power supply that was made for this computer",
-)
-_HEAT = (
-    "a slow processor misses periods of buses and decides late",
-    "cool the computer: heat sink, fan, a larger cabinet; if its supply voltage is too low, mend that first",
-)
-_POWER = {
-    0: ("the supply voltage is too low now", *_SUPPLY),
-    1: ("the processor is slowed down now", *_HEAT),
-    2: ("the processor is throttled now", *_HEAT),
-    3: ("the processor is slowed down now, as it is hot", *_HEAT),
-    16: ("the supply voltage was too low since the start", *_SUPPLY),
-    17: ("the processor was slowed down since the start", *_HEAT),
-    18: ("the processor was throttled since the start", *_HEAT),
-    19: ("the processor was slowed down since the start, as it was hot", *_HEAT),
-}
-"""Bits of the firmware's get_throttled (raspberrypi.com, documentation of vcgencmd)."""
-_THROTTLED = "sys/devices/platform/soc*/soc*:firmware/get_throttled"
 _SCATTER_CYCLES, _SCATTER_GROWN = 10, 2.0
 _DAY_STEPS, _SAME_K, _MOVED_K = 288, 0.02, 0.5
 
@@ -83,7 +72,7 @@ def ailments(config: GatewayConfig, root: Path, *, synchronised: bool) -> Iterat
     if not synchronised:
         yield _CLOCK
     yield from _disk(config)
-    yield from _power(root)
+    yield from (Ailment(*told) for told in power(root))
     yield from _can(config, root)
     yield from _other_programs(config, root)
     unread = {found.field: found for found in unread_files(config)}
@@ -119,15 +108,6 @@ def _disk(config: GatewayConfig) -> Iterator[Ailment]:
         )
 
 
-def _power(root: Path) -> Iterator[Ailment]:
-    for file in sorted(root.glob(_THROTTLED)):  # of a Raspberry Pi alone
-        text = _read(file)
-        bits = int(text, 16) if text else 0
-        for bit, (what, why, remedy) in _POWER.items():
-            if bits >> bit & 1:
-                yield Ailment(what, why, remedy)
-
-
 def _can(config: GatewayConfig, root: Path) -> Iterator[Ailment]:
     for bus in config.buses:
         if not isinstance(bus, CanOpenSection | CanSection) or bus.interface != "socketcan":
@@ -136,14 +116,27 @@ def _can(config: GatewayConfig, root: Path) -> Iterator[Ailment]:
         why = f"bus '{bus.name}' cannot be read"
         if not state:
             yield Ailment(f"there is no interface {bus.channel}", why, "is the adapter plugged in? ip -details link")
+        elif state == "down" and _is_up(root, bus.channel):
+            yield Ailment(
+                f"{bus.channel} is up and has left the bus (bus-off), or has no carrier",
+                why,
+                "check bit rate, termination (60 ohm between CAN_H and CAN_L) and whether another node is on;"
+                " restart-ms 100 lets it return by itself: deploy/pi/80-can.network",
+            )
         elif state == "down":
             up = f"ip link set {bus.channel} up type can bitrate {bus.bitrate} restart-ms 100"
             yield Ailment(f"{bus.channel} is down", why, f"{up}; at every start: deploy/pi/80-can.network")
 
 
+def _is_up(root: Path, interface: str) -> bool:
+    """Whether somebody has switched it on (IFF_UP)."""
+    flags = _read(root / "sys/class/net" / interface / "flags")
+    return flags.startswith("0x") and bool(int(flags, 16) & 1)
+
+
 def _other_programs(config: GatewayConfig, root: Path) -> Iterator[Ailment]:
     """Serial ports that several processes have open."""
-    ports = {os.path.realpath(bus.port): bus.name for bus in config.buses if isinstance(bus, ModbusRtuSection)}
+    ports = {os.path.realpath(port): bus.name for bus in config.buses if (port := _serial_port(bus))}
     users: dict[str, set[str]] = {}
     for process in (root / "proc").glob("[0-9]*"):
         for target in _open_files(process):
@@ -152,10 +145,22 @@ def _other_programs(config: GatewayConfig, root: Path) -> Iterator[Ailment]:
     for port, processes in users.items():
         if len(processes) > 1:
             yield Ailment(
-                f"bus '{ports[port]}': {port} is open in {len(processes)} processes: {', '.join(sorted(processes))}",
+                f"bus '{ports[port]}': {port} is open in {len(processes)} processes: {_named(root, processes)}",
                 "two masters on one line destroy each other's answers",
                 "end the other program; the gateway alone may read the line",
             )
+
+
+def _serial_port(bus: object) -> str:
+    """Where a bus is a serial line, or an adapter behind one; empty: it is none."""
+    if isinstance(bus, ModbusRtuSection | MeRs485Section):
+        return bus.port
+    return bus.channel if isinstance(bus, CanOpenSection | CanSection) and bus.interface == "slcan" else ""
+
+
+def _named(root: Path, processes: Iterable[str]) -> str:
+    found = ((number, _read(root / "proc" / number / "comm")) for number in sorted(processes, key=int))
+    return ", ".join(f"{number} ({name})" if name else number for number, name in found)
 
 
 def _open_files(process: Path) -> Iterator[str]:

@@ -2,6 +2,7 @@
 
 import json
 import os
+from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -10,11 +11,13 @@ from gateway.cli.opening import armed
 from gateway.cli.terminal import printable, terminal
 from gateway.clock import clock_synchronised
 from gateway.config import GatewayConfig, unarmed
+from gateway.nc import standing
 from gateway.storage import History, answered
-from talc.frame import EventKind
+from talc.frame import Event, EventKind
 
 _RECENT = timedelta(hours=24)
-_EVENTS = 5
+_EVENTS = 8
+_NEVER = datetime.max.replace(tzinfo=UTC)
 _LATE_STEPS = 2
 _CLOCK = "the computer's clock is not synchronised: times and ages may be wrong"
 _GOOD = ("good", "simulated")
@@ -40,12 +43,14 @@ class Status:
     """Channel to the latest value of the last minutes in this run, unit and quality."""
     missing: tuple[str, ...]
     """Channels that were not read in that time, or are not good."""
+    control: tuple[str, ...]
+    """What is wrong with the control now."""
     problems: tuple[str, ...]
-    """The latest problems of the last day and their ends, oldest first."""
+    """The latest problems of the last day or their ends, one of each device, channel or control, oldest first."""
     clock_synchronised: bool
     """Whether a time service has set this computer's clock."""
     well: bool
-    """It runs, decides in time, and every channel is good."""
+    """It runs, decides in time, every channel is good, and nothing is wrong with the control."""
 
 
 def status_of(config: GatewayConfig, now: datetime, *, synchronised: bool = True) -> Status:
@@ -58,7 +63,8 @@ def status_of(config: GatewayConfig, now: datetime, *, synchronised: bool = True
     decision: tuple[int, str] | None = None
     lead_s = 0.0
     readings: dict[str, tuple[float | None, str, str]] = {}
-    problems: list[str] = []
+    problems: tuple[str, ...] = ()
+    control: tuple[str, ...] = ()
     pause = disarmed = None
     if answered(path, path.is_file):
         with History(path) as history:
@@ -68,9 +74,8 @@ def status_of(config: GatewayConfig, now: datetime, *, synchronised: bool = True
                 lead_s = moment.lead_s
             longest_s = max((channel.period_s for channel in config.channels), default=step_s)
             readings = history.latest_readings(now - timedelta(seconds=max(step_s, 3 * longest_s)))
-            notable = (EventKind.PROBLEM, EventKind.PROBLEM_ENDED)
-            recent = [(at, e.text) for at, _, e in history.events() if e.kind in notable and now - at < _RECENT]
-            problems = [f"{at:%H:%M} {text}" for at, text in recent[-_EVENTS:]]
+            control = standing(event.text for _, event in history.troubles())
+            problems = _latest((at, e) for at, _, e in history.events((now - _RECENT, _NEVER)))
     missing = tuple(name for name in channels if name not in readings or readings[name][2] not in _GOOD)
     age_s = None if decision is None else now.timestamp() + lead_s - decision[0] * step_s
     running = _held(path)
@@ -85,9 +90,10 @@ def status_of(config: GatewayConfig, now: datetime, *, synchronised: bool = True
         disarmed=None if disarmed is None else str(disarmed),
         readings=readings,
         missing=missing,
-        problems=tuple(problems),
+        control=control if running else (),
+        problems=problems,
         clock_synchronised=synchronised,
-        well=running and age_s is not None and age_s <= _LATE_STEPS * step_s and not missing,
+        well=running and age_s is not None and age_s <= _LATE_STEPS * step_s and not missing and not control,
     )
 
 
@@ -98,21 +104,54 @@ def show(config: GatewayConfig, as_json: bool) -> bool:
     if as_json:
         console.print(json.dumps(asdict(status), ensure_ascii=False), soft_wrap=True, highlight=False)
         return status.well
-    age = "no decision yet" if status.decision_age_s is None else f"last decision {status.decision_age_s:.0f} s ago"
     lines = [
-        f"{status.machine}: {'runs' if status.running else 'IS NOT RUNNING'}, {status.phase or 'starting'}, {age}",
+        f"{status.machine}: {'runs' if status.running else 'IS NOT RUNNING'}, {_decision(status)}",
         status.armed,
         *status.unarmed,
         *(() if status.disarmed is None else (f"the gateway is {status.disarmed}",)),
         *(() if status.paused is None else (f"the compensation is {status.paused}",)),
-        f"channels: {len(config.channels) - len(status.missing)} of {len(config.channels)} good",
-        *(f"  {name}: {_reading(status, name)}" for name in status.missing),
+        *_channels(status, len(config.channels)),
+        *status.control,
         *(() if status.clock_synchronised else (_CLOCK,)),
         *(f"  {text}" for text in status.problems),
     ]
     for line in lines:
         console.print(printable(line), soft_wrap=True, highlight=False)
     return status.well
+
+
+def _latest(events: Iterable[tuple[datetime, Event]]) -> tuple[str, ...]:
+    """The latest problem, or its end, of each subject: one device that comes and goes hides no other."""
+    found: dict[str, str] = {}
+    for at, event in events:
+        if event.kind in (EventKind.PROBLEM, EventKind.PROBLEM_ENDED):
+            subject = event.text.partition(": ")[0].rpartition(", ")[2]  # bus rtu1, device rtd1: ...
+            found.pop(subject, None)
+            found[subject] = f"{at:%H:%M} {event.text}"
+    return tuple(found.values())[-_EVENTS:]
+
+
+def _decision(status: Status) -> str:
+    if status.decision_age_s is None:
+        return "no decision yet"
+    age = f"last decision {_duration(status.decision_age_s)} ago"
+    return f"{status.phase}, {age}" if status.running else age
+
+
+def _duration(seconds: float) -> str:
+    for size, unit in ((86400.0, "days"), (3600.0, "h"), (60.0, "min")):
+        if seconds >= 2 * size:
+            return f"{seconds / size:.0f} {unit}"
+    return f"{seconds:.0f} s"
+
+
+def _channels(status: Status, count: int) -> Iterator[str]:
+    if not status.running and not status.readings:
+        yield f"channels: none of {count} is read"
+        return
+    yield f"channels: {count - len(status.missing)} of {count} good"
+    for name in status.missing:
+        yield f"  {name}: {_reading(status, name)}"
 
 
 def _reading(status: Status, name: str) -> str:

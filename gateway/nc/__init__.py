@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from gateway.nc.routes import ByErrors, Form, form_of
     from gateway.nc.settings import Earlier, Identity, LinkSettings, Listeners
     from gateway.nc.slew import Offsets, Slew, Step, Write
+    from gateway.nc.standing import standing
     from gateway.nc.states import NcState, Source
 else:
     __getattr__ = on_first_use(
@@ -22,6 +23,7 @@ else:
             ".routes": ("ByErrors", "Form", "form_of"),
             ".settings": ("Earlier", "Identity", "LinkSettings", "Listeners"),
             ".slew": ("Offsets", "Slew", "Step", "Write"),
+            ".standing": ("standing",),
             ".states": ("NcState", "Source"),
         },
     )
@@ -43,4 +45,5 @@ __all__ = [
     "contained_control",
     "control_of",
     "form_of",
+    "standing",
 ]

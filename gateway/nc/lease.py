@@ -8,6 +8,7 @@ from drivers.nc import NumericalControl, WatchdogTerms
 from gateway.clock import ServiceClock
 from gateway.config import Compensation
 from gateway.nc.settings import Identity
+from gateway.nc.standing import HEARD_AGAIN, NOT_ANSWERED, NOT_RECEIVED
 from gateway.nc.states import RIGHTS, Reply, Right, after
 from gateway.polling import Notice, Notify
 
@@ -70,13 +71,12 @@ class Lease:
         self._beat_s = began  # not now: this process may have been suspended since the control received it
         self._right = after(RIGHTS, self._right, Reply.HEARD if heard else Reply.UNHEARD)
         if heard and self._unheard_told:
-            self._tell_watchdog("NC: its watchdog is active again", ended=True)
+            self._tell_watchdog(HEARD_AGAIN, ended=True)
         elif not heard and self._heard_before:
-            self._tell_watchdog("NC: its watchdog did not receive the heartbeat of this gateway")
+            self._tell_watchdog(NOT_RECEIVED)
         elif not heard and self._heard_before is False and not self._unheard_told:  # the first may be too early
             self._tell_watchdog(
-                "NC: its watchdog does not answer the heartbeats: no offset is written. Does its program run on the "
-                "control since power on?"
+                f"{NOT_ANSWERED}: no offset is written. Does its program run on the control since power on?"
             )
         self._heard_before = heard
         return heard

@@ -7,6 +7,7 @@ from drivers.base import ConnectError, DriverError, NoAnswer, Quality
 from drivers.nc import NcSnapshot, NumericalControl
 from gateway.clock import ServiceClock
 from gateway.nc.motion import Motion
+from gateway.nc.standing import CONNECTED_AGAIN, NOT_CONNECTED
 from gateway.polling import Breaker, Notice, Notify, Problems, UnexpectedError
 
 log = logging.getLogger(__name__)
@@ -73,13 +74,13 @@ class Session:
         self._breaker.failed(due_s)
         # A cut connection and a silent one are the same problem.
         kind = "line" if isinstance(error, ConnectError | NoAnswer) else type(_root(error)).__name__
-        self._problems.report(_SUBJECT, kind, f"NC: {error}")
+        self._problems.report(_SUBJECT, kind, f"{NOT_CONNECTED}{error}")
 
     def works(self) -> None:
         """A whole period passed without an error. A connection alone proves nothing: a request that is refused after
         each connection would otherwise be repeated every period."""
         self._breaker.succeeded()
-        self._problems.clear(_SUBJECT, "NC: connected again")
+        self._problems.clear(_SUBJECT, CONNECTED_AGAIN)
 
     async def close(self) -> None:
         """Never raises DriverError."""

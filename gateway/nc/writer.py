@@ -12,6 +12,7 @@ from gateway.config import Compensation
 from gateway.nc.lease import Lease
 from gateway.nc.routes import Form, differ, offsets_text, positions
 from gateway.nc.slew import Offsets, Slew, Step, Write, as_offsets
+from gateway.nc.standing import DISARMED
 from gateway.nc.states import Source
 from talc.frame import FloatArray
 
@@ -162,7 +163,7 @@ class OffsetWriter:
             await self._form.write(coefficients)
         except NotSendable as error:
             text = f"NC: {error}; {offsets_text(coefficients)} µm were to be sent"
-            self._lease.disarm(f"{text}; compensation is disarmed until a restart")
+            self._lease.disarm(f"{text}; {DISARMED}")
             return False
         except (NoAnswer, ConnectError):
             self._unanswered, self._sent_s = coefficients, self._clock.monotonic()
@@ -181,8 +182,8 @@ class OffsetWriter:
             return True
         if not self._is_late(found, wanted):
             self._lease.disarm(
-                f"NC: wrote offsets {offsets_text(wanted)} µm but {offsets_text(found)} are in force; compensation is "
-                "disarmed until a restart. Does another program write them?"
+                f"NC: wrote offsets {offsets_text(wanted)} µm but {offsets_text(found)} are in force; "
+                f"{DISARMED}. Does another program write them?"
             )
         return False
 

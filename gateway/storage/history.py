@@ -282,6 +282,16 @@ class History:
         """Every event, or those of a span, oldest first."""
         return [rows.event_of(row) for row in self._rows(rows.EVENT_COLUMNS, "event", "time", within)]
 
+    def troubles(self) -> list[tuple[datetime, Event]]:
+        """Problems and their ends since the latest run began, or took another configuration, oldest first."""
+        changed = " UNION SELECT began FROM running" if self._has("running") else ""
+        found = self._connection.execute(
+            f"SELECT {rows.EVENT_COLUMNS} FROM event WHERE kind IN (?, ?)"
+            f" AND time >= (SELECT max(began) FROM (SELECT began FROM boot{changed})) ORDER BY id",
+            (EventKind.PROBLEM.value, EventKind.PROBLEM_ENDED.value),
+        )
+        return [(at, event) for at, _, event in map(rows.event_of, found)]
+
     def commands(self) -> list[CommandOutcome]:
         """Every command that somebody gave, oldest first."""
         if not self._has("command"):

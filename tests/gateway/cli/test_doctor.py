@@ -79,8 +79,14 @@ def test_a_clock_that_nobody_synchronises_is_found(config: GatewayConfig, root: 
     assert found(config, root, synchronised=False) == ["the clock is not synchronised: no time service has set it"]
 
 
+def vcgencmd(root: Path, script: str) -> None:
+    """The firmware's own command, as a shell script."""
+    write(root / "usr/bin/vcgencmd", f"#!/bin/sh\n{script}\n")
+    (root / "usr/bin/vcgencmd").chmod(0o755)
+
+
 def test_a_supply_that_is_too_weak_is_found(config: GatewayConfig, root: Path) -> None:
-    write(root / THROTTLED, "0x50001")
+    vcgencmd(root, '[ "$*" = get_throttled ] && echo throttled=0x50001')
     assert found(config, root) == [
         "the supply voltage is too low now",
         "the supply voltage was too low since the start",
@@ -89,19 +95,47 @@ def test_a_supply_that_is_too_weak_is_found(config: GatewayConfig, root: Path) -
 
 
 @pytest.mark.parametrize(
+    "script", ["echo VCHI initialization failed; exit 255", "echo throttled=?", "echo volt=0x1", "kill -9 $$"]
+)
+def test_without_the_firmwares_command_the_kernel_knows_the_last_seconds_only(
+    script: str, config: GatewayConfig, root: Path
+) -> None:
+    vcgencmd(root, script)
+    write(root / THROTTLED, "50001")
+    assert found(config, root) == [
+        "the supply voltage is too low now",
+        "the supply voltage was too low in the last seconds",
+        "the processor was throttled in the last seconds",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("name", "alarm", "seen"), [("rpi_volt", "1", True), ("rpi_volt", "0", False), ("a", "1", False)]
+)
+def test_a_kernel_that_has_only_a_sensor_of_the_supply_is_asked(
+    name: str, alarm: str, seen: bool, config: GatewayConfig, root: Path
+) -> None:
+    (root / THROTTLED).unlink()
+    write(root / "sys/class/hwmon/hwmon1/name", name)
+    write(root / "sys/class/hwmon/hwmon1/in0_lcrit_alarm", f"{alarm}\n")
+    assert found(config, root) == ["the supply voltage is too low now"] * seen
+
+
+@pytest.mark.parametrize(
     ("bits", "whats"),
     [
         ("0x2", ["the processor is slowed down now"]),
         ("0x4", ["the processor is throttled now"]),
         ("0x8", ["the processor is slowed down now, as it is hot"]),
-        ("0x20000", ["the processor was slowed down since the start"]),
-        ("0x80000\n", ["the processor was slowed down since the start, as it was hot"]),
+        ("0x20000", ["the processor was slowed down in the last seconds"]),
+        ("0x80000\n", ["the processor was slowed down in the last seconds, as it was hot"]),
         ("e0006", [
             "the processor is slowed down now", "the processor is throttled now",
-            "the processor was slowed down since the start", "the processor was throttled since the start",
-            "the processor was slowed down since the start, as it was hot",
+            "the processor was slowed down in the last seconds", "the processor was throttled in the last seconds",
+            "the processor was slowed down in the last seconds, as it was hot",
         ]),
         ("", []),
+        ("?", []),
     ],
 )  # fmt: skip
 def test_a_processor_that_is_or_was_slowed_down_is_found(
@@ -121,6 +155,10 @@ def test_a_computer_that_names_its_firmware_by_address_is_asked_too(config: Gate
 def test_a_can_interface_that_is_down_or_absent_is_found(config: GatewayConfig, root: Path) -> None:
     write(root / "sys/class/net/can0/operstate", "down\n")
     assert found(config, root) == ["can0 is down"]
+    write(root / "sys/class/net/can0/flags", "0x40080\n")
+    assert found(config, root) == ["can0 is down"]
+    write(root / "sys/class/net/can0/flags", "0x40081\n")
+    assert found(config, root) == ["can0 is up and has left the bus (bus-off), or has no carrier"]
     (root / "sys/class/net/can0/operstate").unlink()
     assert found(config, root) == ["there is no interface can0"]
 
@@ -135,7 +173,21 @@ def test_a_second_program_on_a_serial_line_is_found(config: GatewayConfig, root:
     for process in ("17", "23"):
         (root / "proc" / process / "fd").mkdir(parents=True)
         (root / "proc" / process / "fd" / "5").symlink_to(tmp_path / "line")
-    assert found(config, root) == [f"bus 'rtu1': {tmp_path}/line is open in 2 processes: 17, 23"]
+    write(root / "proc/23/comm", "minicom\n")
+    assert found(config, root) == [f"bus 'rtu1': {tmp_path}/line is open in 2 processes: 17, 23 (minicom)"]
+
+
+@pytest.mark.parametrize(
+    "fields", ['kind = "me_rs485"\nport = "line2"', 'kind = "canopen"\ninterface = "slcan"\nchannel = "line2"']
+)
+def test_a_second_program_on_a_line_of_another_kind_is_found(fields: str, tmp_path: Path, root: Path) -> None:
+    write(tmp_path / "gateway.toml", f'{TEXT}\n[[bus]]\nname = "other"\n{fields}\n')
+    config = load(tmp_path / "gateway.toml")
+    assert found(config, root) == []
+    for process in ("17", "23"):
+        (root / "proc" / process / "fd").mkdir(parents=True)
+        (root / "proc" / process / "fd" / "5").symlink_to(tmp_path / "line2")
+    assert found(config, root) == [f"bus 'other': {tmp_path}/line2 is open in 2 processes: 17, 23"]
 
 
 def test_a_certificate_of_the_telemetry_that_has_expired_is_found(tmp_path: Path, root: Path) -> None:

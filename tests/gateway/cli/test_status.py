@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 from datetime import datetime, timedelta
 from pathlib import Path
 
@@ -14,9 +15,11 @@ from gateway.cli import main
 from gateway.cli.status import file_system_of, is_locked, status_of
 from gateway.commands import Command, CommandName, CommandOutcome
 from gateway.config import GatewayConfig, load
-from gateway.events import CommandGiven, DecisionMade, EventReported, FrameMade, ReadingsTaken
+from gateway.events import CommandGiven, ConfigurationApplied, DecisionMade, EventReported, FrameMade, ReadingsTaken
+from gateway.nc.standing import CONNECTED_AGAIN, NOT_CONNECTED
 from gateway.storage import Store
 from talc.frame import Event, EventKind, Frame
+from tests.benches.command import here
 from tests.benches.service_file import TEXT
 from tests.benches.stepped_clock import SteppedClock
 from tests.benches.telemetry_peer import decision
@@ -60,6 +63,38 @@ def test_a_gateway_that_runs_decides_and_reads_is_well_and_later_is_not(tmp_path
         assert (broken.well, broken.missing) == (False, ("bed_front",))
     ended = status_of(config, now)
     assert (ended.running, ended.well) == (False, False)
+    answer = here("status", str(tmp_path / "gateway.toml"))
+    assert re.search(r"^mill: IS NOT RUNNING, last decision \d+ days ago$", answer.out, re.MULTILINE), answer.out
+
+
+def test_a_control_that_is_not_connected_is_not_well_until_it_is_again(tmp_path: Path) -> None:
+    config, clock = configured(tmp_path), SteppedClock()
+    now = clock.utc()
+    k = int(now.timestamp()) // STEP_S
+
+    def problem(text: str, kind: EventKind = EventKind.PROBLEM) -> None:
+        store.record(EventReported(Event(kind, text), k))
+        store.flush()
+
+    with Store(config.storage.path, "boot-1", clock) as store:
+        store.begin(config.canonical(), config.fingerprint(), "", None)
+        store.record(DecisionMade(decision(k)))
+        store.record(ReadingsTaken([sample(20.5, Quality.GOOD, now)]))
+        problem(f"{NOT_CONNECTED}device nc: silent")
+        for turn in range(20):
+            problem(f"bus rtu1, device rtd1: silent {turn}")
+            problem("device rtd1: answers again", EventKind.PROBLEM_ENDED)
+        lost = status_of(config, now)
+        assert (lost.well, lost.control) == (False, ("NC: not connected: device nc: silent",))
+        assert [text[6:] for text in lost.problems] == [lost.control[0], "device rtd1: answers again"]
+        problem(CONNECTED_AGAIN, EventKind.PROBLEM_ENDED)
+        again = status_of(config, now)
+        assert (again.well, again.control) == (True, ())
+        problem(f"{NOT_CONNECTED}device nc: silent")
+        clock.spend(1.0)
+        store.record(ConfigurationApplied(config))  # without a control, or with another
+        store.flush()
+        assert status_of(config, now).control == ()
 
 
 def test_a_new_run_is_not_well_by_what_the_one_before_it_has_read(tmp_path: Path) -> None:
@@ -93,8 +128,8 @@ def test_the_command_reads_and_its_exit_code_says_it(tmp_path: Path) -> None:
     file = str(tmp_path / "gateway.toml")
     answer = CliRunner().invoke(main, ["status", file], catch_exceptions=False)
     assert answer.exit_code == 3
-    assert "mill: IS NOT RUNNING, starting, no decision yet" in answer.output
-    assert "bed_front: not read lately" in answer.output
+    assert "mill: IS NOT RUNNING, no decision yet\n" in answer.output
+    assert "channels: none of 1 is read\n" in answer.output
     lines = answer.output.splitlines()
     assert lines[lines.index("compensation monitor, probing not armed") + 1] == (
         "nothing will be learnt and nothing corrected: there is no [nc]"

@@ -1,0 +1,25 @@
+"""What is wrong with the control for as long as it lasts: what reports it, and what ends it."""
+
+from collections.abc import Iterable
+
+NOT_CONNECTED, CONNECTED_AGAIN = "NC: not connected: ", "NC: connected again"
+NOT_RECEIVED = "NC: its watchdog did not receive the heartbeat of this gateway"
+NOT_ANSWERED = "NC: its watchdog does not answer the heartbeats"
+HEARD_AGAIN = "NC: its watchdog is active again"
+DISARMED = "compensation is disarmed until a restart"
+_BEGINNINGS = {CONNECTED_AGAIN: (NOT_CONNECTED,), HEARD_AGAIN: (NOT_RECEIVED, NOT_ANSWERED)}
+"""By the text that ends it."""
+
+
+def standing(texts: Iterable[str]) -> tuple[str, ...]:
+    """Of all that one run has reported, what is still wrong with the control."""
+    found: dict[str, str] = {}
+    for text in texts:
+        if text.startswith("NC: ") and DISARMED in text:
+            found[DISARMED] = text
+        for end, beginnings in _BEGINNINGS.items():
+            if text.startswith(beginnings):
+                found[end] = text
+            elif text == end:
+                found.pop(end, None)
+    return tuple(found.values())
