@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import click
 
 from drivers.agent import DEFAULT_PORT
-from gateway.cli.arguments import Number
+from gateway.cli.arguments import FiniteNumber
 from gateway.cli.exits import EXIT_WORLD
 from gateway.cli.terminal import printable
 from gateway.config import suggestion
@@ -24,12 +24,12 @@ if TYPE_CHECKING:
 @click.option("--port", type=click.IntRange(1, 65535), default=DEFAULT_PORT, show_default=True, help="[nc] port")
 @click.option("--key-file", type=click.Path(exists=True, dir_okay=False, path_type=Path), required=True,
               help="[nc] key_file: the key that the agent has.")  # fmt: skip
-@click.option("--timeout", type=Number(min=0.1), default=2.0, show_default=True,
+@click.option("--timeout", type=FiniteNumber(min=0.1), default=2.0, show_default=True,
               help="[nc] timeout_s: how long an answer may take, and an offset until it is in force.")  # fmt: skip
 @click.option("--offsets", is_flag=True,
               help="Also write offsets: the tool MOVES, by at most 5 µm; a wrong agent to its bound.")  # fmt: skip
 @click.option("--cycle", is_flag=True, help="Also run probing cycles: the machine MOVES and touches the sphere.")
-@click.option("--cycle-limit", type=Number(min=1), default=900.0, show_default=True,
+@click.option("--cycle-limit", type=FiniteNumber(min=1), default=900.0, show_default=True,
               help="Seconds within which a cycle has ended.")  # fmt: skip
 @click.option("--only", multiple=True, metavar="CLAUSE", help="Try this clause alone; may be given several times.")
 def agent_test(

@@ -28,7 +28,7 @@ _ACCESS = (
 )
 
 
-class Number(click.FloatRange):
+class FiniteNumber(click.FloatRange):
     """A number, between limits if it has any. click's own also takes nan and inf, which no comparison refuses."""
 
     def convert(self, value: float, param: Parameter | None, ctx: Context | None) -> float:

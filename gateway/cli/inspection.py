@@ -26,7 +26,7 @@ from drivers.modbus import (
 from drivers.problems import read_settings
 from drivers.profiles import load_profile
 from gateway.acquisition import number_text
-from gateway.cli.arguments import Number
+from gateway.cli.arguments import FiniteNumber
 from gateway.cli.exits import EXIT_WORLD
 from gateway.cli.scan import Host, Numbers
 from gateway.cli.terminal import terminal
@@ -58,7 +58,7 @@ Draft = click.option("--draft", type=click.Path(dir_okay=False, path_type=Path),
 @click.option("--baud", type=click.IntRange(SLOWEST_BAUD, FASTEST_BAUD), default=9600, show_default=True)
 @click.option("--parity", type=click.Choice(["N", "E", "O"]), default="N", show_default=True)
 @click.option("--rtu", is_flag=True, help="RTU frames over TCP, for a device server; give its port.")
-@click.option("--timeout", "timeout_s", type=Number(0.01, 60), default=_TIMEOUT_S, show_default=True,
+@click.option("--timeout", "timeout_s", type=FiniteNumber(0.01, 60), default=_TIMEOUT_S, show_default=True,
               help="Seconds that one answer may take.")  # fmt: skip
 @Draft
 @click.option("--type", "kind", type=click.Choice(["int16", "uint16", "int32", "uint32", "int64", "uint64", "float32",
@@ -67,7 +67,9 @@ Draft = click.option("--draft", type=click.Path(dir_okay=False, path_type=Path),
               help="Of the draft; little: words swapped.")  # fmt: skip
 @click.option("--byte-order", type=click.Choice(["big", "little"]), default="big", show_default=True,
               help="Of the draft; little: bytes swapped.")  # fmt: skip
-@click.option("--scale", type=Number(), default=1.0, show_default=True, help="Of the draft: value = number * scale.")
+@click.option(
+    "--scale", type=FiniteNumber(), default=1.0, show_default=True, help="Of the draft: value = number * scale."
+)
 @click.option("--quantity", default="degC", show_default=True, help="Of the draft: unit of the values.")
 def registers_command(
     where: str, addresses: tuple[int, ...], unit: int, function: int, baud: int, parity: Parity, rtu: bool,

@@ -17,7 +17,7 @@ from drivers.number_types import BYTE_FORMATS, ByteNumber
 from drivers.opcua import NodeName, NodeValue, OpcUaBus, OpcUaBusSettings, node_name
 from drivers.problems import read_settings
 from gateway.acquisition import number_text
-from gateway.cli.arguments import Number
+from gateway.cli.arguments import FiniteNumber
 from gateway.cli.exits import EXIT_WORLD
 from gateway.cli.inspection import Draft, new_file, now_text, write_draft
 from gateway.cli.terminal import printable, terminal
@@ -56,13 +56,15 @@ class ObjectPlace(click.ParamType[CanObject]):
 @click.argument("objects", type=ObjectPlace(), nargs=-1, required=True)
 @click.option("--interface", type=click.Choice(CAN_INTERFACES), default="socketcan", show_default=True)
 @click.option("--bitrate", type=click.Choice(CAN_BITRATES), default=125_000, show_default=True)
-@click.option("--timeout", "timeout_s", type=Number(0.01, 60), default=1.0, show_default=True)
+@click.option("--timeout", "timeout_s", type=FiniteNumber(0.01, 60), default=1.0, show_default=True)
 @click.option(
     "--udp-port", type=click.IntRange(1, 65535), default=43113, show_default=True, help="For udp_multicast only."
 )
 @Draft
 @click.option("--type", "kind", type=click.Choice(_KINDS), help="Of the draft: type of all these objects.")
-@click.option("--scale", type=Number(), default=1.0, show_default=True, help="Of the draft: value = number * scale.")
+@click.option(
+    "--scale", type=FiniteNumber(), default=1.0, show_default=True, help="Of the draft: value = number * scale."
+)
 @click.option("--quantity", default="degC", show_default=True, help="Of the draft: unit of the values.")
 def objects_command(
     channel: str, node: int, objects: tuple[CanObject, ...], interface: str, bitrate: int, timeout_s: float,
@@ -141,10 +143,12 @@ def _number(data: bytes, kind: ByteNumber, order: Literal["<", ">"] = "<") -> st
 @click.option("--certificate", help="The gateway's, with --private-key. Without it nothing is encrypted.")
 @click.option("--private-key", help="The certificate's key.")
 @click.option("--server-certificate", help="The server's: no other is accepted.")
-@click.option("--timeout", "timeout_s", type=Number(0.01, 60), default=5.0, show_default=True)
+@click.option("--timeout", "timeout_s", type=FiniteNumber(0.01, 60), default=5.0, show_default=True)
 @Draft
 @click.option("--type", "kind", type=click.Choice(_KINDS), help="Of the draft: how nodes of bytes hold numbers.")
-@click.option("--scale", type=Number(), default=1.0, show_default=True, help="Of the draft: value = number * scale.")
+@click.option(
+    "--scale", type=FiniteNumber(), default=1.0, show_default=True, help="Of the draft: value = number * scale."
+)
 @click.option("--quantity", default="degC", show_default=True, help="Of the draft: unit of the values.")
 def nodes_command(
     url: str, nodes: tuple[str, ...], user: str | None, password_file: str | None, certificate: str | None,

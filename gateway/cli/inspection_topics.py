@@ -13,7 +13,7 @@ from rich.table import Table
 from drivers.mqtt import MqttBus, MqttBusSettings, TopicMessage
 from drivers.problems import read_settings
 from gateway.acquisition import number_text
-from gateway.cli.arguments import Number
+from gateway.cli.arguments import FiniteNumber
 from gateway.cli.exits import EXIT_WORLD
 from gateway.cli.inspection import Draft, new_file, now_text, write_draft
 from gateway.cli.terminal import printable, terminal
@@ -28,7 +28,7 @@ _MOST_SHOWN = 60
 @click.command("topics")
 @click.argument("url")
 @click.argument("topics", nargs=-1)
-@click.option("--seconds", type=Number(min=0.1), default=10.0, show_default=True, help="How long to listen.")
+@click.option("--seconds", type=FiniteNumber(min=0.1), default=10.0, show_default=True, help="How long to listen.")
 @click.option("--most", type=click.IntRange(1), default=1000, show_default=True,
               help="Stop when so many topics have had a message.")  # fmt: skip
 @click.option("--user", help="With --password-file; otherwise anonymous.")
@@ -38,9 +38,11 @@ _MOST_SHOWN = 60
 @click.option("--key", help="The certificate's key.")
 @click.option("--client-id", help="Where the broker's rules need one.")
 @click.option("--allow-unencrypted", is_flag=True, help="Let mqtt:// go beyond this computer, readable by everyone.")
-@click.option("--timeout", "timeout_s", type=Number(0.01, 60), default=5.0, show_default=True)
+@click.option("--timeout", "timeout_s", type=FiniteNumber(0.01, 60), default=5.0, show_default=True)
 @Draft
-@click.option("--scale", type=Number(), default=1.0, show_default=True, help="Of the draft: value = number * scale.")
+@click.option(
+    "--scale", type=FiniteNumber(), default=1.0, show_default=True, help="Of the draft: value = number * scale."
+)
 @click.option("--quantity", default="degC", show_default=True, help="Of the draft: unit of the values.")
 def topics_command(
     url: str, topics: tuple[str, ...], seconds: float, most: int, user: str | None, password_file: str | None,

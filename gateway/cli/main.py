@@ -9,7 +9,7 @@ from typing import Literal
 
 import click
 
-from gateway.cli.arguments import LIMIT_S, ConfigPath, Number, access_of, access_options, address_of, read_config
+from gateway.cli.arguments import LIMIT_S, ConfigPath, FiniteNumber, access_of, access_options, address_of, read_config
 from gateway.cli.exits import EXIT_WORLD, Commands
 from gateway.cli.extras import need_extra
 from gateway.cli.log import log_to_stderr
@@ -63,7 +63,7 @@ def _with_simulators() -> None:
 @ConfigPath
 @click.option("--answers", type=click.Path(exists=True, dir_okay=False, path_type=Path),
               help="TOML file with the answers: nothing is asked (docs/wiring.md).")  # fmt: skip
-@click.option("--limit", type=Number(min=1), default=LIMIT_S, show_default=True,
+@click.option("--limit", type=FiniteNumber(min=1), default=LIMIT_S, show_default=True,
               help="Scan each wire at most this many seconds.")  # fmt: skip
 def init(config: Path, answers: Path | None, limit: float) -> None:
     """Write a first CONFIG: ask what no scan can tell, find the devices, arm nothing.
@@ -104,8 +104,8 @@ def check(config: Path) -> None:
 @main.command()
 @ConfigPath
 @click.option("--watch", "watched", is_flag=True, help="Keep reading: value, age, rate, jitter and errors; not the NC.")
-@click.option("--seconds", type=Number(min=0.1), help="With --watch: stop after this time. Default: at Ctrl-C.")
-@click.option("--every", type=Number(min=0.1), help="With --watch: seconds between updates.")
+@click.option("--seconds", type=FiniteNumber(min=0.1), help="With --watch: stop after this time. Default: at Ctrl-C.")
+@click.option("--every", type=FiniteNumber(min=0.1), help="With --watch: seconds between updates.")
 @click.option(
     "--try-writing", is_flag=True, help="Write back to the control what is there, which shows whether it may."
 )
@@ -135,8 +135,8 @@ def probe(config: Path, watched: bool, seconds: float | None, every: float | Non
 @ConfigPath
 @click.option("-o", "--output", type=click.Path(dir_okay=False, path_type=Path), default=Path("field.wire"),
               show_default=True, help="Text file, one line per message. Must not exist yet.")  # fmt: skip
-@click.option("--seconds", type=Number(min=0.1), help="Stop after this time. Default: at Ctrl-C.")
-@click.option("--most-mb", type=Number(min=0.01), default=200.0, show_default=True, help="Stop at this size.")
+@click.option("--seconds", type=FiniteNumber(min=0.1), help="Stop after this time. Default: at Ctrl-C.")
+@click.option("--most-mb", type=FiniteNumber(min=0.01), default=200.0, show_default=True, help="Stop at this size.")
 def record(config: Path, output: Path, seconds: float | None, most_mb: float) -> None:
     """Read the devices of CONFIG as `run` does, and record what passes on their wires for `play`.
 
@@ -155,7 +155,7 @@ def record(config: Path, output: Path, seconds: float | None, most_mb: float) ->
 @main.command()
 @click.argument("file", type=click.Path(exists=True, dir_okay=False, path_type=Path))
 @click.option("--folder", type=click.Path(file_okay=False, path_type=Path), help="Default: FILE with .play added.")
-@click.option("--seconds", type=Number(min=0.1), help="Stop after this time. Default: at Ctrl-C.")
+@click.option("--seconds", type=FiniteNumber(min=0.1), help="Stop after this time. Default: at Ctrl-C.")
 @click.option("--multicast", metavar="GROUP:PORT", help="Put CAN on this UDP group of the computer, such as "
               "239.74.163.2:43113, instead of an adapter; any number of programs may read it.")  # fmt: skip
 def play(file: Path, folder: Path | None, seconds: float | None, multicast: str | None) -> None:
@@ -184,7 +184,7 @@ def play(file: Path, folder: Path | None, seconds: float | None, multicast: str 
 @ConfigPath
 @click.option("--record", "wires", type=click.Path(dir_okay=False, path_type=Path),
               help="Record what passes on the wires, for `play`; the previous file gets .1 added.")  # fmt: skip
-@click.option("--record-mb", type=Number(min=0.01), default=100.0, show_default=True,
+@click.option("--record-mb", type=FiniteNumber(min=0.01), default=100.0, show_default=True,
               help="With --record: start a new file at this size.")  # fmt: skip
 def run(config: Path, wires: Path | None, record_mb: float) -> None:
     """Run the gateway of CONFIG until SIGINT or SIGTERM."""
@@ -198,13 +198,13 @@ def run(config: Path, wires: Path | None, record_mb: float) -> None:
 
 
 @main.command()
-@click.option("--hours", type=Number(1, 10_000), default=72.0, show_default=True, help="Simulated hours.")
+@click.option("--hours", type=FiniteNumber(1, 10_000), default=72.0, show_default=True, help="Simulated hours.")
 @click.option("--method", type=click.Choice(["learner", "models"]), help="Learning method. Default: the learner.")
 @click.option("--preset", type=click.Choice(["zimmermann-2022", "blaser-2019"]),
               help="A paper's complete system, instead of the learner (docs/presets.md).")  # fmt: skip
-@click.option("--calibration-hours", type=Number(min=1),
+@click.option("--calibration-hours", type=FiniteNumber(min=1),
               help="For models and presets. Default: 24 h; blaser-2019 6.5 h.")  # fmt: skip
-@click.option("--speed", type=Number(1, 20000), default=6000.0, show_default=True,
+@click.option("--speed", type=FiniteNumber(1, 20000), default=6000.0, show_default=True,
               help="Highest speed of the simulated clock.")  # fmt: skip
 @click.option(
     "--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Seed of weather, loads and sensor noise."

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from gateway.cli.arguments import (
-    Number,
+    FiniteNumber,
     PemPath,
     check_output,
     named_errors,
@@ -51,7 +51,7 @@ from gateway.cli.extras import need_extra
 @click.option("--skip", multiple=True, metavar="LINES",
               help="Lines outside the table, such as 1-11,13: a logger's settings, a row of units.")  # fmt: skip
 @click.option("--missing", multiple=True, metavar="CELL", help="Cell that stands for an unknown value, such as OVL.")
-@click.option("--calibration-interval", "calibration_min", type=Number(min=0, min_open=True),
+@click.option("--calibration-interval", "calibration_min", type=FiniteNumber(min=0, min_open=True),
               metavar="MINUTES", help="Time between the measurements of a calibration (method models).")  # fmt: skip
 @click.option("--out", type=click.Path(dir_okay=False, path_type=Path),
               help="Write a table of each step: predictions, sigmas, contributions of inputs; and beside it "

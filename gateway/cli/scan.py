@@ -18,7 +18,7 @@ from drivers.canopen import CanOpenSettings
 from drivers.modbus import ModbusRtuTcpBus
 from drivers.problems import read_settings
 from drivers.recognition import describe
-from gateway.cli.arguments import LIMIT_S, Number
+from gateway.cli.arguments import LIMIT_S, FiniteNumber
 from gateway.cli.signals import stop_on_signals
 from gateway.cli.terminal import terminal
 from gateway.config import ConfigError, Problem, read_text
@@ -90,7 +90,7 @@ Toml = click.option(
     help="Write a configuration for the devices found, or, after a question, add to one. -: standard output.",
 )  # fmt: skip
 Limit = click.option(
-    "--limit", type=Number(min=1), default=LIMIT_S, show_default=True, help="Stop after this many seconds."
+    "--limit", type=FiniteNumber(min=1), default=LIMIT_S, show_default=True, help="Stop after this many seconds."
 )
 Yes = click.option("--yes", is_flag=True, help="Answer every question with yes.")
 
@@ -120,7 +120,7 @@ def ports_command() -> None:
 @click.option("--protocol", type=click.Choice(["both", "modbus_rtu", "me_rs485"]), default="both", show_default=True)
 @click.option("--function", type=click.Choice([3, 4]), default=3, show_default=True,
               help="Function code for reading; some simple units support only 4 and do not refuse 3.")  # fmt: skip
-@click.option("--timeout", "timeout_s", type=Number(0.01, 5), default=SERIAL_TIMEOUT_S, show_default=True,
+@click.option("--timeout", "timeout_s", type=FiniteNumber(0.01, 5), default=SERIAL_TIMEOUT_S, show_default=True,
               help="Seconds that a unit may take to answer.")  # fmt: skip
 @Limit
 @Toml
@@ -153,7 +153,7 @@ def serial_command(
 @click.option(
     "--timeout",
     "timeout_s",
-    type=Number(0.01, 60),
+    type=FiniteNumber(0.01, 60),
     default=TCP_TIMEOUT_S,
     show_default=True,
     help="Seconds to wait for an answer.",
@@ -187,12 +187,12 @@ def tcp_command(
 @click.option("--bitrate", "bitrates", type=click.Choice(CAN_BITRATES),
               multiple=True, help=f"Bit rates to try on slcan. Default: {', '.join(map(str, BITRATES))}.")  # fmt: skip
 @click.option("--nodes", type=Numbers(1, 127), default="1-127", show_default=True, help="CANopen nodes to ask.")
-@click.option("--listen", "listen_s", type=Number(0, 3600), default=LISTEN_S, show_default=True,
+@click.option("--listen", "listen_s", type=FiniteNumber(0, 3600), default=LISTEN_S, show_default=True,
               help="Listen this many seconds before asking.")  # fmt: skip
 @click.option(
     "--timeout",
     "timeout_s",
-    type=Number(0.01, 5),
+    type=FiniteNumber(0.01, 5),
     default=CAN_TIMEOUT_S,
     show_default=True,
     help="Seconds to wait for an answer.",
