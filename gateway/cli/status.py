@@ -11,7 +11,7 @@ from gateway.cli.opening import armed
 from gateway.cli.terminal import printable, terminal
 from gateway.clock import clock_synchronised
 from gateway.config import GatewayConfig, unarmed
-from gateway.nc import standing
+from gateway.nc import still_wrong
 from gateway.storage import History, answered
 from talc.frame import Event, EventKind
 
@@ -74,7 +74,7 @@ def status_of(config: GatewayConfig, now: datetime, *, synchronised: bool = True
                 lead_s = moment.lead_s
             longest_s = max((channel.period_s for channel in config.channels), default=step_s)
             readings = history.latest_readings(now - timedelta(seconds=max(step_s, 3 * longest_s)))
-            control = standing(event.text for _, event in history.troubles())
+            control = still_wrong(event.text for _, event in history.troubles())
             problems = _latest((at, e) for at, _, e in history.events((now - _RECENT, _NEVER)))
     missing = tuple(name for name in channels if name not in readings or readings[name][2] not in _GOOD)
     age_s = None if decision is None else now.timestamp() + lead_s - decision[0] * step_s

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from gateway.nc.routes import ByErrors, Form, form_of
     from gateway.nc.settings import Earlier, Identity, LinkSettings, Listeners
     from gateway.nc.slew import Offsets, Slew, Step, Write
-    from gateway.nc.standing import standing
+    from gateway.nc.standing import still_wrong
     from gateway.nc.states import NcState, Source
 else:
     __getattr__ = on_first_use(
@@ -23,7 +23,7 @@ else:
             ".routes": ("ByErrors", "Form", "form_of"),
             ".settings": ("Earlier", "Identity", "LinkSettings", "Listeners"),
             ".slew": ("Offsets", "Slew", "Step", "Write"),
-            ".standing": ("standing",),
+            ".standing": ("still_wrong",),
             ".states": ("NcState", "Source"),
         },
     )
@@ -45,5 +45,5 @@ __all__ = [
     "contained_control",
     "control_of",
     "form_of",
-    "standing",
+    "still_wrong",
 ]

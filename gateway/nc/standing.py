@@ -11,7 +11,7 @@ _BEGINNINGS = {CONNECTED_AGAIN: (NOT_CONNECTED,), HEARD_AGAIN: (NOT_RECEIVED, NO
 """By the text that ends it."""
 
 
-def standing(texts: Iterable[str]) -> tuple[str, ...]:
+def still_wrong(texts: Iterable[str]) -> tuple[str, ...]:
     """Of all that one run has reported, what is still wrong with the control."""
     found: dict[str, str] = {}
     for text in texts:

@@ -1,6 +1,6 @@
 """A control that cannot be reached, again and again: each cause is reported once, and not for ever."""
 
-from gateway.nc import standing
+from gateway.nc import still_wrong
 from tests.benches.nc_link_bench import LinkBench, decision
 
 
@@ -16,11 +16,11 @@ async def test_each_new_cause_while_it_is_not_connected_is_reported_once() -> No
         assert [notice for notice in bench.notices if "no answer" in notice] == bench.notices[:1]
         assert [notice for notice in bench.notices if "gateway 99" in notice] == bench.notices[1:]
         assert len(bench.notices) == 2
-        assert standing(bench.notices) == (bench.notices[1],)
+        assert still_wrong(bench.notices) == (bench.notices[1],)
         bench.control.owner = 0
         await bench.clock.run_until(300.0)
     assert bench.notices[2:] == ["NC: connected again"]
-    assert standing(bench.notices) == ()
+    assert still_wrong(bench.notices) == ()
 
 
 async def test_an_intermittent_line_is_not_reported_for_ever() -> None:

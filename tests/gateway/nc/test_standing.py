@@ -2,7 +2,7 @@
 
 import pytest
 
-from gateway.nc import standing
+from gateway.nc import still_wrong
 from gateway.nc.standing import CONNECTED_AGAIN, DISARMED, HEARD_AGAIN, NOT_ANSWERED, NOT_CONNECTED, NOT_RECEIVED
 
 LOST, REFUSED = f"{NOT_CONNECTED}device nc: silent", f"{NOT_CONNECTED}device nc: refused"
@@ -25,4 +25,4 @@ WRONG = f"NC: wrote offsets 1 µm but 2 are in force; {DISARMED}. Does another p
     ids=["nothing", "lost", "for another reason", "and found", "and unheard", "heard", "disarmed", "of something else"],
 )
 def test_what_is_not_ended_is_still_wrong(texts: list[str], wrong: tuple[str, ...]) -> None:
-    assert standing(texts) == wrong
+    assert still_wrong(texts) == wrong
