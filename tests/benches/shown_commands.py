@@ -149,7 +149,9 @@ TABLE: dict[str, HowShown] = {
     r"python -m tests\.benches\.kills .*": RunElsewhere("tests/system/test_killed_in_phases.py", "kills"),
     r"python -m tests\.benches\.history_day": RunByNone("fills a day of 30 channels, minutes of processor time"),
     r"python -m tests\.benches\.site .*": RunElsewhere("tests/gateway/collect/test_site.py", "run_site"),
-    r"python -m tests\.benches\.tick_latency": RunElsewhere("tests/gateway/telemetry/test_tick_latency.py", "run_ticks"),
+    r"python -m tests\.benches\.tick_latency": RunElsewhere(
+        "tests/gateway/telemetry/test_tick_latency.py", "run_ticks"
+    ),
     r"python -m tests\.benches\.fuzz .*": RunByNone(_LONG),
     r"python -m tests\.benches\.soak .*": RunElsewhere("tests/system/test_soak.py", "soaked"),
     r"python -m tests\.benches\.service_memory .*": RunByNone("a month of simulated time"),
