@@ -34,6 +34,8 @@ from drivers.tap import Tap
 
 _SHORTEST_S = 0.03
 """A request that must be answered sooner than this is not sent: its answer would disturb the next period."""
+DOES_NOT_FIT = "does the profile fit the device?"
+_LATE = "it answers later: raise timeout_s"
 _MOST_HEARD = 4096
 """How many bytes are searched for the answer to one request."""
 
@@ -143,7 +145,7 @@ class ModbusBus(StreamBus, ABC):
             heard=heard,
             bus=self._name,
             device=device,
-            hint="check power, wiring, unit id and baud",
+            hint=_LATE if heard else "check power, wiring, unit id and baud",
         )
 
 
@@ -161,14 +163,18 @@ class ModbusTcpBus(ModbusBus):
         self._perhaps_busy_until, self._mute = 0.0, False
         self._sent: dict[tuple[int, Block], dict[int, float]] = {}
         """Requests whose answers are as good as the next one's, as the question has not changed: number and time."""
+        self._late: set[int] = set()
+        """Units of which late answers to earlier questions have come since they were found missing."""
 
     def _opened(self) -> None:
         self._perhaps_busy_until, self._mute = 0.0, False
         self._sent = {}
+        self._late.clear()
 
     async def _exchange(self, device: str, unit: int, block: Block, again: bool) -> ModbusPDU:
         heard = bytearray(self._stream.discard())
         if not again:
+            self._note_late(heard)
             heard.clear()
             self._sent = {key: numbers for key, numbers in self._sent.items() if key[0] != unit}
         sent = self._sent.setdefault((unit, block), {})
@@ -200,12 +206,18 @@ class ModbusTcpBus(ModbusBus):
             self._perhaps_busy_until = 0.0 if self._mute else loop.time() + self._timeout_s
             raise self._nothing_valid(device, unit, heard, wait_s) from None
         self._perhaps_busy_until, self._mute = 0.0, False
+        self._late.discard(unit)
         del self._sent[unit, block]
         number, answering, answer = found
         if answering == unit and answer[0] == block.function:
             self._patience.answered(unit, block, min(self._timeout_s, loop.time() - sent[number]))
         self._check(device, unit, block, answering, answer)
         return decode_pdu(answer, self._name, device)
+
+    def _note_late(self, heard: bytearray) -> None:
+        for number, (unit, _) in tcp_messages(heard)[0].items():
+            if any(number in numbers for (asked, _), numbers in self._sent.items() if asked == unit):
+                self._late.add(unit)
 
     def _check(self, device: str, unit: int, block: Block, answering: int, answer: bytes) -> None:
         """Raises BadAnswer if it is not that unit's answer to that request."""
@@ -221,19 +233,22 @@ class ModbusTcpBus(ModbusBus):
                 f"the answer does not fit function {block.function}, count {block.count}: {answer[:16].hex(' ')}",
                 bus=self._name,
                 device=device,
+                hint=DOES_NOT_FIT,
             )
 
     def _nothing_valid(self, device: str, unit: int, heard: bytes | bytearray, waited_s: float) -> NoAnswer | BadAnswer:
         messages, end = tcp_messages(heard)
+        is_late = unit in self._late
+        self._late.discard(unit)
         if not heard:
-            return self._silence(device, unit, waited_s)
+            return self._silence(device, unit, waited_s, heard=is_late)
         if end == len(heard):
             others = ", ".join(map(str, messages))
             return NoAnswer(
                 f"unit {unit} did not answer request {self._number} within {waited_s:.3g} s, only answers to other "
                 f"requests came ({others})",
                 hurried=waited_s < self._timeout_s,
-                heard=any(answering == unit for answering, _ in messages.values()),
+                heard=is_late or any(answering == unit for answering, _ in messages.values()),
                 bus=self._name,
                 device=device,
                 hint="raise timeout_s; if the number is always the same, the server does not copy a request's number",

@@ -58,6 +58,8 @@ class ModbusDevice:
         self._check_answers = BlockAnswers()
         """To the requests of settings and type codes."""
         self._check_began_s = -inf
+        self._check_answered_s = -inf
+        """When it last answered a check, and has not been read since."""
         self._refused_since_s = 0.0
         self._was_silent = False
         """Whether it missed the last read and its repetitions: another unit may answer the next one."""
@@ -84,7 +86,7 @@ class ModbusDevice:
         missed = False
         try:
             await self._check(again)
-            self._checked = True
+            self._checked, self._check_answered_s = True, self._clock.monotonic()
         except (NoAnswer, BadAnswer, Busy) as error:
             error.heard |= bool(self._check_answers)  # it has answered a part of it
             missed = True
@@ -158,8 +160,9 @@ class ModbusDevice:
         except DriverError as error:
             error.heard |= bool(self._answers)  # it has answered a part of it
             self._was_silent = not error.heard
+            error.heard |= self._clock.monotonic() - self._check_answered_s < _SAME_UNIT_S
             raise
-        self._was_silent = False
+        self._was_silent, self._check_answered_s = False, -inf
         values = {name: self._value(name, words) for name in self._channels}
         for name, value in values.items():
             if self._faults.requests and not isinstance(value, Fault):

@@ -27,7 +27,8 @@ def refusal(bus: str, device: str, unit: int, block: Block, code: int) -> NoAnsw
     meaning = _EXCEPTIONS.get(code, "unknown exception")
     what = f"unit {unit} answered function {block.function}, address {block.address}, count {block.count} with "
     if code in _TARGET_SILENT:
-        return NoAnswer(f"{what}exception {code}: {meaning}", bus=bus, device=device)
+        hint = "behind that gateway: check power, wiring and id of the unit, and the gateway's timeout"
+        return NoAnswer(f"{what}exception {code}: {meaning}", bus=bus, device=device, hint=hint)
     if code in _BUSY:
         hint = "ask it less often: a longer period_s, or no second master"
         return Busy(f"{what}exception {code}: {meaning}", bus=bus, device=device, hint=hint)

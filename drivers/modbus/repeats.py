@@ -55,9 +55,11 @@ class Repeats:
         self._units.setdefault(unit, _AnsweringUnit()).answers.append(_Accepted(block, message, now_s))
 
     def may_be_copy(self, unit: int, message: bytes, now_s: float) -> bool:
-        """Whether the unit has lately answered with the same."""
+        """Whether the unit has lately answered with the same, and sends copies."""
         known = self._units.get(unit)
-        return known is not None and any(a.message == message and now_s - a.at_s <= _RECENT_S for a in known.answers)
+        if known is None or known.copied_s is None or now_s - known.copied_s > _REMEMBERED_S:
+            return False
+        return any(answer.message == message and now_s - answer.at_s <= _RECENT_S for answer in known.answers)
 
     def is_doubtful(self, unit: int, block: Block, message: bytes, now_s: float) -> bool:
         """Whether this may be a copy of an answer to another request."""

@@ -4,17 +4,19 @@ Source: MODBUS over serial line V1.02.
 """
 
 import asyncio
+from collections.abc import Collection
 from contextlib import suppress
 
 from pymodbus.pdu import ModbusPDU
 
 from drivers.base import BadAnswer, NoAnswer
 from drivers.byte_stream import ByteStream, TcpStream
-from drivers.modbus.bus import ModbusBus, decode_pdu
+from drivers.modbus.bus import DOES_NOT_FIT, ModbusBus, decode_pdu
 from drivers.modbus.frames import (
     find_rtu_answer,
     foreign_refusal,
     is_damaged,
+    is_rtu_frame,
     plausibly_of,
     rtu_answers,
     rtu_length,
@@ -142,11 +144,9 @@ class RtuFramedBus(ModbusBus):
             if (message := self._foreign_refusal(heard, unit)) is not None:
                 self._came(unit, block)
                 return message
-            is_late = any(heard[:1] == bytes((other,)) for other, _ in self._unanswered.due)
+            late = {other for other, due in self._unanswered.due if find_rtu_answer(heard, other, due)}
             self._missed(unit, block, like, heard)
-            if not is_late and heard and heard[0] != unit and find_rtu_answer(heard, heard[0], block):
-                raise self._another(device, unit, heard[0]) from None
-            raise self._nothing_valid(device, unit, block, heard, wait_s) from None
+            raise self._nothing_valid(device, unit, block, heard, wait_s, late) from None
         except asyncio.CancelledError:
             asked.over = True
             raise
@@ -239,7 +239,8 @@ class RtuFramedBus(ModbusBus):
         if not is_only_answer:
             now_s = asyncio.get_running_loop().time()
             self._repeats.note(heard, now_s, (*self._unanswered.due, *([] if block is None else [(unit, block)])))
-            self._strangers.note(heard, now_s)
+            if not _is_frame_of(heard, unit):  # its own answer, though not to what it was asked
+                self._strangers.note(heard, now_s)
         self._unanswered.note(heard, unit, block)
 
     async def _wait_for_owed_answer(self) -> None:
@@ -257,21 +258,28 @@ class RtuFramedBus(ModbusBus):
             self._note(heard)
             self._owing_until = None
 
-    def _another(self, device: str, unit: int, other: int) -> BadAnswer:
-        return BadAnswer(
-            f"unit {other} answered instead of unit {unit}",
-            heard=False,
-            bus=self._name,
-            device=device,
-            hint=f"if it is alone on the line, ask it as unit {other}; otherwise another master asks it",
-        )
-
     def _nothing_valid(
-        self, device: str, unit: int, block: Block, heard: bytes | bytearray, waited_s: float
+        self, device: str, unit: int, block: Block, heard: bytes | bytearray, waited_s: float, late: Collection[int]
     ) -> NoAnswer | BadAnswer:
-        is_late = self._unanswered.was_heard(unit)
-        if not heard:
+        """late: the units whose answers to earlier requests are among what was heard"""
+        is_late = self._unanswered.was_heard(unit) or unit in late
+        if not heard or unit in late:
             return self._silence(device, unit, waited_s, heard=is_late)
+        if (other := heard[0]) != unit and other not in late and find_rtu_answer(heard, other, block):
+            return BadAnswer(
+                f"unit {other} answered instead of unit {unit}",
+                heard=is_late,
+                bus=self._name,
+                device=device,
+                hint=f"if it is alone on the line, ask it as unit {other}; otherwise another master asks it",
+            )
+        if _is_frame_of(heard, unit):
+            return BadAnswer(
+                f"the answer does not fit function {block.function}, count {block.count}: {heard[:16].hex(' ')}",
+                bus=self._name,
+                device=device,
+                hint=DOES_NOT_FIT,
+            )
         return BadAnswer(
             f"{len(heard)} bytes received, but no valid answer of unit {unit}: {heard[:16].hex(' ')}",
             heard=is_late or plausibly_of(heard, unit, block),
@@ -279,6 +287,11 @@ class RtuFramedBus(ModbusBus):
             device=device,
             hint="two units with one id, wrong baud or parity, missing termination, or noise",
         )
+
+
+def _is_frame_of(heard: bytes | bytearray, unit: int) -> bool:
+    """Whether this is one whole frame of that unit, and nothing else."""
+    return heard[0] == unit and is_rtu_frame(heard)
 
 
 class ModbusRtuBus(RtuFramedBus):

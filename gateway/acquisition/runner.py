@@ -214,7 +214,7 @@ class BusRunner:
         steady = self._steady(device)
         error = await self._read(device)
         if error is not None:
-            if last or not self._may_be_asked_again(device, error):
+            if (last and not device.heard) or not self._may_be_asked_again(device, error):
                 await self._failed(device, due, error)
             else:
                 self._unsure.append(_Unsure(device, error, steady))
@@ -255,7 +255,7 @@ class BusRunner:
         """Whether its answer may only be late, lost or damaged."""
         match error:
             case NoAnswer():
-                return error.hurried or device.ever_answered
+                return error.hurried or device.heard or device.ever_answered or len(self.devices) == 1
             case BadAnswer() | Busy():
                 return True
             case _:

@@ -143,7 +143,7 @@ MATRIX: Sequence[Case] = [
         ("rtu",),
         spoilt(now(lambda f: rtu(b"\x07" + f[1:-2]))),
         whole,
-        "no valid answer",
+        "unit 7 answered",
     ),
     *cases("wrong device answers", ("tcp",), spoilt(now(lambda f: f[:6] + b"\x07" + f[7:])), whole, "unit 7 answered"),
     *cases("wrong device answers", ("slcan",), spoilt(now(lambda f: b"t587" + f[4:]), SDO), whole, "no answer within"),
@@ -251,7 +251,7 @@ MATRIX: Sequence[Case] = [
         ("rtu",),
         spoilt(now(lambda f: rtu(f[:2] + bytes((f[2] + 2,)) + f[3:-2] + b"\0\0"))),
         whole,
-        "no valid answer",
+        "the answer does not fit",
     ),
     *cases(
         "overlong frame",

@@ -80,6 +80,15 @@ async def test_a_refused_address_takes_its_own_channel_and_is_named(code: int, t
     assert len(peer.requests) <= 60, "it is not asked for over and over"
 
 
+@pytest.mark.parametrize("code", CODES)
+async def test_one_that_refuses_everything_does_not_delay_its_neighbour(code: int, tmp_path: Path) -> None:
+    heard, notices, _ = await heard_of(refusing(code, 2, lambda *_: True), tmp_path, 9)
+    assert {r.quality for r in heard if r.channel == "neighbour"} == {Quality.GOOD}
+    assert {r.quality for r in heard if r.channel != "neighbour"} == {Quality.COMM_FAULT}
+    (told,) = [notice.text for notice in notices]
+    assert "bus bus1, device odd: unit 1 answered function 4, address 0, count 30 with exception 2" in told
+
+
 async def test_a_busy_unit_is_asked_again_whatever_function_it_names(tmp_path: Path) -> None:
     asked = 0
 
@@ -120,7 +129,7 @@ async def test_a_late_refusal_is_not_taken_for_that_of_another_function() -> Non
         with pytest.raises(NoAnswer):
             await bus.read("d", 1, Block(3, 0, 2))
         peer.reply = lambda _: late
-        with pytest.raises(BadAnswer, match="no valid answer of unit 1"):
+        with pytest.raises(NoAnswer, match="it answers later"):
             await bus.read("d", 1, TWO)
         peer.reply = honest
         assert await bus.read("d", 1, TWO) == (100, 101)
