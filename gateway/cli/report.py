@@ -124,7 +124,7 @@ def collect(database: Path, truth: Path | None = None, reader: Reader | None = N
         cycles = history.measurements(within)
         units = history.units()
         # Of a day the steps are counted: there is no index by time on millions of readings.
-        health = history.channel_health() if within is None else _steps_good(steps, names)
+        health = _all_channels(history, config) if within is None else _steps_good(steps, names)
         reference = history.reference()
         earlier = within is not None and reference is not None and reference.ended < within[0]
         return ReportData(
@@ -184,6 +184,11 @@ def _steps_good(steps: Sequence[StoredStep], names: Sequence[str]) -> dict[str, 
     }
 
 
+def _all_channels(history: History, config: GatewayConfig) -> Mapping[str, Mapping[str, int]]:
+    """The readings of each channel by quality, also of those that were never read."""
+    return {channel.name: {} for channel in config.channels} | history.channel_health()
+
+
 def not_yet(
     history: History, config: GatewayConfig, steps: Sequence[StoredStep], health: Mapping[str, Mapping[str, int]]
 ) -> tuple[NotYet, ...]:
@@ -204,7 +209,7 @@ def not_yet(
     if config.nc is None:
         found.append(NotYet("No control is configured", "Write [nc]: without a control nothing can be measured"))
     elif not config.probing.armed:
-        then = "Try the cycle with talc-gateway probe, then write [probing] armed = true"
+        then = "Run the control's probing cycle once by hand, then write [probing] armed = true"
         found.append(NotYet("Probing is not armed", then))
     return (*found, *_not_measured(history, config.probing.reference_cycles))
 

@@ -18,7 +18,7 @@ from gateway.report.local import hours
 from gateway.report.plots import inputs_plot, still
 from gateway.report.series import series
 from gateway.report.sketch import letters, sketch
-from talc.frame import EventKind
+from talc.frame import EventKind, Phase
 from talc.learner import ErrorReason
 from talc.names import (
     ERROR_MEANINGS,
@@ -57,9 +57,9 @@ def build(data: ReportData) -> str:
     """The page of a run."""
     s = summary(data)
     unhealthy = [
-        (name, ", ".join(f"{quality}: {count}" for quality, count in sorted(counts.items())))
+        (name, ", ".join(f"{quality}: {count}" for quality, count in sorted(counts.items())) or "never read")
         for name, counts in data.channel_health.items()
-        if any(quality != Quality.GOOD for quality in counts)
+        if set(counts) != {Quality.GOOD}
     ]
     tool, (inputs, basis) = tool_charts(data, s.course), input_charts(data)
     errors = [(e, error_charts(data, e)) for e in range(len(THERMAL_ERRORS)) if _known(data, e)]
@@ -78,6 +78,12 @@ def build(data: ReportData) -> str:
         lasted=hours(s.hours * 3600.0),
         corrections=data.moment(s.begin_hours * 3600.0),
         zone=getattr(data.zone, "key", None) or str(data.zone),
+        marks={
+            "calibration": Phase.CALIBRATION in data.phases,
+            "no_good": Phase.NO_GOOD in data.phases,
+            "models": bool(data.models),
+            "limits": bool(np.isfinite(data.limits).any()),
+        },
         tool=_shown(data, tool),
         inputs=_shown(data, inputs),
         inputs_basis=basis,

@@ -82,6 +82,8 @@ def test_what_is_missing_is_said(
     assert ("Probing is not armed" in page) == ("Probing is not armed" in said)
     assert ("No grid step has ended" in page) == (steps == 0)
     assert "mill" in page
+    assert ('column</th><td class="l">never read</td>' in page) == (steps > 0)
+    assert "Readings by quality; 1 other channel gave good readings only" in page or not steps
 
 
 def test_what_has_not_been_measured_has_no_chart_and_no_figures(tmp_path: Path) -> None:

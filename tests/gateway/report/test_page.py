@@ -11,7 +11,9 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from gateway.report import CycleSeen, Truth, build, by_shift, summary
+from gateway.report import AdoptedModels, CycleSeen, Truth, build, by_shift, summary
+from talc.frame import Event, EventKind, Phase
+from talc.models import ModelSet
 from talc.names import THERMAL_ERRORS
 from tests.benches.small_run import START, small_run
 
@@ -74,7 +76,8 @@ def series_of(page: str) -> dict[str, Any]:
 def page() -> str:
     moved = np.zeros((9, 3))
     moved[1] = (0.5, 12.25, 0.0)
-    return build(replace(small_run(), moved=moved))
+    told = Event(EventKind.PROBLEM, "bus can1: no answer")
+    return build(replace(small_run(), moved=moved, events=((3600.0, told),)))
 
 
 def test_it_is_well_formed_and_loads_nothing(page: str) -> None:
@@ -181,3 +184,31 @@ def test_the_inputs_that_moved_an_error_most_are_named_and_drawn(page: str) -> N
     assert "Moved most by rear (12.2 µm), front (0.5 µm)." in page
     assert "by the learner&#39;s reasons" in page
     assert "speed</text>" not in page, "it moved nothing"
+
+
+def test_the_legend_explains_what_is_there_alone() -> None:
+    run = small_run()
+    marks = (
+        "calibration.",
+        "no good: measured at every step",
+        "Dashed green: model update",
+        "ACL: action control limit",
+    )
+    assert [mark for mark in marks if mark in build(run)] == []
+    phases = (Phase.CALIBRATION, Phase.NO_GOOD, *run.phases[2:])
+    assert [mark for mark in marks if mark in build(replace(run, phases=phases))] == list(marks[:2])
+    limits = np.full_like(run.limits, 5.0)
+    found = ModelSet(k=3, why="calibration", input_names=run.input_names, models=(None,) * len(THERMAL_ERRORS))
+    models = (AdoptedModels(int(run.k[3]), found),)
+    assert [mark for mark in marks if mark in build(replace(run, limits=limits, models=models))] == list(marks[2:])
+
+
+def test_nothing_is_told_of_no_channel_and_no_event() -> None:
+    run = small_run()
+    page = build(run)
+    assert "<p>2 channels: good readings only.</p>" in page
+    assert "<p>None, besides state updates, which are counted above.</p>" in page
+    worse = build(replace(run, channel_health={"front": {"good": 4, "stale": 2}, "rear": {}}))
+    assert "<caption>Readings by quality</caption>" in worse
+    for name, told in (("front", "good: 4, stale: 2"), ("rear", "never read")):
+        assert f'<th scope="row">{name}</th><td class="l">{told}</td>' in worse
