@@ -35,6 +35,8 @@ from talc.probing import check_poses
 
 _SLOPE_UM_PER_MM = 0.1
 """Of a table that has grown by 12 µm at 120 mm, or an axis tilted by 100 µm/m: usual on a warm machine."""
+_MOST_CHANNELS = 1000
+"""A database numbers 2047, in its life and each unit of a channel anew."""
 _UNSTABLE_PORT = re.compile(r"/dev/tty(USB|ACM)\d+")
 
 
@@ -48,6 +50,7 @@ def problems_between(config: GatewayConfig) -> list[Problem]:
         *_places(config),
         *_waits(config),
         *_addresses(config),
+        *_number_of_channels(config),
         *_limits(config),
         *_asked_of_the_control(config),
         *_control(config),
@@ -223,6 +226,16 @@ def _addresses(config: GatewayConfig) -> Iterator[Problem]:
                 f"{device.unit} on bus '{device.bus}' is already device '{first[address]}'{more}",
             )
         first.setdefault(address, device.name)
+
+
+def _number_of_channels(config: GatewayConfig) -> Iterator[Problem]:
+    many = sum(len(device.channels) for device in config.devices)
+    if many > _MOST_CHANNELS:
+        yield Problem(
+            "[[device]]",
+            f"{many} channels: expected at most {_MOST_CHANNELS} at one gateway; divide the devices among several "
+            "gateways, whose readings `talc-gateway collect` keeps together",
+        )
 
 
 def _limits(config: GatewayConfig) -> Iterator[Problem]:

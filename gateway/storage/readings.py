@@ -7,6 +7,7 @@ No age depends on a wall clock, which may jump. A mark is set at each pruning: f
 file, by its monotonic clock, and what the newest rows were. What is older than a mark of that age goes.
 """
 
+import logging
 import sqlite3
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,7 +16,11 @@ from drivers.base import Quality
 from gateway.acquisition import Sample
 from gateway.storage.faults import DamagedError
 
+log = logging.getLogger(__name__)
+
 _CHANNEL_BITS, _SEQUENCE_BITS = 11, 32
+MOST_CHANNELS = 2**_CHANNEL_BITS - 1
+"""Names with their units that one database can number in its life."""
 MOST_BOOTS = 2**20 - 1
 RUN_SHIFT = _CHANNEL_BITS + _SEQUENCE_BITS
 """The number of the run, from this bit of a reading's id on."""
@@ -60,23 +65,39 @@ class Channels:
     """The numbers of channels in a database."""
 
     def __init__(self, known: Sequence[tuple[int, str, str]]) -> None:
-        self._ids = {(name, unit): number for number, name, unit in known}
+        self._ids = {(name, unit): number for number, name, unit in known if number <= MOST_CHANNELS}
+        self._is_full = False
 
     def rows(self) -> list[tuple[int, str, str]]:
         """Rows of `channel`."""
         return [(number, name, unit) for (name, unit), number in self._ids.items()]
 
     def new(self, readings: Sequence[Sample]) -> list[tuple[int, str, str]]:
-        """Rows of `channel` to add before these readings."""
-        added = []
+        """Rows of `channel` to add before these readings; none once all numbers are taken."""
+        added: list[tuple[int, str, str]] = []
         for r in readings:
-            if (r.channel, r.unit) not in self._ids:
-                number = self._ids[(r.channel, r.unit)] = max(self._ids.values(), default=0) + 1
-                added.append((number, r.channel, r.unit))
+            if (r.channel, r.unit) in self._ids:
+                continue
+            number = max(self._ids.values(), default=0) + 1
+            if number > MOST_CHANNELS:
+                self._tell_that_it_is_full(r.channel)
+                continue
+            self._ids[(r.channel, r.unit)] = number
+            added.append((number, r.channel, r.unit))
         return added
 
+    def _tell_that_it_is_full(self, channel: str) -> None:
+        if not self._is_full:
+            self._is_full = True
+            log.error(
+                "the database has had %d channels, as many as it can number: channel %s and further new ones are not "
+                "stored; name a new file in [storage] path",
+                MOST_CHANNELS,
+                channel,
+            )
+
     def readings(self, boot: int, readings: Sequence[Sample]) -> list[tuple[object, ...]]:
-        """Rows of `reading`."""
+        """Rows of `reading`: of the channels that have a number."""
         return [
             (
                 (boot << _SEQUENCE_BITS | r.sequence) << _CHANNEL_BITS | self._ids[(r.channel, r.unit)],
@@ -86,6 +107,7 @@ class Channels:
                 r.detail or None,
             )
             for r in readings
+            if (r.channel, r.unit) in self._ids
         ]
 
 

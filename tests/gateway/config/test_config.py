@@ -280,3 +280,19 @@ def test_whatever_stands_in_the_file_it_is_a_configuration_or_a_list_of_lines(da
         lines = str(found).splitlines()
         assert len(lines) == len(found.problems) > 0
         assert all(line.startswith("gateway.toml: ") for line in lines)
+
+
+@pytest.mark.parametrize("channels", [1000, 1001])
+def test_more_channels_than_a_database_can_number_are_refused(channels: int, tmp_path: Path) -> None:
+    (tmp_path / "hall.toml").write_text(
+        'protocol = "mqtt"\ntitle = "hall"\nunit = "degC"\nmax_age_s = 1\n'
+        + "".join(f'[[topic]]\ntopic = "hall/{number}"\n' for number in range(channels))
+    )
+    bus = '[machine]\nname = "mill"\n[[bus]]\nname = "hall"\nkind = "mqtt"\nurl = "mqtt://127.0.0.1"\n'
+    device = '[[device]]\nname = "hall"\nbus = "hall"\nprofile = "hall.toml"\n[device.channels]\n'
+    text = bus + device + "".join(f"s{number} = {number}\n" for number in range(channels))
+    if channels <= 1000:
+        parse(text, tmp_path / "gateway.toml")
+        return
+    with pytest.raises(ConfigError, match="1001 channels: expected at most 1000 at one gateway"):
+        parse(text, tmp_path / "gateway.toml")

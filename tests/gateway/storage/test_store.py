@@ -49,6 +49,25 @@ def reading(channel: str = "a", sequence: int = 1, value: float = 20.0) -> Sampl
     return Sample(channel, value, "degC", Quality.GOOD, EPOCH, 0.0, sequence=sequence)
 
 
+def test_a_channel_beyond_the_numbers_of_a_database_is_left_out_and_the_others_keep_their_values(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Its number would change those of the read and of the channel: its values would be another channel's."""
+    path, channels = tmp_path / "a.sqlite", 2060
+    for sequence in (1, 2):  # the second time the numbers come from the file
+        readings = [reading(f"c{n}", sequence, float(n)) for n in range(channels)]
+        with store_at(path) as store:
+            for start in range(0, channels, 100):
+                store.record(ReadingsTaken(readings[start : start + 100]))
+    with closing(sqlite3.connect(path)) as connection:
+        found = connection.execute("SELECT channel, value, sequence FROM sample").fetchall()
+    assert len(found) == 2 * 2047
+    assert all(channel == f"c{value:.0f}" for channel, value, _ in found)
+    assert {sequence for _, _, sequence in found} == {1, 2}
+    told = [r.message for r in caplog.records if "as many as it can number: channel c2047" in r.message]
+    assert len(told) == 2, "once for each run"
+
+
 def decision(k: int, events: tuple[Event, ...] = ()) -> Decision:
     limits = AWKWARD[::-1].copy()
     return Decision(k, Phase.COMPENSATION, AWKWARD, AWKWARD * 0.5, AWKWARD + 1, limits, Why.INTERVAL, None, events)
