@@ -20,6 +20,7 @@ from gateway.umati.model import URIS, machine_nodes
 from gateway.umati.readers import Readers
 from gateway.umati.settings import OpcUaServing, ServerSecurity, ShownMachine
 from gateway.umati.space import AddressSpace
+from gateway.umati.standard import LightServer
 from gateway.umati.values import NodeShown, Path, shown_now
 
 log = logging.getLogger(__name__)
@@ -55,8 +56,8 @@ class MachineToolServer:
 
     async def __aenter__(self) -> Self:
         serving = self._serving
-        server = Server(user_manager=Readers(serving.users))
-        inner = server.iserver
+        inner = LightServer(Readers(serving.users))
+        server = Server(inner)
         inner.allow_remote_admin = False
         inner.max_connections, inner.max_subscriptions = _MOST_CONNECTIONS, _MOST_SUBSCRIPTIONS
         server.limits = TransportLimits(_CHUNK_BYTES, _CHUNK_BYTES, _MOST_BYTES // _CHUNK_BYTES + 1, _MOST_BYTES)
