@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 from datetime import UTC, datetime
 from typing import Annotated, ClassVar, Literal
 
@@ -14,6 +15,8 @@ from drivers.section import NotEmpty, Positive, matching
 
 TimeUnit = Literal["s", "ms", "us", "ns"]
 _PER_SECOND: dict[TimeUnit, float] = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
+"""As devices write one; Python's `float` also takes 1_000 and words."""
 MOST_BYTES = 65_536
 """Of a payload."""
 
@@ -83,7 +86,9 @@ def _at(content: object, path: str | None) -> object:
 
 
 def instant_in(found: object, unit: TimeUnit) -> datetime | None:
-    """An instant, UTC: ISO 8601 (without offset UTC), or a number of `unit` since 1970."""
+    """An instant, UTC: ISO 8601 (without offset UTC), or a number of `unit` since 1970, also written as text."""
+    if isinstance(found, str) and _NUMBER.fullmatch(found.strip()):
+        found = float(found)
     try:
         if isinstance(found, str):
             time = datetime.fromisoformat(found)
@@ -98,10 +103,9 @@ def instant_in(found: object, unit: TimeUnit) -> datetime | None:
 def number_in(found: object) -> float | None:
     """A finite number; also one that is written as text, as some devices send it."""
     if isinstance(found, str):
-        try:
-            found = float(found)
-        except ValueError:
+        if not _NUMBER.fullmatch(found.strip()):
             return None
+        found = float(found)
     if isinstance(found, bool) or not isinstance(found, int | float):
         return None
     try:

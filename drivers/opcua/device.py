@@ -68,6 +68,8 @@ class OpcUaDevice:
             raw = raw[node.element]
         if not isinstance(raw, int | float):
             return Fault(Quality.SENSOR_FAULT, f"the node holds no number: {_shown(raw)}")
+        if isinstance(raw, bool) and (node.unit or self._profile.unit) != "1":
+            return Fault(Quality.SENSOR_FAULT, f'the node holds {raw}; that is a number only with unit = "1"')
         return node.value(raw)
 
     def _too_old(self, found: NodeValue) -> Fault | None:
@@ -78,6 +80,9 @@ class OpcUaDevice:
             return Fault(Quality.STALE, "the server does not say when the value was measured; omit max_age_s")
         if found.age_s > limit_s:
             return Fault(Quality.STALE, f"the server's source measured it {found.age_s:.0f} s ago")
+        if found.age_s < -limit_s:  # whatever stands still looks new until then
+            text = f"its source timestamp is {-found.age_s:.0f} s ahead of the server's clock"
+            return Fault(Quality.STALE, text + "; set the source's clock, or omit max_age_s")
         return None
 
 

@@ -1,5 +1,6 @@
 """An OPC UA server of another library (asyncua's own) with some variables of a drive."""
 
+from collections.abc import Sequence
 from datetime import UTC, datetime, timedelta
 
 from asyncua.crypto.permission_rules import User, UserRole
@@ -28,9 +29,13 @@ class Anybody(UserManager):
 
 
 class Drives:
-    """A server with some variables."""
+    """A server with some variables.
 
-    def __init__(self, url: str = "") -> None:
+    first: namespaces that have the indices before those of this server
+    """
+
+    def __init__(self, url: str = "", first: Sequence[str] = ()) -> None:
+        self._first = first
         self.url = url or f"opc.tcp://127.0.0.1:{free_port()}/drives"
         self.server = Server(StandardServer(Anybody()))
         self.index = 0
@@ -38,6 +43,8 @@ class Drives:
     async def start(self) -> None:
         await self.server.init()
         self.server.set_endpoint(self.url)
+        for namespace in self._first:
+            await self.server.register_namespace(namespace)
         await self.server.register_namespace("urn:somebody:else")  # so that the index is not what one would guess
         self.index = await self.server.register_namespace(URI)
         objects = self.server.nodes.objects

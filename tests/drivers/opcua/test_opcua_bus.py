@@ -9,8 +9,20 @@ import pytest
 from asyncua.client.client import Client
 from asyncua.ua.status_codes import StatusCodes
 from asyncua.ua.uaerrors import BadTooManyOperations
+from asyncua.ua.uatypes import Int16, NodeId, String
 
-from drivers.base import BadAnswer, Bus, ConnectError, Driver, Quality, Reading, SetupError, SystemClock, WrongDevice
+from drivers.base import (
+    BadAnswer,
+    Bus,
+    ConnectError,
+    Driver,
+    NoAnswer,
+    Quality,
+    Reading,
+    SetupError,
+    SystemClock,
+    WrongDevice,
+)
 from drivers.build import make_bus, make_device
 from drivers.opcua import OpcUaBus
 from drivers.opcua.nodes import node_name
@@ -128,6 +140,12 @@ async def test_values_statuses_and_nodes_that_are_not_there(tmp_path: Path) -> N
             ((quality, detail),) = told(await device.read())
             assert quality == "stale"
             assert re.fullmatch(r"the server's source measured it (89|90|91) s ago", detail), detail
+            await server.set("motor", 20.0, age_s=-20)
+            assert told(await device.read()) == [(20.0, "degC")], "two clocks are never quite the same"
+            await server.set("motor", 20.0, age_s=-3600)
+            ((quality, detail),) = told(await device.read())
+            assert quality == "stale", "a value that stands still from then on would look new for an hour"
+            assert re.match(r"its source timestamp is (3599|3600|3601) s ahead of the server's clock; ", detail), detail
             await server.server.stop()
             with pytest.raises(ConnectError, match="bus opc1, device drives"):
                 await device.read()
@@ -156,6 +174,45 @@ async def test_a_session_whose_namespaces_are_not_known_is_none(
                     await device.read()
             await bus.connect()
             assert told(await device.read())[0] == (61.25, "degC")
+    finally:
+        await server.server.stop()
+
+
+async def test_a_truth_value_is_a_number_only_where_the_unit_is_one(tmp_path: Path) -> None:
+    """A node that holds one instead of a temperature is not 1 degC."""
+    server = Drives()
+    await server.start()
+    text = PROFILE.split("[[node]]")[0] + '[[node]]\nnode = "s=flag"\n[[node]]\nnode = "s=flag"\nunit = "1"\n'
+    try:
+        await server.server.nodes.objects.add_variable(server.node("flag"), "flag", True)
+        async with device_at(server.url, tmp_path, text, 2) as (_, device):
+            as_degrees, as_number = told(await device.read())
+            assert as_degrees == ("sensor_fault", 'the node holds True; that is a number only with unit = "1"')
+            assert as_number == (1.0, "1")
+    finally:
+        await server.server.stop()
+
+
+async def test_namespaces_in_another_order_after_a_restart_give_no_value_of_another_node(tmp_path: Path) -> None:
+    """The index of before is another maker's by now, who has a node of the same name."""
+    server = Drives()
+    await server.start()
+    url = server.url
+    text = PROFILE.split("[[node]]")[0] + '[[node]]\nnode = "s=motor"\n'
+    try:
+        async with device_at(url, tmp_path, text, 1) as (bus, device):
+            assert told(await device.read()) == [(61.25, "degC")]
+            before = server.index
+            await server.server.stop()
+            server = Drives(url, first=("urn:a", "urn:b"))
+            await server.start()
+            assert await server.server.get_namespace_index("urn:b") == before
+            other = NodeId(String("motor"), Int16(before))
+            await server.server.nodes.objects.add_variable(other, "motor", -40.0)
+            with pytest.raises((ConnectError, NoAnswer)):
+                await device.read()
+            await bus.connect()
+            assert told(await device.read()) == [(61.25, "degC")]
     finally:
         await server.server.stop()
 
