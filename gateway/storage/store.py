@@ -62,7 +62,7 @@ class Store:
     commit_s: readings are committed at least this often, in real seconds
     retention: how long readings, compensation steps and reasons stay
     retry_s: interval between attempts after a failure, in real seconds
-    look_s: how often it looks whether the file is still at its path, in real seconds
+    look_s: how often it looks whether the file is still at its path, and uncut, in real seconds
     hangs_after_s: a disk that takes longer for one statement or commit counts as failing, in real seconds
     silent_s: at the end, the longest that the disk may take for one statement or commit, in real seconds; then the
         process should end, as the lock is only released by that

@@ -7,7 +7,6 @@ seconds until they are stored.
 
 import logging
 import math
-import os
 import shutil
 import sqlite3
 import threading
@@ -19,6 +18,7 @@ from pathlib import Path
 from gateway.events import StoreHealth
 from gateway.storage.damage import contradiction
 from gateway.storage.faults import DamagedError, GoneError, StoreError
+from gateway.storage.place import PlaceWatch
 from gateway.storage.schema import connect, is_damage
 from gateway.storage.waiting import Item, Rows, Waiting, WaitingKind, tables_of
 
@@ -52,7 +52,7 @@ class DatabaseWriter:
         connection
     retry_s: how long another program's lock is waited for, and how long between two attempts, real seconds
     mended: what became of a file that was damaged before
-    look_s: how often the disk's free space is read, and whether the file is still at its path
+    look_s: how often the disk's free space is read, and whether the file is still at its path, and uncut
     hangs_after_s: a statement or commit that takes longer counts as failing, real seconds
     silent_s: at the end, the longest that the disk may take for one statement or commit, real seconds
     """
@@ -294,7 +294,7 @@ class DatabaseWriter:
 
     def _write_to(self, connection: sqlite3.Connection) -> None:
         """Until the writer is closed and nothing waits any more. Raises the database's errors."""
-        opened = self._path.stat()
+        place = PlaceWatch(self._path)
         self._delete_old(connection)
         pruned = time.monotonic()
         due, wanted = pruned + self._every_s, False
@@ -316,11 +316,12 @@ class DatabaseWriter:
                 pruned = now
             wanted = wanted or (item is not None and item.commit)
             if (wanted and not self._gathered) or now >= due:
+                place.look()  # a commit may begin a checkpoint
                 self._commit(connection)
                 due, wanted = math.inf, False
             if now - self._looked_s >= self._look_s:
                 self._look()
-                self._check_place(opened)
+                place.look()
 
     def _delete_old(self, connection: sqlite3.Connection) -> None:
         """In a transaction of its own. When the gateway is stopped meanwhile and it takes long: not this time."""
@@ -341,15 +342,6 @@ class DatabaseWriter:
         """A statement makes progress; called by SQLite. Whether it is interrupted."""
         now = self._asked_s = time.monotonic()
         return self._pruning and self._closing_s is not None and now - self._closing_s > self._silent_s
-
-    def _check_place(self, opened: os.stat_result) -> None:
-        """A file that is deleted stays open, and whatever is written to it is lost in the end."""
-        try:
-            if os.path.samestat(opened, self._path.stat()):
-                return
-        except FileNotFoundError:
-            raise GoneError("the database was deleted while the gateway ran") from None
-        raise GoneError("another file was put in its place while the gateway ran")
 
     def _next(self, until_s: float) -> Item | None:
         """What is to be executed next; None: nothing came until then, or the writer is closed."""

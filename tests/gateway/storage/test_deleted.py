@@ -1,14 +1,19 @@
 """The database is deleted while the gateway runs: it is noticed and told, and another one begun."""
 
 import multiprocessing
+import os
+import sqlite3
 import time
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 
 import pytest
 
 from gateway.events import DecisionMade, FrameMade, MeasurementEnded, ReadingsTaken
-from gateway.storage import History, Store, StoreError
+from gateway.storage import History, Store, StoreError, damage_found
+from gateway.storage.place import PlaceWatch
+from gateway.storage.schema import connect
 from tests.benches import telemetry_examples as example
 from tests.benches.stepped_clock import SteppedClock
 from tests.benches.store_writer import step
@@ -102,3 +107,71 @@ def test_who_deletes_all_that_is_there_does_not_delete_the_lock(tmp_path: Path) 
         said = answers.get(timeout=60)
         other.join()
     assert "another gateway writes to it" in said
+
+
+@pytest.mark.parametrize("left", [0, 50, 4096, 5 * 4096 + 7])
+def test_a_file_that_is_cut_in_place_is_set_aside(left: int, tmp_path: Path) -> None:
+    path = tmp_path / "g.sqlite"
+    with store_at(path) as store:
+        make(store, 0)
+    with store_at(path) as store:
+        store.begin("{}", "hash", "versions")
+        store.record(MeasurementEnded(example.OUTCOME))
+        make(store, 1)
+        store.flush()
+        os.truncate(path, left)
+        until(lambda: bool(store.health.mended))
+        assert f"it was cut to {left} bytes while the gateway ran" in store.health.mended
+        make(store, 2)
+        until(lambda: not store.health.problem and not store.health.waiting)
+    with History(path) as history:
+        assert 2 in [found.frame.k for found in history.steps()]
+        assert history.config() == ("{}", "hash", "versions")
+        assert [m.number for m in history.measurements()] == [example.OUTCOME.number], "the reference of all others"
+    assert not damage_found(path)
+    assert len(list(tmp_path.glob("g.sqlite.damaged-*"))) >= 1
+
+
+def test_a_file_that_another_program_makes_smaller_in_order_stays(tmp_path: Path) -> None:
+    path = tmp_path / "g.sqlite"
+    with store_at(path) as store:
+        store.begin("{}", "hash", "versions")
+        for k in range(100):
+            make(store, k)
+        store.flush()
+        with closing(sqlite3.connect(path, timeout=60.0)) as tool:
+            tool.execute("DELETE FROM event")
+            tool.execute("DELETE FROM decision WHERE k < 90")
+            tool.execute("DELETE FROM frame WHERE k < 90")
+            tool.commit()
+            tool.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+            before = path.stat().st_size
+            tool.execute("VACUUM")
+            tool.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+        assert path.stat().st_size < before
+        for k in range(100, 120):
+            make(store, k)
+            store.flush()  # the thread looks before each commit
+        assert not store.health.mended
+    with History(path) as history:
+        assert [found.frame.k for found in history.steps()] == list(range(90, 120))
+
+
+def test_a_reader_that_keeps_a_checkpoint_from_the_last_page_is_no_cut(tmp_path: Path) -> None:
+    """The header then counts a page that is in the log alone, and the file does not reach as far."""
+    path = tmp_path / "g.sqlite"
+    with closing(connect(path)) as writer, closing(sqlite3.connect(path)) as reader:
+        writer.execute("CREATE TABLE t (x)")
+        writer.commit()
+        writer.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+        place = PlaceWatch(path)
+        writer.executemany("INSERT INTO t VALUES (?)", [("x" * 3000,)] * 5)
+        writer.commit()
+        reader.execute("BEGIN")
+        reader.execute("SELECT count(*) FROM t").fetchone()
+        writer.execute("UPDATE t SET x = 'y' WHERE rowid = 5")
+        writer.commit()
+        writer.execute("PRAGMA wal_checkpoint(PASSIVE)")
+        data = path.read_bytes()
+        assert len(data) < 4096 * int.from_bytes(data[28:32], "big")
+        place.look()

@@ -1,0 +1,50 @@
+"""Whether the database that is open is still at its path, and has not been cut."""
+
+from os.path import samestat
+from pathlib import Path
+
+from gateway.storage.faults import DamagedError, GoneError
+
+_MAGIC = b"SQLite format 3\0"
+_HEADER = 100
+_PAGE_SIZE_AT, _PAGES_AT = 16, 28
+"""Big-endian numbers of two and of four bytes; a page of 65,536 bytes is written as 1."""
+
+
+class PlaceWatch:
+    """Of a file that is open from now on.
+
+    Whatever is written to a file that is deleted is lost in the end. SQLite does not notice either that another program
+    cuts the file: it reads the log and its memory, and its next checkpoint writes around what is missing.
+
+    Raises FileNotFoundError.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path, self._seen = path, path.stat()
+
+    def look(self) -> None:
+        """Raises GoneError or DamagedError. A `stat`, unless the file has become smaller.
+
+        To be smaller than its header says is no proof: a checkpoint beside a reader leaves out pages that have changed
+        again, and the last one may be among them. Nor is to become smaller, which VACUUM does.
+        """
+        before = self._seen
+        try:
+            self._seen = self._path.stat()
+        except FileNotFoundError:
+            raise GoneError("the database was deleted while the gateway ran") from None
+        if not samestat(before, self._seen):
+            raise GoneError("another file was put in its place while the gateway ran")
+        if self._seen.st_size < before.st_size and self._seen.st_size < _expected_size(self._path):
+            raise DamagedError(f"it was cut to {self._seen.st_size} bytes while the gateway ran")
+
+
+def _expected_size(path: Path) -> float:
+    """By the header; infinite: it does not begin as a database."""
+    with path.open("rb") as file:
+        header = file.read(_HEADER)
+    if len(header) < _HEADER or not header.startswith(_MAGIC):
+        return float("inf")
+    page = int.from_bytes(header[_PAGE_SIZE_AT : _PAGE_SIZE_AT + 2], "big")
+    return (65536 if page == 1 else page) * int.from_bytes(header[_PAGES_AT : _PAGES_AT + 4], "big")
