@@ -8,7 +8,7 @@ import zenoh
 
 from gateway.collect.progress import TablePlace
 from gateway.config import Telemetry
-from gateway.telemetry import StoredRows, TelemetryError, ask, keys, page_config, running, without_path
+from gateway.telemetry import StoredRows, TelemetryError, ask_only, keys, page_config, running, without_path
 
 
 class SiteNetwork:
@@ -56,4 +56,4 @@ class SiteNetwork:
             table if place is None else f"{table}:{place[0]}:{place[1]}" for table, place in after.items()
         )
         key = f"{keys.root(self._telemetry.prefix, machine)}/{keys.STORED}"
-        return ask(self._open, f"{key}?after={places};limit={limit}", StoredRows, self._limit_s)
+        return ask_only(self._open, f"{key}?after={places};limit={limit}", StoredRows, self._limit_s)

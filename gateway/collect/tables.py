@@ -1,6 +1,8 @@
 """Converts the rows that gateways send to Arrow tables by day."""
 
+import re
 from bisect import bisect_right
+from collections import Counter
 from collections.abc import Iterator
 from itertools import pairwise
 
@@ -11,6 +13,11 @@ from gateway.telemetry import StoredColumn, StoredTable
 
 _TYPES = {"time": pa.timestamp("us", tz="UTC"), "text": pa.string(), "number": pa.float64(), "whole": pa.int64()}
 
+_EPOCH = re.compile(r"[0-9a-f]{32}")
+_LARGEST = 2**63 - 1
+_OURS = ("epoch", "row", "machine", "day")
+"""Columns that are added, or that a reader of the folder gets from the names of folders."""
+
 
 def arrow_of(table: StoredTable, above: int | None) -> pa.Table:
     """The rows with their epoch and number, without those that are there already.
@@ -19,6 +26,7 @@ def arrow_of(table: StoredTable, above: int | None) -> pa.Table:
 
     Raises ValueError for rows that contradict themselves: another program's, or damaged on the way.
     """
+    _check_place(table)
     ascending = all(a < b for a, b in pairwise(table.numbers))
     if table.numbers and not (ascending and table.numbers[-1] <= table.last):
         raise ValueError(f"rows {table.numbers[0]} to {table.numbers[-1]} do not ascend up to {table.last}")
@@ -31,6 +39,19 @@ def arrow_of(table: StoredTable, above: int | None) -> pa.Table:
     numbers = pa.array(table.numbers, pa.int64())
     rows = pa.table([*arrays, pa.repeat(table.epoch, len(numbers)), numbers], [*names, "epoch", "row"])
     return rows if above is None else rows.slice(bisect_right(table.numbers, above))
+
+
+def _check_place(table: StoredTable) -> None:
+    """Raises ValueError for what no gateway says: it would be asked for again without end, or be in no file."""
+    if table.epoch is not None and not _EPOCH.fullmatch(table.epoch):
+        raise ValueError(f"epoch {table.epoch[:40]!r}: expected 32 hexadecimal digits")
+    for number in (*table.numbers[:1], *table.numbers[-1:], table.last, table.thinned or 0):
+        if abs(number) > _LARGEST:
+            raise ValueError(f"row {number}: no row has such a number")
+    names = Counter([*(column.name for column in table.columns), *_OURS])
+    for name, many in names.items():
+        if many > 1:
+            raise ValueError(f"column {name}: is there twice, or has a name that the collector gives")
 
 
 def by_day(rows: pa.Table) -> Iterator[tuple[str, pa.Table]]:
@@ -55,7 +76,7 @@ def _array(column: StoredColumn) -> pa.Array:
     try:
         match column.kind:
             case "text":
-                places = pa.array(column.values, pa.int32())
+                places = pa.array(column.values).cast(pa.int32())  # refuses fractions
                 return pa.DictionaryArray.from_arrays(places, pa.array(column.texts, pa.string())).cast(pa.string())
             case "time":
                 seconds = pa.array(column.values, pa.float64(), from_pandas=True)

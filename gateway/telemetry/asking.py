@@ -32,6 +32,27 @@ def ask(session: zenoh.Session, selector: str, answer: type[_Answer], limit_s: f
     return decode_answer(answer, _first(session, selector, limit_s).payload.to_bytes())
 
 
+def ask_only(session: zenoh.Session, selector: str, answer: type[_Answer], limit_s: float) -> _Answer:
+    """As `ask`, but waits until all have answered who can, and takes no answer when two gateways give one.
+
+    Raises OSError also then.
+    """
+    every = zenoh.ConsolidationMode.NONE  # else one of several answers of one key is passed on
+    found, last = dict[str, zenoh.Sample](), None
+    for reply in session.get(selector, timeout=limit_s, consolidation=every):
+        if reply.ok is not None:
+            found[str(reply.replier_id)] = reply.ok
+        last = reply
+    if len(found) > 1:
+        many = f"{len(found)} gateways answer under this name, and their rows would be mixed"
+        raise OSError(f"{many}; give each its own [machine] name")
+    for sample in found.values():
+        return decode_answer(answer, sample.payload.to_bytes())
+    if last is not None and last.err is not None:
+        raise OSError(decode_refusal(last.err.payload.to_bytes()))
+    raise OSError(f"no answer within {limit_s:g} s")
+
+
 def command(session: zenoh.Session, root: str, by: CommandSigner, name: CommandName, limit_s: float) -> CommandAnswer:
     """Give the gateway whose keys begin with `root` a command; blocks for at most `limit_s`, twice.
 

@@ -71,6 +71,27 @@ async def test_each_row_arrives_once_over_the_network_and_a_gateway_that_is_gone
         assert collecting.machines["mill"].problem == ""
 
 
+async def test_rows_of_two_gateways_of_one_name_are_not_mixed_and_come_when_one_has_another(tmp_path: Path) -> None:
+    ports, stores = (free_port(), free_port()), (tmp_path / "a.sqlite", tmp_path / "b.sqlite")
+    telemetry = Telemetry(listen=(), connect=tuple(map(here, ports)))
+    for database, many in zip(stores, (4, 6), strict=True):
+        with Store(database, "boot-1", SteppedClock()) as store:
+            write(store, range(many))
+    with SiteFolder(tmp_path / "site") as folder, SiteNetwork(telemetry, LIMIT_S) as network:
+        collecting = Collector(network, folder)
+        async with gateway(ports[0], stores[0]):
+            async with gateway(ports[1], stores[1]):
+                while not collecting.machines or "2 gateways answer" not in collecting.machines["mill"].problem:
+                    await asyncio.to_thread(collecting.turn, 0.0)  # until it is connected to both
+                problem = collecting.machines["mill"].problem
+                assert problem.endswith("give each its own [machine] name")
+            now_s = 0.0
+            while collecting.machines["mill"].problem:
+                now_s += 100.0
+                await asyncio.to_thread(collecting.turn, now_s)
+    assert count(tmp_path / "site", "steps") == 4
+
+
 async def test_by_mutual_tls_it_is_one_of_the_readers(tmp_path: Path) -> None:
     authority, port, database = PlantAuthority(tmp_path / "plant"), free_port(), tmp_path / "g.sqlite"
     where = f"tls/127.0.0.1:{port}"
