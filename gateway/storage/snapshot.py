@@ -7,8 +7,10 @@ a third of a learner's are zero.
 
 import hashlib
 import json
-from collections.abc import Callable, Iterator, Mapping
+import sqlite3
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -23,6 +25,8 @@ _CHECKSUM, _LENGTH = hashlib.sha256().digest_size, 8
 ARRAY_KINDS = {"f": "<f8", "i": "<i8", "b": "|b1"}
 """How arrays are stored, by the kind of their numbers."""
 _SPARSE = "<f8"
+_AT_ONCE = 65_536
+"""Numbers that are packed at once; a multiple of 8."""
 
 
 class SnapshotError(Exception):
@@ -48,13 +52,46 @@ class Snapshot:
         """Grid index of its last step."""
         return -1 if self.state.last_k is None else self.state.last_k
 
-    def __conform__(self, protocol: object) -> bytes:
-        """For SQLite: encoded when it is written, in the writer's thread."""
-        return encode_snapshot(self)
-
 
 def encode_snapshot(snapshot: Snapshot) -> bytes:
     """The bytes of a snapshot."""
+    _, pieces = _encoded(snapshot)
+    body = b"".join(pieces)
+    return hashlib.sha256(body).digest() + body
+
+
+def put_snapshots(connection: sqlite3.Connection, statement: str, rows: Iterable[Sequence[object]]) -> None:
+    """Store each piece by piece: it is megabytes, and SQLite would hold several copies of them.
+
+    Parameters
+    ----------
+    statement: inserts a row with a `state` of zeros, whose size is its last value
+    rows: the values before that one, and the Snapshot
+    """
+    for row in rows:
+        _put(connection, statement, row)
+
+
+def _put(connection: sqlite3.Connection, statement: str, row: Sequence[object]) -> None:
+    *before, snapshot = row
+    if not isinstance(snapshot, Snapshot):
+        raise TypeError(f"{snapshot!r}: expected a snapshot")
+    size, pieces = _encoded(snapshot)
+    number = connection.execute(statement, (*before, _CHECKSUM + size)).lastrowid
+    if number is None:
+        raise RuntimeError(f"stores no snapshot: {statement}")
+    checksum = hashlib.sha256()
+    with connection.blobopen("snapshot", "state", number) as state:
+        state.seek(_CHECKSUM)
+        for piece in pieces:
+            checksum.update(piece)
+            state.write(piece)
+        state.seek(0)
+        state.write(checksum.digest())
+
+
+def _encoded(snapshot: Snapshot) -> tuple[int, Iterator[bytes]]:
+    """How many bytes follow the checksum, and the bytes, piece by piece."""
     plain, arrays = to_plain(snapshot.state)
     header = {
         "marks": snapshot.marks,
@@ -65,13 +102,9 @@ def encode_snapshot(snapshot: Snapshot) -> bytes:
         "arrays": [[name, ARRAY_KINDS[array.dtype.kind], array.shape] for name, array in arrays.items()],
     }
     text = json.dumps(header, separators=(",", ":")).encode()
-    parts = [_NAME, len(text).to_bytes(_LENGTH, "little"), text]
-    for array in arrays.values():
-        parts += _packed(np.ascontiguousarray(array, dtype=ARRAY_KINDS[array.dtype.kind]))
-    checksum = hashlib.sha256()
-    for part in parts:
-        checksum.update(part)
-    return b"".join([checksum.digest(), *parts])
+    begin = _NAME + len(text).to_bytes(_LENGTH, "little") + text
+    ordered = [np.ascontiguousarray(array, dtype=ARRAY_KINDS[array.dtype.kind]) for array in arrays.values()]
+    return len(begin) + sum(map(_packed_size, ordered)), chain([begin], *map(_packed, ordered))
 
 
 def marks_of(data: bytes) -> str:
@@ -119,10 +152,22 @@ def _packed(array: NDArray[Any]) -> Iterator[bytes]:
     if array.dtype != _SPARSE:
         yield array.tobytes()
         return
-    bits = array.reshape(-1).view("<u8")  # -0.0 is not zero here
-    there = bits != 0
-    yield np.packbits(there).tobytes()
-    yield bits[there].tobytes()
+    bits = _bits(array)
+    parts = [bits[begin : begin + _AT_ONCE] for begin in range(0, len(bits), _AT_ONCE)]
+    for part in parts:
+        yield np.packbits(part != 0).tobytes()
+    for part in parts:
+        yield part[part != 0].tobytes()
+
+
+def _packed_size(array: NDArray[Any]) -> int:
+    """How many bytes `_packed` gives."""
+    return array.nbytes if array.dtype != _SPARSE else (array.size + 7) // 8 + 8 * int(np.count_nonzero(_bits(array)))
+
+
+def _bits(array: NDArray[Any]) -> NDArray[np.uint64]:
+    """The numbers' own bits: -0.0 is not zero here."""
+    return array.reshape(-1).view("<u8")
 
 
 def _unpacked(data: memoryview, kind: str, shape: tuple[int, ...]) -> tuple[NDArray[Any], memoryview]:

@@ -274,7 +274,7 @@ class Store:
         """
         slot = "coalesce((SELECT 1 - slot FROM snapshot ORDER BY k DESC LIMIT 1), 0)"
         row = snapshot.k, self._clock.utc().isoformat(), snapshot
-        statement = f"INSERT OR REPLACE INTO snapshot SELECT {slot}, ?1, ?2, ?3 WHERE ?1 IS NOT NULL"
+        statement = f"INSERT OR REPLACE INTO snapshot VALUES ({slot}, ?, ?, zeroblob(?))"
         self._writer.put(statement, [row], kind=WaitingKind.SNAPSHOTS)
 
     def _mend(self, why: str) -> str:

@@ -20,6 +20,7 @@ from gateway.storage.damage import contradiction
 from gateway.storage.faults import DamagedError, GoneError, StoreError
 from gateway.storage.place import PlaceWatch
 from gateway.storage.schema import connect, is_damage
+from gateway.storage.snapshot import put_snapshots
 from gateway.storage.waiting import Item, Rows, Waiting, WaitingKind, tables_of
 
 log = logging.getLogger(__name__)
@@ -360,11 +361,10 @@ class DatabaseWriter:
 
     def _execute(self, connection: sqlite3.Connection, item: Item) -> None:
         try:
-            connection.executemany(item.statement, item.rows)
             if item.kind is WaitingKind.SNAPSHOTS:
-                # Python keeps the statement, and SQLite with it a copy of what was bound last: megabytes, until the
-                # next day's. `Store.keep` states that a row of NULLs stores nothing.
-                connection.execute(item.statement, [None] * len(item.rows[0]))
+                put_snapshots(connection, item.statement, item.rows)
+            else:
+                connection.executemany(item.statement, item.rows)
         except _REFUSED as error:
             if not self._refused:
                 # Pages that contradict each other may refuse any row.

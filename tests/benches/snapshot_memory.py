@@ -1,6 +1,7 @@
 """`python -m tests.benches.snapshot_memory CONFIG COUNT`: `run`, of which only a store runs, which takes snapshots.
 
-A day passes between two of them. Prints the process's memory in MB, once the learner has learnt and after each one.
+A day passes between two of them. Prints the process's memory in MB, once the learner has learnt and after each one, and
+the most since the line before.
 """
 
 import asyncio
@@ -31,6 +32,14 @@ def resident_mb() -> float:
     return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
 
 
+def most_mb() -> float:
+    """The most that this process had since this was last asked, MB."""
+    status = Path("/proc/self/status").read_text(encoding="ascii")
+    (kb,) = (line.split()[1] for line in status.splitlines() if line.startswith("VmHWM:"))
+    Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
+    return float(kb) * 1024 / 1e6
+
+
 def taken(config: GatewayConfig, clock: ServiceClock, count: int) -> None:
     """Take so many snapshots, each once the one before it is on the disk."""
     draw, names = np.random.default_rng(1), config.input_names
@@ -44,7 +53,7 @@ def taken(config: GatewayConfig, clock: ServiceClock, count: int) -> None:
             if k % STEPS_A_DAY == STEPS_A_DAY - 1:
                 store.flush()
                 store.flush()  # now the writer no longer holds the last row before it
-                print(resident_mb(), flush=True)
+                print(resident_mb(), most_mb(), flush=True)
             for event in (FrameMade(frame), DecisionMade(past.controller.step(frame))):
                 store.record(event)
                 keeper.take(event)
