@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from drivers.opcua.device import OpcUaDevice
     from drivers.opcua.nodes import NodeName, NodeValue, node_name
     from drivers.opcua.profile import OpcUaProfile
-    from drivers.opcua.settings import OpcUaBusSettings, OpcUaServer, OpcUaSettings
+    from drivers.opcua.settings import OpcUaBusSettings, OpcUaServer, OpcUaSettings, ServerUrl
 else:
     __getattr__ = on_first_use(
         __name__,
@@ -22,7 +22,7 @@ else:
             ".device": ("OpcUaDevice",),
             ".nodes": ("NodeName", "NodeValue", "node_name"),
             ".profile": ("OpcUaProfile",),
-            ".settings": ("OpcUaBusSettings", "OpcUaServer", "OpcUaSettings"),
+            ".settings": ("OpcUaBusSettings", "OpcUaServer", "OpcUaSettings", "ServerUrl"),
         },
     )
 
@@ -35,5 +35,6 @@ __all__ = [
     "OpcUaProfile",
     "OpcUaServer",
     "OpcUaSettings",
+    "ServerUrl",
     "node_name",
 ]

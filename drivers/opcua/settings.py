@@ -9,11 +9,13 @@ from drivers.section import FilePath, NotEmpty, Positive, Section, matching, wro
 
 DEFAULT_PORT = 4840
 
+ServerUrl = Annotated[str, matching(r"opc\.tcp://[^/:\s]+(:\d+)?(/\S*)?", "opc.tcp://host:port")]
+
 
 class OpcUaServer(Section):
     """Where a server is and how to connect to it."""
 
-    url: Annotated[str, matching(r"opc\.tcp://[^/:\s]+(:\d+)?(/\S*)?", "opc.tcp://host:port")]
+    url: ServerUrl
     """Endpoint of the OPC UA server, such as `opc.tcp://192.168.214.1:4840`; 4840 is the default port."""
     security: Literal["none", "Basic256Sha256"] = "Basic256Sha256"
     """`Basic256Sha256` signs and encrypts; `none` sends everything unencrypted: never for a

@@ -193,7 +193,7 @@ def _wires(answers: Answers) -> Iterator[_Wire]:
         bus = CanScan(place, BITRATES[:1], _NODES, LISTEN_S, CAN_TIMEOUT_S)
         yield _Wire(channel, len(_NODES), _by(partial(scan_can, bus)))
     if answers.hosts:
-        parts = [host.partition(":") for host in answers.hosts]
+        parts = [host.partition(":") for host in dict.fromkeys(answers.hosts)]
         hosts = TcpScan(tuple((host, int(port) if port else None) for host, _, port in parts), (1,), TCP_TIMEOUT_S)
         yield _Wire(", ".join(answers.hosts), hosts.requests, _by(partial(scan_hosts, hosts)))
 

@@ -84,6 +84,7 @@ def check(config: Path) -> None:
     """Check CONFIG without touching the network."""
     from gateway.cli.opening import armed, contents
     from gateway.config import ConfigError, credential_problems, described, other_kinds, unarmed
+    from gateway.scan import to_confirm
 
     checked = read_config(config)
     if wrong := list(credential_problems(checked.telemetry, datetime.now(UTC))):
@@ -99,6 +100,8 @@ def check(config: Path) -> None:
         click.echo(f"kinds of other packages: {', '.join(usable)}")
     for consequence in unarmed(checked):
         click.echo(consequence)
+    if guesses := to_confirm(config.read_text(encoding="utf-8")):
+        click.echo(f"still to confirm: {len(guesses)} (line {', '.join(str(number) for number, _ in guesses)})")
 
 
 @main.command()

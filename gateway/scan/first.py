@@ -5,23 +5,32 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
 from drivers.bus_settings import FASTEST_BAUD, SLOWEST_BAUD
 from drivers.mtconnect import AgentUrl, MachineOfAgent, SuggestedItems
+from drivers.opcua import ServerUrl
 from drivers.section import HostName, NotEmpty, Section, matching
 from gateway.config import Name, parse, read_as, toml_value
 from gateway.scan.found import Place
 from gateway.scan.fragment import CONFIRM, merged
 
-GivenHost = Annotated[str, matching(r"[^:\s]+(:\d{1,5})?", "host, or host:port")]
+
+def _port_exists(text: str) -> str:
+    _, _, port = text.partition(":")
+    if port and not 0 < int(port) < 65536:
+        raise ValueError(f"{text!r}: expected a port from 1 to 65535")
+    return text
+
+
+GivenHost = Annotated[str, matching(r"[^:\s]+(:\d{1,5})?", "host, or host:port"), AfterValidator(_port_exists)]
 
 
 class SinumerikAnswers(Section):
     """Where the SINUMERIK is, and who the gateway is to it."""
 
     kind: Literal["sinumerik"]
-    url: NotEmpty = "opc.tcp://192.168.214.1:4840"
+    url: ServerUrl = "opc.tcp://192.168.214.1:4840"
     """Endpoint of the control's OPC UA server."""
     user: str = "talc"
     """OPC UA user; empty: none, the certificate alone identifies the gateway."""

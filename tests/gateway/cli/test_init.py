@@ -22,7 +22,7 @@ from gateway.scan import ScanPort
 from simulators.devices import M7015, Adam6015, RtuLine, TcpHost
 from simulators.nc import Activity, DayPart, EmulatedControl, LoadCase, MeanLoads, Security, User
 from simulators.nc.access import APPLICATION_URI
-from tests.benches.command import beside
+from tests.benches.command import beside, here
 from tests.benches.emulated_bench import Rigid
 from tests.benches.mtconnect_agent import mtconnect_agent
 from tests.benches.reference_agent import REFERENCE, served_agent
@@ -107,7 +107,29 @@ def test_typed_answers_make_a_configuration_that_check_accepts(tmp_path: Path) -
     assert "14 lines to confirm" in done.output
     for number, line in enumerate(file.read_text(encoding="utf-8").splitlines(), start=1):
         assert ("CONFIRM:" in line) == (f"  line {number}: " in done.output)
-    assert CliRunner().invoke(main, ["check", str(file)]).exit_code == 0
+    checked = CliRunner().invoke(main, ["check", str(file)])
+    assert checked.exit_code == 0
+    lines = [str(number) for number, line in enumerate(file.read_text("utf-8").splitlines(), 1) if "CONFIRM:" in line]
+    assert f"still to confirm: 14 (line {', '.join(lines)})\n" in checked.output
+    file.write_text(file.read_text(encoding="utf-8").replace("CONFIRM: ", ""), encoding="utf-8")
+    assert "confirm" not in CliRunner().invoke(main, ["check", str(file)]).output
+
+
+@pytest.mark.parametrize(
+    ("answers", "said"),
+    [
+        ('hosts = ["127.0.0.1:99999"]', "'127.0.0.1:99999': expected a port from 1 to 65535"),
+        ('hosts = ["127.0.0.1:0"]', "'127.0.0.1:0': expected a port from 1 to 65535"),
+        ('[control]\nkind = "sinumerik"\nurl = "192.168.1.1"', "'192.168.1.1': expected opc.tcp://host:port"),
+    ],
+)
+def test_an_answer_that_leads_nowhere_is_refused_before_anything_is_scanned(
+    answers: str, said: str, tmp_path: Path
+) -> None:
+    (tmp_path / "answers.toml").write_text(f'machine = "mill"\n{answers}\n', encoding="utf-8")
+    done = here("init", str(tmp_path / "gateway.toml"), "--answers", str(tmp_path / "answers.toml"))
+    assert done.code == 2
+    assert said in done.err
 
 
 def test_a_file_of_answers_asks_nothing(tmp_path: Path) -> None:
