@@ -17,6 +17,10 @@ from tests.benches.simulated_time import real_monotonic_s, simulated_time
 # Before NumPy is imported: tests run side by side, and BLAS threads that wait for a core cost a hundredfold.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+# What imports and the collection of tests make stays to the end, nearly a million objects: the garbage collector is off
+# meanwhile and leaves them alone afterwards, or it would look through them again and again.
+gc.disable()
+
 # How long an example takes tells about this computer, not about the code.
 settings.register_profile("any computer", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("any computer")
@@ -28,6 +32,12 @@ _GRACE_S = 30.0
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """The slow ones first, so that no worker has one left when the others have ended."""
     items.sort(key=lambda item: item.get_closest_marker("slow") is None)
+
+
+def pytest_collection_finish() -> None:
+    gc.freeze()
+    gc.set_threshold(10_000)  # `no_leaks` collects whenever something is left open; it does not wait for this
+    gc.enable()
 
 
 _phase_began_s = pytest.StashKey[float]()
