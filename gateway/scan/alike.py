@@ -13,7 +13,7 @@ _COUNTS = (16, 8, 1)
 _REGISTERS, _BITS = (3, 4), (2, 1)
 _MOST_ASKS = 4
 _SILENT, _CLOSED = "silent", "closed"
-_Answer = tuple[int, ...] | str
+_UnitAnswer = tuple[int, ...] | str
 """Words, or in words why there are none."""
 
 
@@ -90,7 +90,7 @@ async def are_same(bus: ModbusBus, one: int, other: int) -> bool:
     return True
 
 
-async def _words(bus: ModbusBus, unit: int, block: Block) -> _Answer:
+async def _words(bus: ModbusBus, unit: int, block: Block) -> _UnitAnswer:
     why = _SILENT
     for ask in range(_MOST_ASKS):
         try:

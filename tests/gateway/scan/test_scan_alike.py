@@ -18,7 +18,7 @@ TIMEOUT_S = 0.2
 WIRES = ["tcp", "rtu", "rtu over tcp"]
 
 
-class Registers:
+class FilledRegisters:
     """A unit with sixteen registers of one function, the first of which may change whenever it is read."""
 
     def __init__(self, first: int, function: int = 3, *, live: bool = False) -> None:
@@ -70,29 +70,31 @@ async def found(wire: str, served: Mapping[int, ModbusUnit], units: range) -> tu
 @pytest.mark.parametrize("wire", WIRES)
 @pytest.mark.parametrize("after", [4, 8, 32])
 async def test_ids_that_repeat_are_named_once(after: int, wire: str, live: bool) -> None:
-    served = wrapped({1: Registers(100, live=live), 3: Registers(300, live=live)}, after)
+    served = wrapped({1: FilledRegisters(100, live=live), 3: FilledRegisters(300, live=live)}, after)
     units, told = await found(wire, served, range(1, 41))
     assert units == [1, 3]
     assert f"repeats its unit ids after {after}: 1 and {1 + after} are one device; the lowest are shown" in told
 
 
 async def test_ids_that_use_seven_bits_are_named_once() -> None:
-    units, told = await found("tcp", wrapped({2: Registers(100), 120: Registers(300)}, 128, 255), range(1, 256))
+    units, told = await found(
+        "tcp", wrapped({2: FilledRegisters(100), 120: FilledRegisters(300)}, 128, 255), range(1, 256)
+    )
     assert units == [2, 120]
     assert "repeats its unit ids after 128: 2 and 130 are one device" in told
 
 
 @pytest.mark.parametrize("wire", WIRES)
 async def test_a_device_that_answers_to_every_id_is_one(wire: str) -> None:
-    units, told = await found(wire, dict.fromkeys(range(1, 248), Registers(100, live=True)), range(2, 20))
+    units, told = await found(wire, dict.fromkeys(range(1, 248), FilledRegisters(100, live=True)), range(2, 20))
     assert units == [2]
     assert "answers to every unit id: one device, shown as unit 2" in told
 
 
 @pytest.mark.parametrize("wire", WIRES)
 async def test_who_answers_to_every_id_may_have_others_behind_it(wire: str) -> None:
-    served: dict[int, ModbusUnit] = dict.fromkeys(range(1, 248), Registers(100, live=True))
-    units, told = await found(wire, {**served, 1: Registers(700), 5: Registers(700)}, range(1, 8))
+    served: dict[int, ModbusUnit] = dict.fromkeys(range(1, 248), FilledRegisters(100, live=True))
+    units, told = await found(wire, {**served, 1: FilledRegisters(700), 5: FilledRegisters(700)}, range(1, 8))
     assert units == [1, 2, 5]
     assert "answers to every unit id: one device, shown as unit 2" in told
 
@@ -101,15 +103,15 @@ async def test_who_answers_to_every_id_may_have_others_behind_it(wire: str) -> N
 @pytest.mark.parametrize(
     ("make", "ids"),
     [
-        (lambda: Registers(0), (1, 17)),
-        (lambda: Registers(0), (1, 2, 3)),
-        (lambda: Registers(0, 4), (1, 2, 9, 10)),
-        (lambda: Registers(0), (1, 17, 33)),
+        (lambda: FilledRegisters(0), (1, 17)),
+        (lambda: FilledRegisters(0), (1, 2, 3)),
+        (lambda: FilledRegisters(0, 4), (1, 2, 9, 10)),
+        (lambda: FilledRegisters(0), (1, 17, 33)),
     ],
     ids=["two apart", "three in a row", "two pairs", "three apart"],
 )
 async def test_devices_that_hold_the_same_are_not_taken_for_one(
-    make: Callable[[], Registers], ids: tuple[int, ...], wire: str
+    make: Callable[[], FilledRegisters], ids: tuple[int, ...], wire: str
 ) -> None:
     """An id more that would be theirs, if ids repeated, does not answer."""
     units, told = await found(wire, {unit: make() for unit in ids}, range(1, 41))
@@ -119,9 +121,9 @@ async def test_devices_that_hold_the_same_are_not_taken_for_one(
 
 async def test_who_refuses_every_id_alike_is_asked_with_more() -> None:
     """The ids that were asked may not be its own."""
-    units, told = await found("tcp", {u: Registers(0, 9 if u < 247 else 3) for u in range(256)}, range(1, 33))
+    units, told = await found("tcp", {u: FilledRegisters(0, 9 if u < 247 else 3) for u in range(256)}, range(1, 33))
     assert units == [1]
     assert "refuses every unit asked as it refuses unknown ones" in told
     assert "--units 1-247?" in told
-    units, told = await found("tcp", {u: Registers(0, 9 if u < 247 else 3) for u in range(256)}, range(1, 248))
+    units, told = await found("tcp", {u: FilledRegisters(0, 9 if u < 247 else 3) for u in range(256)}, range(1, 248))
     assert (units, told) == ([247], "")
