@@ -81,11 +81,13 @@ async def play_bus(
     match kind:
         case "modbus_rtu" | "me_rs485":
             script = stream_script(passed)
+            script.is_rtu = kind == "modbus_rtu"
             line = PlayedLine(script)
             return Played(bus, kind, {"port": _link(folder / bus, await line.start())}, script, line)
         case "modbus_tcp" | "modbus_rtu_tcp" | "me_ethernet":
             numbered = kind == "modbus_tcp"
             script = stream_script(unnumbered(passed) if numbered else passed)
+            script.is_rtu = kind == "modbus_rtu_tcp"
             host = PlayedHost(script, numbered=numbered)
             return Played(bus, kind, {"host": "127.0.0.1", "port": await host.start()}, script, host)
         case "mqtt":

@@ -5,10 +5,11 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 
+from simulators.devices.covered_reads import REQUEST_BYTES, TimedBytes, is_read
 from simulators.devices.loopback import Connection, LoopbackServer
 from simulators.devices.multicast_bus import MulticastBus
 from simulators.devices.pty_port import PtyPort
-from simulators.devices.script import HANG_UP, Script, TimedBytes, frame_key, frame_of, numbered
+from simulators.devices.script import HANG_UP, Script, frame_key, frame_of, numbered
 from simulators.devices.slcan_adapter import CanFrame, SlcanAdapter
 
 _MBAP = 7
@@ -30,6 +31,9 @@ class _Requests:
             request = next((r for r in self._script.answers if self._heard.startswith(r)), None)
             if request is not None:
                 self._heard = self._heard[len(request) :]
+                yield request
+            elif self._script.is_rtu and is_read(self._heard[:REQUEST_BYTES]):
+                request, self._heard = self._heard[:REQUEST_BYTES], self._heard[REQUEST_BYTES:]
                 yield request
             elif any(r.startswith(self._heard) for r in self._script.answers):
                 return

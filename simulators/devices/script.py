@@ -6,13 +6,12 @@ A repeated request gets the next of its recorded answers; after the last one the
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
+from simulators.devices.covered_reads import TimedBytes, covering, part_of
+
 EXTENDED = 1 << 31
 """Added to an identifier of 29 bits."""
 HANG_UP = None
 """Instead of bytes: the device closed the connection."""
-
-TimedBytes = tuple[float, bytes | None]
-"""Seconds after the request (or after the start), and what came."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,18 +37,27 @@ class Script:
     lasts_s: float = 0.0
     """Length of the recording, after which the unasked messages are repeated."""
     unknown: int = 0
-    """Requests that were not in the recording."""
+    """Requests that were not in the recording, nor a part of one that was."""
+    is_rtu: bool = False
+    """Modbus RTU: a request that reads a part of what was recorded gets that part."""
     _turns: dict[bytes, int] = field(default_factory=dict)
 
     def answer(self, request: bytes) -> Sequence[TimedBytes]:
         """The next answers to this request; empty if it was never made."""
         said = self.answers.get(request)
         if said is None:
-            self.unknown += 1
-            return ()
-        turn = self._turns.get(request, 0)
-        self._turns[request] = turn + 1
-        return said[turn % len(said)]
+            whole = covering(request, self.answers) if self.is_rtu else None
+            if whole is None:
+                self.unknown += 1
+                return ()
+            return part_of(request, whole, self._next(whole))
+        answer = self._next(request)
+        self._turns[request] = self._turns.get(request, 0) + 1
+        return answer
+
+    def _next(self, request: bytes) -> Sequence[TimedBytes]:
+        said = self.answers[request]
+        return said[self._turns.get(request, 0) % len(said)]
 
 
 def stream_script(events: Sequence[Passed]) -> Script:
