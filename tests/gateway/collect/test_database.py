@@ -326,8 +326,9 @@ def test_a_zero_byte_in_a_text_does_not_stop_a_machine(server: Postgres, databas
 @pytest.mark.parametrize(
     ("columns", "said"),
     [
-        ((StoredColumn("n", "whole", [1, 2]), StoredColumn("n", "whole", [1, 2])), "a column is there twice"),
-        ((StoredColumn("machine", "text", [0, 0], ("mill",)),), "is named machine or other"),
+        ((StoredColumn("n", "whole", [1, 2]), StoredColumn("n", "whole", [1, 2])), "column n: is there twice"),
+        ((StoredColumn("machine", "text", [0, 0], ("mill",)),), "column machine: is there twice, or has a name that"),
+        ((StoredColumn("other", "text", [0, 0], ("mill",)),), "is named machine or other"),
         ((StoredColumn("n\0", "whole", [1, 2]),), "database: "),
     ],
 )
