@@ -28,6 +28,8 @@ from gateway.storage import History, answered
 from talc.frame import FloatArray
 
 _SCATTER_CYCLES, _SCATTER_GROWN = 10, 2.0
+_MASTER = "/dev/ptmx"
+"""The other end of a pseudo-terminal."""
 _DAY_STEPS, _SAME_K, _MOVED_K = 288, 0.02, 0.5
 
 
@@ -139,8 +141,9 @@ def _other_programs(config: GatewayConfig, root: Path) -> Iterator[Ailment]:
     ports = {os.path.realpath(port): bus.name for bus in config.buses if (port := _serial_port(bus))}
     users: dict[str, set[str]] = {}
     for process in (root / "proc").glob("[0-9]*"):
-        for target in _open_files(process):
-            if target in ports:
+        opened = set(_open_files(process))
+        for target in opened & ports.keys():
+            if not (target.startswith("/dev/pts/") and _MASTER in opened):  # `play` is the devices, not a second master
                 users.setdefault(target, set()).add(process.name)
     for port, processes in users.items():
         if len(processes) > 1:

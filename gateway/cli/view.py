@@ -204,7 +204,7 @@ def _readings(s: ViewState) -> RenderableType:
         grid.add_column(justify="right", no_wrap=True)
     cells = [
         cell
-        for channel, value in s.values.items()
+        for channel, value in sorted(s.values.items())
         for cell in (Text(channel), Text(value, style="" if s.channels[channel] == Quality.GOOD else "red"))
     ]
     width = 2 * _READINGS_BESIDE
@@ -341,7 +341,9 @@ class LiveView:
             for text in s.unarmed:
                 self._print(f"  {text}")
             if s.values:
-                self._print("  " + ", ".join(f"{channel} {value}" for channel, value in s.values.copy().items()))
+                self._print(
+                    "  " + ", ".join(f"{channel} {value}" for channel, value in sorted(s.values.copy().items()))
+                )
 
     def _print(self, line: str) -> None:
         self._console.print(line, highlight=False, soft_wrap=True)

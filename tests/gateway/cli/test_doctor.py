@@ -177,6 +177,18 @@ def test_a_second_program_on_a_serial_line_is_found(config: GatewayConfig, root:
     assert found(config, root) == [f"bus 'rtu1': {tmp_path}/line is open in 2 processes: 17, 23 (minicom)"]
 
 
+@pytest.mark.parametrize(("other", "seen"), [("/dev/ptmx", False), ("/dev/null", True)])
+def test_who_plays_the_devices_of_a_line_is_no_second_program(
+    other: str, seen: bool, config: GatewayConfig, root: Path, tmp_path: Path
+) -> None:
+    (tmp_path / "line").symlink_to("/dev/pts/4711")
+    for process, opened in (("17", ("/dev/pts/4711",)), ("23", ("/dev/pts/4711", other))):
+        (root / "proc" / process / "fd").mkdir(parents=True)
+        for number, target in enumerate(opened):
+            (root / "proc" / process / "fd" / str(number)).symlink_to(target)
+    assert len(found(config, root)) == seen
+
+
 @pytest.mark.parametrize(
     "fields", ['kind = "me_rs485"\nport = "line2"', 'kind = "canopen"\ninterface = "slcan"\nchannel = "line2"']
 )

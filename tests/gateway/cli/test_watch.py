@@ -191,3 +191,18 @@ def test_the_lines_say_what_is_not_armed(capsys: pytest.CaptureFixture[str]) -> 
     summary, *more = capsys.readouterr().out.splitlines()
     assert "0 measurements" in summary
     assert more == [f"  {NOT_ARMED}"]
+
+
+@pytest.mark.parametrize("order", [("bed", "column", "ram"), ("ram", "bed", "column")])
+def test_channels_stand_in_the_order_of_their_names(order: tuple[str, ...], capsys: pytest.CaptureFixture[str]) -> None:
+    state, console = ViewState("mill"), Console(width=80)
+    for name in order:
+        state.apply(
+            ReadingMessage("b", 1, "2026-01-05T06:00:00+00:00", "system", name, 21.0, "degC", "good", "", 0.0, 1, "")
+        )
+    with console.capture() as shown:
+        console.print(render(state))
+    with LiveView(state, plain=True, summary_at_once=True):
+        pass
+    for text in (shown.get(), capsys.readouterr().out):
+        assert text.index("bed") < text.index("column") < text.index("ram")
