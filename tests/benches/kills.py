@@ -188,8 +188,9 @@ class GatewayLife:
                 keeper = SnapshotKeeper(past, store, self._config, every_steps=4)
                 control = KeptControl(self._left.nck, self._clock, self._left.requests, death)
                 with patch("gateway.service.control_of", lambda *_: control):
+                    sinks = self._note, store.record, partial(self._flush, store), keeper.take
                     service = Service(
-                        self._config, self._clock, in_order([self._note, store.record, keeper.take]), past,
+                        self._config, self._clock, in_order(sinks), past,
                         health=lambda: store.health, identity=Identity.of(self._name, store.earlier_boot),
                         on_disk=partial(self._on_disk, store),
                     )  # fmt: skip
@@ -210,9 +211,6 @@ class GatewayLife:
                 store.record(reading(10 * len(self._left.decided) + i))
             await self._clock.run_until(self._clock.monotonic() + _STEP_S)
             assert not running.done(), running
-            if self._draw.random() < 0.5:
-                store.flush()
-                self._all_stored()
         self._death.end(PROBING)
         with self._death.within("stop"):
             stop.set()
@@ -223,6 +221,12 @@ class GatewayLife:
     async def _on_disk(self, store: Store) -> None:
         with self._clock.hold():
             await store.on_disk(_LIMIT_S)
+
+    def _flush(self, store: Store, event: GatewayEvent) -> None:
+        """Half of the decisions are waited for, at once: a commit that comes later than it says is then found."""
+        if isinstance(event, DecisionMade) and self._draw.random() < 0.5:
+            store.flush()
+            self._all_stored()
 
     def _note(self, event: GatewayEvent) -> None:
         if isinstance(event, DecisionMade):

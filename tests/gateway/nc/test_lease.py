@@ -166,3 +166,21 @@ async def test_what_happened_to_a_write_is_told_and_it_goes_on() -> None:
     bench.lease.tell("a write arrived late")
     assert bench.notices == [Notice("late write to NC", "a write arrived late")]
     assert bench.lease.right is Right.HEARD
+
+
+async def test_a_slow_ramp_takes_the_offsets_back_too_and_only_once_it_is_disarmed() -> None:
+    bench = LeaseBench(slew_um_per_s=0.5)
+    assert await bench.beats(True) == []
+    assert not bench.lease.taken_back
+    bench.lease.disarm("another program wrote")
+    assert bench.lease.taken_back
+
+
+async def test_half_of_an_odd_silence_is_not_rounded() -> None:
+    bench = LeaseBench(watchdog_s=9.0)
+    await bench.beats(True)
+    bench.clock.spend(4.4)
+    bench.lease.check_fresh()
+    bench.clock.spend(0.2)
+    with pytest.raises(NoAnswer, match=r"more than 4\.5 s since the heartbeat"):
+        bench.lease.check_fresh()
