@@ -5,11 +5,13 @@ moved to their places; the next start repeats missing moves. So each row is ther
 moment. A reader of the folder sees only complete files. A day's last part is replaced by a larger one until it is full.
 """
 
+import errno
 import fcntl
 import logging
 import os
 import re
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -80,17 +82,22 @@ class SiteFolder:
 
         Raises ValueError for a name that no gateway has or a damaged file, OSError.
         """
-        found = load_progress(self._progress_path(machine))
-        self._move(found)
-        for left in self._incoming(machine).glob("*"):  # of a batch that does not count
-            left.unlink()
-        return found
+        with self._told():
+            found = load_progress(self._progress_path(machine))
+            self._move(found)
+            for left in self._incoming(machine).glob("*"):  # of a batch that does not count
+                left.unlink()
+            return found
 
     def add(self, machine: str, commit: Commit) -> CollectProgress:
         """Make a batch count; when this returns its rows and the progress are on the disk.
 
         Raises OSError or ValueError; then ask `progress` again, which says whether it counts.
         """
+        with self._told():
+            return self._added(machine, commit)
+
+    def _added(self, machine: str, commit: Commit) -> CollectProgress:
         batch, moves = commit.progress.batch + 1, list[tuple[str, str]]()
         incoming = self._incoming(machine)
         incoming.mkdir(exist_ok=True)
@@ -106,6 +113,19 @@ class SiteFolder:
         save_progress(self._progress_path(machine), counted)
         self._move(counted)
         return counted
+
+    @contextmanager
+    def _told(self) -> Iterator[None]:
+        """Say where it happened and what to do. Raises CollectError instead of OSError."""
+        try:
+            yield
+        except OSError as error:
+            why = error.strerror or str(error)
+            where = f" ({error.filename})" if error.filename else ""
+            todo = "free some space" if error.errno in (errno.ENOSPC, errno.EDQUOT) else "see to its disk"
+            raise CollectError(
+                f"{self._path}: cannot be written or read: {why}{where}; {todo}. The gateways keep their rows meanwhile"
+            ) from error
 
     def _progress_path(self, machine: str) -> Path:
         return self._path / _PROGRESS / f"{checked_machine(machine)}.json"

@@ -1,5 +1,6 @@
 """Everything that gateways stored is collected once and in order, whoever was away or killed meanwhile."""
 
+import errno
 import os
 from collections.abc import Callable, Mapping
 from contextlib import closing
@@ -160,6 +161,29 @@ def test_killed_or_failing_at_any_moment_it_loses_and_doubles_nothing(
         assert kept(out) == whole, f"interrupted at call {broken + 1}"
         broken += every
     assert broken > 20
+
+
+@pytest.mark.parametrize(
+    ("number", "said"), [(errno.ENOSPC, "free some space"), (errno.EROFS, "see to its disk")], ids=["full", "read-only"]
+)
+def test_a_disk_that_takes_nothing_is_told_with_what_to_do(
+    number: int, said: str, site: StoredSite, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def sync(descriptor: int) -> None:
+        raise OSError(number, os.strerror(number), "part.parquet")
+
+    write(site, "mill", range(3))
+    with SiteFolder(tmp_path / "site") as folder:
+        collecting = collector(site, folder)
+        with monkeypatch.context() as patched:
+            patched.setattr("os.fsync", sync)
+            catch_up(collecting)
+            assert collecting.machines["mill"].problem == (
+                f"{tmp_path / 'site'}: cannot be written or read: {os.strerror(number)} (part.parquet); {said}. "
+                "The gateways keep their rows meanwhile"
+            )
+        catch_up(collecting, 30.0)
+    assert kept(tmp_path / "site") == expected(range(3))
 
 
 def test_it_goes_on_after_gateways_were_killed_and_their_stores_put_back(site: StoredSite, tmp_path: Path) -> None:
