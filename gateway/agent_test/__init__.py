@@ -7,22 +7,20 @@ from drivers.first_use import on_first_use
 if TYPE_CHECKING:
     from gateway.agent_test.clause import Clause, ClauseOutcome, ClauseResult, Moves
     from gateway.agent_test.clauses import CLAUSES, run_clauses
-    from gateway.agent_test.line import AgentUnderTest, BareLine, Broken, Unreachable
+    from gateway.agent_test.line import AgentUnderTest, Unreachable
 else:
     __getattr__ = on_first_use(
         __name__,
         {
             ".clause": ("Clause", "ClauseOutcome", "ClauseResult", "Moves"),
             ".clauses": ("CLAUSES", "run_clauses"),
-            ".line": ("AgentUnderTest", "BareLine", "Broken", "Unreachable"),
+            ".line": ("AgentUnderTest", "Unreachable"),
         },
     )
 
 __all__ = [
     "CLAUSES",
     "AgentUnderTest",
-    "BareLine",
-    "Broken",
     "Clause",
     "ClauseOutcome",
     "ClauseResult",

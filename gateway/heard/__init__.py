@@ -9,7 +9,6 @@ if TYPE_CHECKING:
     from gateway.heard.instants import instant
     from gateway.heard.machine import (
         KEPT,
-        OLD_S,
         Applied,
         Estimated,
         Explained,
@@ -30,7 +29,6 @@ else:
             ".instants": ("instant",),
             ".machine": (
                 "KEPT",
-                "OLD_S",
                 "Applied",
                 "Estimated",
                 "Explained",
@@ -48,7 +46,6 @@ else:
 
 __all__ = [
     "KEPT",
-    "OLD_S",
     "Applied",
     "Estimated",
     "Explained",

@@ -8,7 +8,7 @@ if TYPE_CHECKING:
     from gateway.nc.boundary import contained_control
     from gateway.nc.build import control_of
     from gateway.nc.link import NcLink
-    from gateway.nc.routes import ByErrors, Form, form_of
+    from gateway.nc.routes import ByErrors
     from gateway.nc.settings import Earlier, Identity, LinkSettings, Listeners
     from gateway.nc.slew import Offsets, Slew, Step, Write
     from gateway.nc.standing import still_wrong
@@ -20,7 +20,7 @@ else:
             ".boundary": ("contained_control",),
             ".build": ("control_of",),
             ".link": ("NcLink",),
-            ".routes": ("ByErrors", "Form", "form_of"),
+            ".routes": ("ByErrors",),
             ".settings": ("Earlier", "Identity", "LinkSettings", "Listeners"),
             ".slew": ("Offsets", "Slew", "Step", "Write"),
             ".standing": ("still_wrong",),
@@ -31,7 +31,6 @@ else:
 __all__ = [
     "ByErrors",
     "Earlier",
-    "Form",
     "Identity",
     "LinkSettings",
     "Listeners",
@@ -44,6 +43,5 @@ __all__ = [
     "Write",
     "contained_control",
     "control_of",
-    "form_of",
     "still_wrong",
 ]

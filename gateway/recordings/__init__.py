@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from gateway.recordings.layout import TextLayout, Unknown, line_ranges
     from gateway.recordings.problems import FileProblems, RecordingError
     from gateway.recordings.table import write_table
-    from gateway.recordings.times import TIME_UNITS, TimeFormat, forms_of, second_of, unit_in
+    from gateway.recordings.times import TIME_UNITS, TimeFormat, forms_of, second_of
     from gateway.recordings.wire_log import (
         BusTap,
         WireEvent,
@@ -33,7 +33,7 @@ else:
             ".layout": ("TextLayout", "Unknown", "line_ranges"),
             ".problems": ("FileProblems", "RecordingError"),
             ".table": ("write_table",),
-            ".times": ("TIME_UNITS", "TimeFormat", "forms_of", "second_of", "unit_in"),
+            ".times": ("TIME_UNITS", "TimeFormat", "forms_of", "second_of"),
             ".wire_log": (
                 "BusTap",
                 "WireEvent",
@@ -69,6 +69,5 @@ __all__ = [
     "read_recording",
     "read_wire_log",
     "second_of",
-    "unit_in",
     "write_table",
 ]
