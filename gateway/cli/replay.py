@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-import math
 import shlex
 from dataclasses import asdict, dataclass, replace
 from datetime import UTC
@@ -190,8 +189,6 @@ def _calibrated(sections: TalcOnly, recording: Recording, minutes: float, file: 
     if sections.talc.method == "learner":
         what = 'the learner has no calibration; it is for `method = "models"`, with --config'
         raise ConfigError(file, [Problem("--calibration-interval", what)])
-    if not math.isfinite(minutes):
-        raise ConfigError(file, [Problem("--calibration-interval", f"{minutes:g} is not a time in minutes")])
     every, control = max(round(minutes * 60.0 / recording.step_s), 1), sections.talc.control
     steps = max(control.calibration_steps, _LEAST_CALIBRATION * every)
     try:

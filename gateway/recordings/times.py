@@ -23,6 +23,8 @@ _LATEST_S = datetime(2200, 1, 1, tzinfo=UTC).timestamp()
 _SINCE_S = datetime(1980, 1, 1, tzinfo=UTC).timestamp()
 _EXCEL = datetime(1899, 12, 30)  # noqa: DTZ001  # the zone is the clock's
 _FAR_DAYS = 200_000
+_MS_OF_A_DAY = 86_400_000
+"""Excel counts to the millisecond; a day with eight decimals comes within half of one."""
 _HOUR_S = 3600.0
 _FRACTIONS = (("milliseconds", "ms"), ("microseconds", "us"), ("nanoseconds", "ns"))
 _CALLED = {
@@ -59,7 +61,7 @@ class TimeFormat:
     def second_of(self, cell: object) -> float | None:
         """UTC seconds of a cell; None: it is no such time."""
         if self.form == "excel" and (days := number_of(cell, default=None)) is not None:
-            cell = _EXCEL + timedelta(days=days) if abs(days) < _FAR_DAYS else None
+            cell = _EXCEL + timedelta(milliseconds=round(days * _MS_OF_A_DAY)) if abs(days) < _FAR_DAYS else None
         elif self.form not in ("", "excel"):
             try:
                 cell = datetime.strptime(str(cell), self.form)  # noqa: DTZ007  # the zone is this clock's
