@@ -106,7 +106,7 @@ def init(path: Path, answers_file: Path | None, limit_s: float) -> int:
     text = first_configuration(given, places, path, items)
     path.write_text(text, encoding="utf-8")
     guesses = to_confirm(text)
-    click.echo(f"{path} written; {len(guesses)} lines to confirm:")
+    click.echo(f"{path} written; {len(guesses)} line{'' if len(guesses) == 1 else 's'} to confirm:")
     for number, what in guesses:
         click.echo(f"  line {number}: {what}")
     click.echo(f"next: talc-gateway check {path}; talc-gateway probe {path}; docs/arming.md leads from there")
