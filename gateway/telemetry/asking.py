@@ -1,5 +1,7 @@
 """A reader's questions: which gateways run, and what one of them answers to a query or a command."""
 
+import queue
+from contextlib import suppress
 from typing import Final, TypeVar
 
 import zenoh
@@ -12,6 +14,8 @@ from gateway.telemetry.codec import decode_answer, decode_refusal
 from gateway.telemetry.command_signer import CommandSigner
 
 _Answer = TypeVar("_Answer", bound=Struct)
+_OTHERS_S = 1.0
+"""How long a second answer is waited for."""
 COMMAND_LIMIT_S: Final = 70.0
 """How long to wait for the answer to a command: the gateway waits for its disk."""
 
@@ -33,16 +37,20 @@ def ask(session: zenoh.Session, selector: str, answer: type[_Answer], limit_s: f
 
 
 def ask_only(session: zenoh.Session, selector: str, answer: type[_Answer], limit_s: float) -> _Answer:
-    """As `ask`, but waits until all have answered who can, and takes no answer when two gateways give one.
+    """As `ask`, but waits a moment for others, and takes no answer when two gateways give one.
 
     Raises OSError also then.
     """
     every = zenoh.ConsolidationMode.NONE  # else one of several answers of one key is passed on
-    found, last = dict[str, zenoh.Sample](), None
-    for reply in session.get(selector, timeout=limit_s, consolidation=every):
-        if reply.ok is not None:
-            found[str(reply.replier_id)] = reply.ok
-        last = reply
+    replies = queue.Queue[zenoh.Reply | None]()
+    take = zenoh.handlers.Callback(replies.put, lambda: replies.put(None))
+    session.get(selector, take, timeout=limit_s, consolidation=every)
+    found, last, wait_s = dict[str, zenoh.Sample](), None, limit_s + _OTHERS_S
+    with suppress(queue.Empty):  # one that has just gone is waited for by Zenoh itself, until the limit
+        while (reply := replies.get(timeout=wait_s)) is not None:
+            if reply.ok is not None:
+                found[str(reply.replier_id)], wait_s = reply.ok, _OTHERS_S
+            last = reply
     if len(found) > 1:
         many = f"{len(found)} gateways answer under this name, and their rows would be mixed"
         raise OSError(f"{many}; give each its own [machine] name")
