@@ -71,14 +71,18 @@ async def connected(bus: Bus, driver: Driver) -> None:
 
 
 async def until_good(bus: Bus, driver: Driver) -> Sequence[Reading]:
+    said: object = None
     for _ in range(20):
-        with suppress(DriverError):
+        try:
             readings = await driver.read()
             if {reading.quality for reading in readings} == {Quality.GOOD}:
                 return readings
+            said = readings
+        except DriverError as error:
+            said = error
         with suppress(DriverError):
             await connected(bus, driver)
-    raise AssertionError("no good reading after twenty attempts")
+    raise AssertionError(f"no good reading after twenty attempts: {said!r}")
 
 
 async def read_spoilt(rig: Rig, seeds: Iterable[int]) -> int:
