@@ -69,7 +69,7 @@ TABLE: dict[str, HowShown] = {
     # The service and what it left.
     r"check (gateway\.toml|CONFIG|FILE|/etc/.*)": RunAsShown("gateway.toml: good. "),
     r"doctor (gateway\.toml|CONFIG|/etc/.*)": RunAsShown("what to do: ", 3),
-    r"status (gateway\.toml|CONFIG|/etc/.*)": RunAsShown("not read lately", 3),
+    r"status (gateway\.toml|CONFIG|/etc/.*)": RunAsShown("channels: none of", 3),
     r"replay (DB|out/demo/gateway\.sqlite)": RunAsShown("identical"),
     r"replay FILE": RunAsShown("EZ0T held"),
     r"replay benchmarks/.*": RunElsewhere("tests/test_documented_commands.py", "fl_thermal.csv"),
