@@ -20,7 +20,7 @@ from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError
 from drivers.base import BadAnswer, ConnectError, DriverError, NoAnswer, Refused
 from drivers.can import Receiver, interface_error, open_interface, shut
 from drivers.canopen.events import NodeEvents
-from drivers.canopen.frames import LatestFrames, pass_on
+from drivers.canopen.frames import FittingAnswers, LatestFrames, pass_on
 from drivers.canopen.place import CanObject
 from drivers.canopen.settings import CanOpenSettings
 from drivers.patience import Patience
@@ -40,6 +40,10 @@ _NEVER_VALUES = CanObject(0x1000, 0), CanObject(0x1001, 0), CanObject(0x1018, 0)
 """Objects that every node has (CiA 301) and that no channel reads."""
 
 
+class Uncounted(bytes):
+    """Four bytes of which the node does not say how many count: as many as the object's type has (CiA 301)."""
+
+
 class CanOpenBus:
     """Nodes on one CAN interface. Requests to all nodes queue for one thread."""
 
@@ -54,6 +58,7 @@ class CanOpenBus:
         self._doubtful: set[int] = set()
         self._never_values = cycle(_NEVER_VALUES)
         self._events: dict[int, NodeEvents] = {}
+        self._fitting: dict[int, FittingAnswers] = {}
         self._frames = LatestFrames()
 
     @property
@@ -97,6 +102,19 @@ class CanOpenBus:
         Raises NoAnswer, BadAnswer, Refused (SDO abort) or ConnectError (interface lost).
         """
         return await self._in_thread(lambda: self._upload(device, node, objects, most_bytes))
+
+    async def upload_each(
+        self, device: str, node: int, objects: Sequence[CanObject]
+    ) -> list[bytes | BadAnswer | Refused]:
+        """As `upload`, but with the error of each object that is refused or badly answered in its place."""
+
+        def each(wanted: CanObject) -> bytes | BadAnswer | Refused:
+            try:
+                return self._upload(device, node, (wanted,))[0]
+            except (BadAnswer, Refused) as error:
+                return error
+
+        return await self._in_thread(lambda: [each(wanted) for wanted in objects])
 
     async def start_node(self, device: str, node: int, identifiers: Sequence[int]) -> None:
         """Make the node operational (NMT), and keep these TPDOs from the first one on. Raises ConnectError."""
@@ -164,6 +182,10 @@ class CanOpenBus:
             # The library keeps every emergency without limit and fails on short heartbeats or commands: it gets none.
             for identifier in (0, 0x80 + node, 0x700 + node):
                 self._network.unsubscribe(identifier)
+            remote = self._network[node].sdo
+            self._network.unsubscribe(remote.tx_cobid)
+            self._fitting[node] = FittingAnswers(remote.on_response)
+            self._network.subscribe(remote.tx_cobid, self._fitting[node].put)
             self._network.subscribe(0x80 + node, self.events(node).on_emergency)
             self._network.subscribe(0x700 + node, self.events(node).on_heartbeat)
         sdo = self._network[node].sdo
@@ -181,13 +203,14 @@ class CanOpenBus:
         wanted = next(self._never_values)
         address = wanted.index.to_bytes(2, "little") + bytes((wanted.subindex,))
         sdo.responses = queue.Queue()
+        self._fitting[node].expect(wanted)
         self._send(device, sdo.rx_cobid, bytes((_SDO_READ,)) + address + bytes(4))
         until = monotonic() + self._settings.timeout_s
         try:
             while sdo.responses.get(timeout=max(0.0, until - monotonic()))[1:4] != address:
                 pass
         except queue.Empty:
-            raise self._silence(device, node, "no answer", self._settings.timeout_s) from None
+            raise self._unanswered(device, node, wanted, self._settings.timeout_s) from None
         self._doubtful.discard(node)
 
     def _synchronise(self, device: str, node: int, identifiers: Sequence[int]) -> dict[int, bytes]:
@@ -237,11 +260,14 @@ class CanOpenBus:
     def _one(self, sdo: Any, device: str, node: int, wanted: CanObject, most_bytes: int) -> bytes:
         data = b""
         sdo.RESPONSE_TIMEOUT = self._patience.wait_s(node, wanted)
+        self._fitting[node].expect(wanted)
         asked_s = monotonic()
         try:
             with sdo.open(wanted.index, wanted.subindex, buffering=0) as segments:
                 while len(data) <= most_bytes and (segment := segments.read(most_bytes)):
                     data += segment
+            if segments.exp_data is not None and segments.size is None:
+                data = Uncounted(data)
         except SdoAbortedError as error:
             raise Refused(
                 f"node {node} refused object {wanted}: {error}",
@@ -257,6 +283,9 @@ class CanOpenBus:
             self._doubtful.add(node)
             size = f"more than {most_bytes} bytes" if data else "nothing"
             raise BadAnswer(f"node {node}, object {wanted} holds {size}", bus=self._name, device=device)
+        if segments.size and len(data) != segments.size:
+            what = f"node {node} sent {len(data)} bytes of object {wanted}, but said {segments.size}"
+            raise BadAnswer(what, bus=self._name, device=device)
         self._patience.answered(node, wanted, monotonic() - asked_s)
         return data
 
@@ -264,10 +293,16 @@ class CanOpenBus:
         self, device: str, node: int, wanted: CanObject, error: Exception, waited_s: float
     ) -> DriverError:
         if "No SDO response" in str(error):
-            hurried = waited_s < self._settings.timeout_s
-            return self._silence(device, node, "no answer", waited_s, hurried=hurried)
+            return self._unanswered(device, node, wanted, waited_s)
         self._doubtful.add(node)
         return BadAnswer(f"node {node}, object {wanted}: {error}", bus=self._name, device=device)
+
+    def _unanswered(self, device: str, node: int, wanted: CanObject, waited_s: float) -> DriverError:
+        silence = self._silence(device, node, "no answer", waited_s, hurried=waited_s < self._settings.timeout_s)
+        if not (other := self._fitting[node].other) or not isinstance(silence, NoAnswer):
+            return silence
+        what = f"node {node}: {other.hex(' ')} is no answer to a request for object {wanted}"
+        return BadAnswer(what, bus=self._name, device=device)
 
     def _silence(self, device: str, node: int, what: str, waited_s: float, *, hurried: bool = False) -> DriverError:
         self._doubtful.add(node)

@@ -1,14 +1,19 @@
 """Frames on a CANopen bus: the filter for the library, and the latest frames that nodes send without being asked."""
 
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from threading import Condition
 from time import monotonic
 from typing import Any
 
 import can
 
+from drivers.canopen.place import CanObject
+
 _SDO_ANSWERS = range(0x581, 0x600)
 _SDO_BYTES = 8
+_KIND, _SEGMENT, _BEGINS, _ABORT = 0xE0, 0x00, 0x40, 0x80
+_AT_ONCE, _TOGGLE = 0x02, 0x10
+"""Of the first byte of an SDO answer: all of the number is in this frame; changes from segment to segment."""
 
 
 def pass_on(network: Any, message: can.Message) -> None:
@@ -50,3 +55,45 @@ class LatestFrames:
     def _fresh(self, oldest_s: float, identifiers: Collection[int]) -> dict[int, bytes]:
         came = self._came
         return {i: came[i][1] for i in identifiers if i in came and came[i][0] >= oldest_s}
+
+
+class FittingAnswers:
+    """Passes on those SDO answers of one node that fit what is asked, and keeps the last of the others.
+
+    An answer that comes twice, or late, does not fit the next request: the library would give up at it, or take another
+    object's abort. The asking thread calls `expect`, the receiving one `put`.
+    """
+
+    def __init__(self, take: Callable[[int, bytes, float], object]) -> None:
+        self._take = take
+        self._address = b""
+        self._toggle: int | None = None
+        self.other = b""
+        """The last answer since the request that did not fit; empty if there was none."""
+
+    def expect(self, wanted: CanObject) -> None:
+        """The next request is for this object."""
+        self._address = wanted.index.to_bytes(2, "little") + bytes((wanted.subindex,))
+        self._toggle, self.other = None, b""
+
+    def put(self, identifier: int, data: bytes | bytearray, timestamp: float) -> None:
+        """A callback of the canopen library."""
+        if self._fits(bytes(data)):
+            self._take(identifier, bytes(data), timestamp)
+        else:
+            self.other = bytes(data)
+
+    def _fits(self, data: bytes) -> bool:
+        kind = data[0] & _KIND
+        if kind == _SEGMENT:
+            if self._toggle is None or data[0] & _TOGGLE != self._toggle:
+                return False
+            self._toggle ^= _TOGGLE
+            return True
+        if kind == _ABORT:  # some nodes state no object
+            return data[1:4] in (self._address, bytes(3))
+        if data[1:4] != self._address or self._toggle is not None:
+            return False
+        if kind == _BEGINS and not data[0] & _AT_ONCE:
+            self._toggle = 0
+        return True

@@ -3,8 +3,8 @@
 import struct
 from collections.abc import Mapping, Sequence
 
-from drivers.base import Clock, Quality, Reading, Refused
-from drivers.canopen.bus import CanOpenBus
+from drivers.base import Clock, DriverError, Quality, Reading
+from drivers.canopen.bus import CanOpenBus, Uncounted
 from drivers.canopen.node import NO_HEARTBEAT, NodeReader
 from drivers.canopen.objects import CanOpenProfile
 from drivers.canopen.place import CanObject
@@ -33,9 +33,11 @@ class CanOpenDevice:
         self._channels = dict(channels)
         units = {name: profile.objects[number].unit or profile.unit for name, number in channels.items()}
         self._maker = ReadingMaker(units, clock)
-        self._refused: dict[CanObject, str] = {}
+        self._by_sdo = options.transfer == "sdo"
+        self._unmapped: Mapping[CanObject, DriverError] = {}
+        """Why objects are not expected in TPDOs."""
         places = tuple(profile.objects[number].place for number in channels.values())
-        self._reader = NodeReader(bus, device, node, options, places, self._check)
+        self._reader = NodeReader(bus, device, node, options, places, self._check, each=True)
 
     @property
     def device(self) -> str:
@@ -50,17 +52,18 @@ class CanOpenDevice:
         await self._reader.connect()
 
     async def read(self, *, again: bool = False) -> Sequence[Reading]:  # noqa: ARG002
-        """One reading per channel. An object that the node refused when it was checked affects its own channel only."""
+        """One reading per channel. An object that the node refuses or answers badly affects its own channel only."""
         objects = await self._reader.read()
-        lost = self._reader.heartbeat_lost
+        silent = self._reader.heartbeat_lost
+        lost = {**self._unmapped, **self._reader.lost}
         values: dict[str, float | Fault] = {}
         for channel, number in self._channels.items():
             place = self._profile.objects[number].place
-            if place in self._refused:
-                values[channel] = Fault(Quality.COMM_FAULT, self._refused[place])
+            if place in lost:
+                values[channel] = Fault(Quality.COMM_FAULT, lost[place].what)
                 continue
             found = self._value(number, objects[place][0])
-            values[channel] = NO_HEARTBEAT if lost and not isinstance(found, Fault) else found
+            values[channel] = NO_HEARTBEAT if silent and not isinstance(found, Fault) else found
         return self._maker.make(values)
 
     async def close(self) -> None:
@@ -68,7 +71,7 @@ class CanOpenDevice:
         self._reader.forget()
 
     async def _check(self) -> None:
-        """Identity, and which objects the node has. Raises WrongDevice, or Refused if it has none of them."""
+        """Identity, and which objects the node has. Raises WrongDevice, or why none of them can be read."""
         reader, profile = self._reader, self._profile
         for subindex, name, wanted in ((1, "vendor_id", profile.vendor_id), (2, "product_code", profile.product_code)):
             if wanted is None:
@@ -78,22 +81,16 @@ class CanOpenDevice:
                 raise reader.wrong(
                     f"node {self._node} has {name} 0x{found:X}, not 0x{wanted:X}", hint="check node id and profile"
                 )
-        refused: dict[CanObject, str] = {}
-        last: Refused | None = None
         places = tuple(dict.fromkeys(profile.objects[number].place for number in self._channels.values()))
-        for place in places:
-            try:
-                await reader.upload(place)
-            except Refused as error:
-                refused[place], last = error.what, error
-        if last is not None and len(refused) == len(places):
-            raise last
-        self._refused = refused
-        reader.ask([place for place in places if place not in refused])
+        readable = await reader.upload_each(places)
+        self._unmapped = {} if self._by_sdo else dict(reader.lost)
+        reader.ask(places if self._by_sdo else list(readable))
 
     def _value(self, number: int, data: bytes) -> float | Fault:
         entry, kind = self._profile.objects[number], self._profile.types[number]
         form = struct.Struct("<" + BYTE_FORMATS[kind])
+        if isinstance(data, Uncounted):
+            data = data[: form.size]
         if len(data) != form.size:
             text = f"object {entry.place} holds {len(data)} bytes, but a {kind} takes {form.size}"
             return Fault(Quality.COMM_FAULT, text)

@@ -29,6 +29,7 @@ class NodeReader:
     Parameters
     ----------
     asked: objects to read by SDO, in this order; one may occur several times
+    each: whether an object that the node refuses or answers badly is left out, instead of failing the read
     check: raises WrongDevice if the node is not what the profile says; called before the first read, and again after a
         restart or a silence
     """
@@ -41,8 +42,12 @@ class NodeReader:
         options: NodeOptions,
         asked: Sequence[CanObject],
         check: Callable[[], Awaitable[None]],
+        *,
+        each: bool = False,
     ) -> None:
-        self._bus, self._device, self._node, self._check = bus, device, node, check
+        self._bus, self._device, self._node, self._check, self._each = bus, device, node, check, each
+        self.lost: dict[CanObject, DriverError] = {}
+        """Why objects were left out of the latest read."""
         self.ask(asked)
         self._heartbeat_s, self._transfer = options.heartbeat_s, options.transfer
         self._heartbeat = HeartbeatWatch(bus.events(node))
@@ -69,7 +74,7 @@ class NodeReader:
         self._heartbeat.begin(limit_s, monotonic())
 
     async def read(self) -> dict[CanObject, list[bytes]]:
-        """Each object as many times as it was asked for, or once from a TPDO.
+        """Each object as many times as it was asked for, or once from a TPDO; those in `lost` are left out.
 
         A node that restarts between two of our requests may be a different one or have a different set-up: what it sent
         in this read is discarded, and read again after the checks. Raises BadAnswer, or the bus's errors.
@@ -97,6 +102,19 @@ class NodeReader:
     async def upload(self, *objects: CanObject) -> list[bytes]:
         """Read these objects by SDO. Raises the bus's errors."""
         return await self._bus.upload(self._device, self._node, objects)
+
+    async def upload_each(self, objects: Sequence[CanObject]) -> dict[CanObject, list[bytes]]:
+        """Read these by SDO, and note in `lost` which cannot be read. Raises that error if none can."""
+        read: dict[CanObject, list[bytes]] = {}
+        self.lost = {}
+        for wanted, data in zip(objects, await self._bus.upload_each(self._device, self._node, objects), strict=True):
+            if isinstance(data, DriverError):
+                self.lost[wanted] = data
+            else:
+                read.setdefault(wanted, []).append(data)
+        if not read and self.lost:
+            raise next(iter(self.lost.values()))
+        return read
 
     def wrong(self, what: str, channel: str = "", hint: str = "") -> WrongDevice:
         """The error of a node that is not what the profile says."""
@@ -133,6 +151,8 @@ class NodeReader:
 
     async def _objects(self) -> dict[CanObject, list[bytes]]:
         """Every object, as many times as it was read."""
+        if self._transfer == "sdo" and self._each:
+            return await self.upload_each(self._asked)
         if self._transfer == "sdo":
             read: dict[CanObject, list[bytes]] = {}
             for asked, data in zip(self._asked, await self.upload(*self._asked), strict=True):
@@ -149,9 +169,15 @@ class NodeReader:
             until_s = max(self._started_s + self._bus.timeout_s, now_s + interval_s)
             frames = await self._bus.latest(self._device, self._node, identifiers, oldest_s, until_s)
         objects = {place: [data] for pdo in self._maps for place, data in pdo.decode(frames[pdo.identifier]).items()}
-        for wanted in self._wanted:
-            if wanted not in objects:
-                raise BadAnswer(f"object {wanted} is missing in its TPDO", bus=self._bus.name, device=self._device)
+        short = "object {} is missing in its TPDO, which is shorter than its mapping".format
+        lost: dict[CanObject, DriverError] = {
+            wanted: BadAnswer(short(wanted), bus=self._bus.name, device=self._device)
+            for wanted in self._wanted
+            if wanted not in objects
+        }
+        if lost and (not self._each or len(lost) == len(self._wanted)):
+            raise next(iter(lost.values()))
+        self.lost = lost
         return objects
 
     async def _pdo_maps(self) -> tuple[PdoMap, ...]:

@@ -238,15 +238,15 @@ def test_frames_of_a_known_node_are_explained(identifier: int, data: int, extend
 @pytest.mark.parametrize(
     ("options", "says"),
     [
-        (("10.0.0.1",), "channel: '10.0.0.1': expected a multicast group, such as 239.74.163.2"),
-        (("can0",), "channel: 'can0': expected a multicast group"),
-        (("239.74.163.2", "--udp-port", "0"), "port: 0: expected at least 1"),
+        (("10.0.0.1",), "error: channel: '10.0.0.1': expected a multicast group, such as 239.74.163.2"),
+        (("can0",), "error: channel: 'can0': expected a multicast group"),
+        (("239.74.163.2", "--udp-port", "0"), "Invalid value for '--udp-port': 0 is not in the range"),
     ],
 )
 def test_invalid_group_is_refused(options: tuple[str, ...], says: str) -> None:
     done = here("scan", "can", *options, "--interface", "udp_multicast")
     assert done.code == 2
-    assert done.err.startswith(f"error: {says}")
+    assert says in done.err
 
 
 @pytest.mark.simulated_time
