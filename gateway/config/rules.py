@@ -31,12 +31,15 @@ from gateway.config.model import GatewayConfig
 from gateway.config.opcua_cautions import server_cautions
 from gateway.config.problems import Problem, suggestion
 from gateway.config.telemetry_rules import telemetry_cautions, telemetry_problems
+from talc.learner import learner_bytes
 from talc.probing import check_poses
 
 _SLOPE_UM_PER_MM = 0.1
 """Of a table that has grown by 12 µm at 120 mm, or an axis tilted by 100 µm/m: usual on a warm machine."""
 _MOST_CHANNELS = 1000
 """A database numbers 2047, in its life and each unit of a channel anew."""
+_MUCH_MEMORY = 300e6
+"""Bytes of a learner; a snapshot and a start take as many again, and the Debian package's service may have 1 GB."""
 _UNSTABLE_PORT = re.compile(r"/dev/tty(USB|ACM)\d+")
 
 
@@ -94,6 +97,7 @@ def cautions(config: GatewayConfig) -> list[Problem]:
         found.append(Problem("[talc] prior", f"has no effect with method = '{config.talc.method}'"))
     if config.nc is not None:
         found += [Problem(f"[nc] {field}", text) for field, text in config.nc.cautions()]
+    found += _memory(config)
     found += _manuals_addresses(config)
     found += _following(config)
     if config.storage.path.is_relative_to("/etc"):
@@ -105,6 +109,20 @@ def cautions(config: GatewayConfig) -> list[Problem]:
             )
         )
     return [*found, *telemetry_cautions(config.telemetry)]
+
+
+def _memory(config: GatewayConfig) -> Iterator[Problem]:
+    """What a learner takes grows with the square of its inputs."""
+    if config.nc is None or config.nc.only_read or config.talc.method != "learner":
+        return  # without measurements it is not touched
+    inputs = len(config.input_names)
+    if (needed := learner_bytes(inputs)) > _MUCH_MEMORY:
+        yield Problem(
+            "[talc] method",
+            f"the learner of {inputs} inputs takes {needed / 1e9:.1f} GB from the first measurement on, and as much "
+            "again at a start and at each day's snapshot; the Debian package's service may have 1 GB: raise MemoryMax, "
+            "or move channels that say nothing of the errors to a gateway without [nc]",
+        )
 
 
 def _manuals_addresses(config: GatewayConfig) -> Iterator[Problem]:

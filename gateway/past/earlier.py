@@ -4,6 +4,7 @@ import json
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field
 
+from drivers.base import SetupError
 from gateway.clock import StepTime
 from gateway.commands import Disarmed, Pause
 from gateway.config import GatewayConfig, parse_prior, validate
@@ -21,6 +22,7 @@ from gateway.past.rebuild import (
 from gateway.storage import DamagedError, History, Store, StoreError
 from talc.control import Controller
 from talc.frame import FloatArray, TrainingJob, Why
+from talc.learner import learner_bytes
 from talc.names import THERMAL_ERRORS
 from talc.settings import TalcSettings
 
@@ -109,7 +111,8 @@ def past_in(
 
     A rebuild of years takes minutes: it stores a snapshot every so many steps, from which the next start continues.
 
-    Raises StoreError as `past_of`, or when the damaged one cannot be set aside; Interrupted as `progress`.
+    Raises StoreError as `past_of`, or when the damaged one cannot be set aside; SetupError if the computer has
+    not the memory; Interrupted as `progress`.
     """
     of_this = marks(config)
 
@@ -125,6 +128,13 @@ def past_in(
         store.repair(error, file)
     except (Interrupted, StoreError):
         raise
+    except MemoryError as error:
+        inputs = len(config.input_names)
+        needed = f"{learner_bytes(inputs) / 1e9:.1f} GB of address space"
+        raise SetupError(
+            f"the computer has no {needed} for the learner of {inputs} inputs",
+            hint="use fewer channels, method = 'models' under [talc], or a computer with more memory",
+        ) from error
     except Exception as error:  # noqa: BLE001 - anything comes of a damaged row; of a whole database it is raised again
         store.repair(error, file)
     with store.same_file(), History(config.storage.path) as history:

@@ -176,9 +176,13 @@ def _unpacked(data: memoryview, kind: str, shape: tuple[int, ...]) -> tuple[NDAr
     if kind != _SPARSE:
         end = size * dtype.itemsize
         return np.frombuffer(data[:end], dtype).reshape(shape).astype(dtype.newbyteorder("=")), data[end:]
-    start = (size + 7) // 8
-    there = np.unpackbits(np.frombuffer(data[:start], np.uint8), count=size).astype(np.bool_)
-    end = start + 8 * int(there.sum())
-    bits = np.zeros(size, dtype="<u8")
-    bits[there] = np.frombuffer(data[start:end], "<u8")
-    return bits.view("<f8").reshape(shape).astype(np.float64), data[end:]
+    at = (size + 7) // 8
+    map_, bits = np.frombuffer(data[:at], np.uint8), np.zeros(size, dtype="<u8")
+    for begin in range(0, size, _AT_ONCE):  # what is zero is not written: untouched memory costs none
+        part = bits[begin : begin + _AT_ONCE]
+        there = np.unpackbits(map_[begin // 8 : (begin + _AT_ONCE) // 8], count=len(part)).astype(np.bool_)
+        end = at + 8 * int(there.sum())
+        if end > at:
+            part[there] = np.frombuffer(data[at:end], "<u8")
+        at = end
+    return bits.view("<f8").reshape(shape).astype(np.float64, copy=False), data[at:]

@@ -8,7 +8,7 @@ import numpy as np
 from talc.frame import BoolArray, FloatArray
 from talc.learner.features import LagBank
 from talc.learner.inputs import InputMemory
-from talc.learner.mixture import Mixture, MixtureState, OtherMachines, Surprise
+from talc.learner.mixture import Mixture, MixtureState, OtherMachines, Surprise, mixture_bytes
 
 TIME_CONSTANTS_S = (0.0, 900.0, 2700.0, 8100.0, 24300.0)
 """0, 15 min, 45 min, 2.25 h, 6.75 h: any smooth response of a machine is near a sum of these."""
@@ -94,6 +94,11 @@ class Weights:
     """(n,) in the units of the inputs."""
     time_constants_s: tuple[float, ...]
     """(L,) of the lags; 0: no lag."""
+
+
+def learner_bytes(inputs: int) -> int:
+    """The most memory that a learner of nine errors takes with so many inputs, from their first measurements on."""
+    return mixture_bytes(inputs, len(TIME_CONSTANTS_S))
 
 
 class RowLearner:

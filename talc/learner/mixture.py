@@ -1,7 +1,7 @@
 """The experts of all thermal errors: Kalman filters of weights, mixed by how well they predict measurements."""
 
 from copy import deepcopy
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,6 +39,8 @@ _EVIDENCE_FROM = 6
 _EVIDENCE = np.array([0.5, 0.1, 0.1, 3.0, 1e-4, 1e2])
 """Weights that the variance before counts for; a smaller relative change is not made; bounds of a change, and of a
 variance over its first one."""
+_LARGE = "covariance", "mixed"
+"""What of a state grows with the square of the inputs."""
 
 
 @dataclass(slots=True, eq=False)
@@ -207,13 +209,13 @@ class Mixture:
 
     def state(self) -> MixtureState:
         """A copy."""
-        return deepcopy(self._s)
+        return _copy_of(self._s)
 
     def restore(self, state: MixtureState) -> None:
         """Continue from a state. ValueError: it has other inputs or experts."""
         if state.mean.shape != self._s.mean.shape:
             raise ValueError(f"mean {state.mean.shape}: expected {self._s.mean.shape}")
-        self._s = deepcopy(state)
+        self._s = _copy_of(state)
 
     def elapse(self, steps: int) -> None:
         """Let this many steps pass."""
@@ -360,3 +362,21 @@ class Mixture:
         self._s.null[j] = min(max(odds, -_NULL_BOUND), _NULL_BOUND)
         if distance < far:
             self._s.shift[j] = mean + variance / spread * from_zero, variance * noise / spread
+
+
+def mixture_bytes(inputs: int, lags: int) -> int:
+    """The most memory that a mixture of nine errors takes, from their first measurements on."""
+    n = inputs * lags + 1
+    return _ERRORS * (len(EXPERTS) + 1) * (n * (n + 1) // 2) * np.dtype(np.float64).itemsize
+
+
+def _copy_of(state: MixtureState) -> MixtureState:
+    """A copy. What covers errors that were never measured is zero, and is left alone: with many inputs it is gigabytes,
+    and zeros that nobody has written take no memory."""
+    own = {field.name: deepcopy(getattr(state, field.name)) for field in fields(state) if field.name not in _LARGE}
+    for name in _LARGE:
+        large = getattr(state, name)
+        own[name] = np.zeros(large.shape)
+        for j in np.flatnonzero(state.count):
+            own[name][j] = large[j]
+    return MixtureState(**own)
