@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from drivers.base import ConnectError, placed
 from drivers.mqtt.packets import publish_packet
+from drivers.mqtt.profile import MOST_BYTES
 from drivers.mqtt.settings import MqttBusSettings
 from drivers.tap import Tap
 
@@ -137,7 +138,8 @@ class MqttBus:
 
     def _hearing(self, loop: asyncio.AbstractEventLoop) -> Callable[[str, bytes, bool], None]:
         def hear(topic: str, payload: bytes, retained: bool) -> None:
-            """Runs in the library's thread; entries are replaced whole."""
+            """Runs in the library's thread; entries are replaced whole. What is too long to be read is cut."""
+            payload = payload[: MOST_BYTES + 1]
             if self._tap is not None:
                 self._tap.data(False, publish_packet(topic, payload, retained=retained))
             known = self._latest.get(topic)

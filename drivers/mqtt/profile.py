@@ -38,7 +38,7 @@ class MqttTopic(LinearValue):
     def read(self, payload: bytes) -> tuple[float | Fault, datetime | None]:
         """The value and its time, UTC, or what is wrong."""
         if len(payload) > MOST_BYTES:
-            return Fault(Quality.SENSOR_FAULT, f"the payload has {len(payload)} bytes, more than {MOST_BYTES}"), None
+            return Fault(Quality.SENSOR_FAULT, f"the payload has more than {MOST_BYTES} bytes"), None
         try:
             content = json.loads(payload)
         except (ValueError, RecursionError):

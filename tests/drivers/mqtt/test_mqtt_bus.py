@@ -130,3 +130,30 @@ async def test_a_broker_that_goes_ends_the_read_and_the_next_connect_finds_it_ag
     finally:
         await bus.close()
         broker.stop()
+
+
+async def test_of_a_payload_that_is_too_long_to_be_read_the_rest_is_not_kept(tmp_path: Path) -> None:
+    with mosquitto(tmp_path) as broker:
+        bus, driver = site(broker, tmp_path, {"plain": 1}, LIMIT_S)
+        try:
+            await bus.connect()
+            say(broker, "plant/plain", "1" * 100_000)
+            await until(driver, Quality.SENSOR_FAULT, detail="the payload has more than 65536 bytes")
+            assert len((await bus.latest("plant", ["plant/plain"]))["plant/plain"].payload) == 65_537
+            say(broker, "plant/plain", "19.6")
+            await until(driver, Quality.GOOD, 19.6)
+        finally:
+            await bus.close()
+
+
+async def test_mosquittos_limit_keeps_long_messages_from_the_gateway(tmp_path: Path) -> None:
+    with mosquitto(tmp_path, ["allow_anonymous true", "message_size_limit 65536"]) as broker:
+        bus, driver = site(broker, tmp_path, {"plain": 1}, LIMIT_S)
+        try:
+            await bus.connect()
+            say(broker, "plant/plain", "1" * 100_000)
+            say(broker, "plant/plain", "19.6")
+            (found,) = await driver.read()
+            assert (found.quality, found.value) == (Quality.GOOD, 19.6)
+        finally:
+            await bus.close()
