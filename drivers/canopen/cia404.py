@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 
-from drivers.base import BadAnswer, Clock, Quality, Reading
+from drivers.base import Clock, DriverError, Quality, Reading, Refused
 from drivers.canopen.bus import CanOpenBus
 from drivers.canopen.node import NO_HEARTBEAT, NodeReader
 from drivers.canopen.place import CanObject
@@ -38,13 +38,9 @@ class Cia404Device:
         self._rules = profile.vendors[options.vendor].status
         self._maker = ReadingMaker(dict.fromkeys(channels, profile.unit), clock)
         self._scales: dict[int, Scaling] = {}
-        # With SDO, the status is read before and after its value, in case the sensor breaks or recovers in between.
-        asked = (
-            CanObject(index, number + 1)
-            for number in channels.values()
-            for index in (STATUS, profile.value_object, STATUS)
-        )
-        self._reader = NodeReader(bus, device, node, options, tuple(asked), self._check)
+        self._absent: dict[int, Refused] = {}
+        """Why inputs cannot be read, since the node was checked."""
+        self._reader = NodeReader(bus, device, node, options, self._objects(), self._check, each=True)
 
     @property
     def device(self) -> str:
@@ -57,21 +53,28 @@ class Cia404Device:
     async def connect(self) -> None:
         """Check device profile, sensor types, units and heartbeat, and read the number of decimal digits.
 
-        Raises WrongDevice, or the bus's errors.
+        Raises WrongDevice, Refused when the node has none of the inputs, or the bus's errors.
         """
         await self._reader.connect()
 
     async def read(self, *, again: bool = False) -> Sequence[Reading]:  # noqa: ARG002
         """One reading per channel. The node's sensors are checked again after a silence or a restart; the values of a
-        node whose heartbeat has stopped are stale."""
+        node whose heartbeat has stopped are stale. An input that the node does not have, or an object that it refuses
+        or answers badly, affects its own channel only."""
         objects = await self._reader.read()
         values: dict[str, float | Fault] = {}
-        lost = self._reader.heartbeat_lost
+        silent = self._reader.heartbeat_lost
+        lost: dict[CanObject, DriverError] = dict(self._reader.lost)
         for channel, number in self._channels.items():
-            (value,) = objects[CanObject(self._profile.value_object, number + 1)]
-            status = next((code for code in map(_code, objects[CanObject(STATUS, number + 1)]) if code), 0)
-            found = self._value(channel, number, value, status)
-            values[channel] = NO_HEARTBEAT if lost and not isinstance(found, Fault) else found
+            places = [CanObject(index, number + 1) for index in (STATUS, self._profile.value_object)]
+            error = self._absent.get(number) or next((lost[place] for place in places if place in lost), None)
+            if error is not None:
+                values[channel] = Fault(Quality.COMM_FAULT, error.what)
+                continue
+            codes, (value,) = (objects[place] for place in places)
+            found = self._value(number, value, next((code for code in map(_code, codes) if code), 0))
+            values[channel] = NO_HEARTBEAT if silent and not isinstance(found, Fault) else found
+        await self._look_again()
         return self._maker.make(values)
 
     async def close(self) -> None:
@@ -79,23 +82,49 @@ class Cia404Device:
         self._reader.forget()
 
     async def _check(self) -> None:
-        """Device profile, sensor types and units. Raises WrongDevice."""
+        """Device profile, sensor types and units. Raises WrongDevice, or Refused if the node has none of the inputs."""
         reader = self._reader
         (device_type,) = await reader.upload(CanObject(DEVICE_TYPE, 0))
         if (number := int.from_bytes(device_type, "little") & 0xFFFF) != _CIA_404:
             raise reader.wrong(f"node {self._node} follows device profile {number}, not 404", hint="check the node id")
         scales: dict[int, Scaling] = {}
+        absent: dict[int, Refused] = {}
         for channel, number in self._channels.items():
-            (sensor,) = await reader.upload(CanObject(SENSOR_TYPE, number + 1))
-            if (kind := int.from_bytes(sensor, "little")) not in self._profile.sensor_types:
-                right = ", ".join(map(str, sorted(self._profile.sensor_types)))
-                raise reader.wrong(
-                    f"sensor type {kind} at input {number}",
-                    channel,
-                    f"set object 6110:{number + 1:02X} to one of {right}",
-                )
-            scales[number] = self._profile.field_scaling or await self._process_scaling(channel, number)
-        self._scales = scales
+            try:
+                scales[number] = await self._checked(channel, number)
+            except Refused as error:
+                absent[number] = error
+        if not scales:
+            raise next(iter(absent.values()))
+        self._scales, self._absent = scales, absent
+        reader.ask(self._objects())
+
+    async def _checked(self, channel: str, number: int) -> Scaling:
+        """The scaling of an input. Raises WrongDevice when it measures something else, or Refused."""
+        (sensor,) = await self._reader.upload(CanObject(SENSOR_TYPE, number + 1))
+        if (kind := int.from_bytes(sensor, "little")) not in self._profile.sensor_types:
+            right = ", ".join(map(str, sorted(self._profile.sensor_types)))
+            raise self._reader.wrong(
+                f"sensor type {kind} at input {number}",
+                channel,
+                f"set object 6110:{number + 1:02X} to one of {right}",
+            )
+        return self._profile.field_scaling or await self._process_scaling(channel, number)
+
+    async def _look_again(self) -> None:
+        """Check the node before the next read if it now has an input that it had not."""
+        for number in self._absent:
+            try:
+                await self._reader.upload(CanObject(SENSOR_TYPE, number + 1))
+            except DriverError:
+                continue
+            self._reader.forget()
+
+    def _objects(self) -> tuple[CanObject, ...]:
+        """What is read. With SDO, the status before and after its value, in case the sensor breaks or recovers."""
+        order = STATUS, self._profile.value_object, STATUS
+        present = (number for number in self._channels.values() if number not in self._absent)
+        return tuple(CanObject(index, number + 1) for number in present for index in order)
 
     async def _process_scaling(self, channel: str, number: int) -> Scaling:
         """The decimal digits of the node's process value. Raises WrongDevice when it has another unit."""
@@ -110,19 +139,15 @@ class Cia404Device:
             )
         return Scaling(scale=10.0 ** -int.from_bytes(digits[:1], "little", signed=True))
 
-    def _value(self, channel: str, number: int, value: bytes, status: int) -> float | Fault:
+    def _value(self, number: int, value: bytes, status: int) -> float | Fault:
         if status:
             unknown = Fault(Quality.SENSOR_FAULT, f"status 0x{status:02X}, which the profile does not define")
             fault = first_fault(self._rules, status & STATUS_BITS) or unknown
             emergency = self._bus.events(self._node).emergency
             return fault if emergency is None else Fault(fault.quality, f"{fault.detail}; the node reports {emergency}")
         if len(value) < (size := self._profile.value_bytes):
-            raise BadAnswer(
-                f"object {self._profile.value_object:04X} holds {len(value)} bytes, not {size}",
-                bus=self._bus.name,
-                device=self._device,
-                channel=channel,
-            )
+            what = f"object {self._profile.value_object:04X} holds {len(value)} bytes, not {size}"
+            return Fault(Quality.COMM_FAULT, what)
         scaling = self._scales[number]
         return int.from_bytes(value[:size], "little", signed=True) * scaling.scale + scaling.offset
 

@@ -263,10 +263,37 @@ async def test_another_device_profile_is_refused() -> None:
             await driver.connect()
 
 
-async def test_input_that_does_not_exist_is_refused() -> None:
-    async with bench(Cia404Node(5, lambda: [20.0], inputs=1)) as (_, driver):
-        with pytest.raises(Refused, match="6110:02"):
+async def test_node_without_any_of_the_inputs_is_refused() -> None:
+    async with bench(Cia404Node(5, list, inputs=0)) as (_, driver):
+        with pytest.raises(Refused, match="6110:01"):
             await driver.connect()
+
+
+@pytest.mark.parametrize("transfer", ["sdo", "sync"])
+async def test_input_that_does_not_exist_takes_its_own_channel_only(transfer: str) -> None:
+    node = Cia404Node(5, lambda: [20.0], inputs=1)
+    async with bench(node, transfer=transfer) as (_, driver):
+        await driver.connect()
+        there, absent = await driver.read()
+        assert (there.quality, there.value) == (Quality.GOOD, pytest.approx(20.0))
+        assert absent.quality is Quality.COMM_FAULT
+        assert "6110:02" in absent.detail
+
+
+async def test_input_that_was_refused_once_is_read_when_it_answers() -> None:
+    class Late(Cia404Node):
+        refuses = True
+
+        def _object(self, index: int, subindex: int) -> bytes | int:
+            return 0x08000022 if self.refuses and (index, subindex) == (0x6110, 2) else super()._object(index, subindex)
+
+    node = Late(5, lambda: TEMPERATURES, inputs=2)
+    async with bench(node) as (_, driver):
+        await driver.connect()
+        assert [r.quality for r in await driver.read()] == [Quality.GOOD, Quality.COMM_FAULT]
+        node.refuses = False
+        await driver.read()
+        assert (await driver.read())[1].value == pytest.approx(TEMPERATURES[1])
 
 
 async def test_four_channels_take_less_than_15_ms() -> None:
