@@ -147,6 +147,7 @@ TABLE: dict[str, HowShown] = {
     ),
     r"python -m tests\.benches\.disk_calls": RunElsewhere("tests/gateway/storage/test_disk_calls.py", "disk_calls"),
     r"python -m tests\.benches\.kills .*": RunElsewhere("tests/system/test_killed_in_phases.py", "kills"),
+    r"python -m tests\.benches\.store_kills .*": RunElsewhere("tests/system/test_killed_in_phases.py", "store_kills"),
     r"python -m tests\.benches\.history_day": RunByNone("fills a day of 30 channels, minutes of processor time"),
     r"python -m tests\.benches\.site .*": RunElsewhere("tests/gateway/collect/test_site.py", "run_site"),
     r"python -m tests\.benches\.tick_latency": RunElsewhere(
