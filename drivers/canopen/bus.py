@@ -210,7 +210,9 @@ class CanOpenBus:
             while sdo.responses.get(timeout=max(0.0, until - monotonic()))[1:4] != address:
                 pass
         except queue.Empty:
-            raise self._silence(device, node, "no answer", self._settings.timeout_s) from None
+            if self._fitting[node].late:
+                raise self._silence(device, node, "no answer", self._settings.timeout_s) from None
+            raise self._unanswered(device, node, wanted, self._settings.timeout_s) from None
         self._doubtful.discard(node)
 
     def _synchronise(self, device: str, node: int, identifiers: Sequence[int]) -> dict[int, bytes]:

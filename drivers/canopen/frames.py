@@ -67,21 +67,29 @@ class FittingAnswers:
     def __init__(self, take: Callable[[int, bytes, float], object]) -> None:
         self._take = take
         self._address = b""
+        self._asked = set[bytes]()
         self._toggle: int | None = None
         self.other = b""
         """The last answer since the request that did not fit; empty if there was none."""
 
+    @property
+    def late(self) -> bool:
+        """Whether that answer would have fitted an earlier request."""
+        return self.other[1:4] in self._asked
+
     def expect(self, wanted: CanObject) -> None:
         """The next request is for this object."""
         self._address = wanted.index.to_bytes(2, "little") + bytes((wanted.subindex,))
+        self._asked.add(self._address)
         self._toggle, self.other = None, b""
 
     def put(self, identifier: int, data: bytes | bytearray, timestamp: float) -> None:
         """A callback of the canopen library."""
-        if self._fits(bytes(data)):
-            self._take(identifier, bytes(data), timestamp)
+        answer = bytes(data)
+        if self._fits(answer):
+            self._take(identifier, answer, timestamp)
         else:
-            self.other = bytes(data)
+            self.other = answer
 
     def _fits(self, data: bytes) -> bool:
         kind = data[0] & _KIND
