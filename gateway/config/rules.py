@@ -31,7 +31,6 @@ from gateway.config.model import GatewayConfig
 from gateway.config.opcua_cautions import server_cautions
 from gateway.config.problems import Problem, suggestion
 from gateway.config.telemetry_rules import telemetry_cautions, telemetry_problems
-from talc.learner import learner_bytes
 from talc.probing import check_poses
 
 _SLOPE_UM_PER_MM = 0.1
@@ -40,6 +39,8 @@ _MOST_CHANNELS = 1000
 """A database numbers 2047, in its life and each unit of a channel anew."""
 _MUCH_MEMORY = 300e6
 """Bytes of a learner; a snapshot and a start take as many again, and the Debian package's service may have 1 GB."""
+_FEW_INPUTS = 100
+"""Their learner takes 0.1 GB."""
 _UNSTABLE_PORT = re.compile(r"/dev/tty(USB|ACM)\d+")
 
 
@@ -116,6 +117,10 @@ def _memory(config: GatewayConfig) -> Iterator[Problem]:
     if config.nc is None or config.nc.only_read or config.talc.method != "learner":
         return  # without measurements it is not touched
     inputs = len(config.input_names)
+    if inputs <= _FEW_INPUTS:
+        return
+    from talc.learner import learner_bytes  # loads the kernel, which programs beside a gateway do without
+
     if (needed := learner_bytes(inputs)) > _MUCH_MEMORY:
         yield Problem(
             "[talc] method",
