@@ -293,7 +293,7 @@ def _written(folder: Path, text: str) -> Path:
     return path
 
 
-_LONG_TRAINING = """
+LONG_TRAINING = """
 [talc]
 method = "models"
 [talc.training]
@@ -349,7 +349,7 @@ def _bench_rows() -> list[BenchRow]:
 def _buses_rows() -> list[BenchRow]:
     with emulated() as addresses, TemporaryDirectory() as name:
         quiet = measured(buses_config(Path(name), addresses))
-        path = buses_config(Path(name), addresses, _LONG_TRAINING)
+        path = buses_config(Path(name), addresses, LONG_TRAINING)
         Path(name, "gateway.sqlite").unlink()
         want_training(load(path))
         busy = measured(path, training=True)

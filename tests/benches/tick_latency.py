@@ -27,7 +27,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 import zenoh
 
-from benchmarks.acquisition import want_training
+from benchmarks.acquisition import LONG_TRAINING, want_training
 from gateway.config import load
 from gateway.telemetry import DecisionMessage, EventMessage, decode
 from simulators.clock import SharedClock
@@ -54,14 +54,8 @@ policy = "fixed"
 measurement_interval_steps = 1
 shortest_interval_steps = 1
 """,
-    "models": """
-[talc]
-method = "models"
-[talc.training]
-selector = "pso"
-max_na = 5
-max_nb = 5
-max_inputs = 12
+    "models": LONG_TRAINING
+    + """
 [talc.control]
 measurement_interval_steps = 1
 no_good_measurements = 1
