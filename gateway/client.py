@@ -2,17 +2,16 @@
 
 import queue
 import re
-from collections.abc import Generator, Iterable, Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from datetime import UTC, date, datetime, time, timedelta, tzinfo
 from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
 import zenoh
-from numpy.typing import NDArray
 
-from drivers.base import Quality
 from gateway.commands import CommandName
+from gateway.history_tables import as_read, asked_s, interval_means
 from gateway.telemetry import (
     COMMAND_LIMIT_S,
     MOST_ROWS,
@@ -22,8 +21,9 @@ from gateway.telemetry import (
     CommandSigner,
     HistoryPage,
     Published,
+    SeveralAnswer,
     StatusMessage,
-    ask,
+    ask_only,
     command,
     decode,
     keys,
@@ -37,16 +37,14 @@ if TYPE_CHECKING:
 
 ANSWER_LIMIT_S = 10.0
 _MOST_WAITING = 20_000
-_GOOD = Quality.GOOD.value
-_Array = NDArray[np.float64]
-_Places = NDArray[np.int64]
 _NAME = re.compile(r"[A-Za-z0-9_-]+(/[A-Za-z0-9_-]+)*")
 """Of a prefix or a machine: no wildcard, and nothing that a key may not contain."""
 _ANYONE = Access()
 
 
 class MachineError(OSError):
-    """A gateway cannot be reached, does not run, or refuses what was asked; the message says which."""
+    """A gateway cannot be reached, does not run, shares its name with another one, or refuses what was asked; the
+    message says which."""
 
 
 class Machine:
@@ -127,13 +125,18 @@ class Machine:
     def latest(self, *kinds: str) -> dict[str, Published]:
         """The last message of every key below the machine's, or of these kinds of key only.
 
-        Raises ValueError for a payload that does not fit its type.
+        Raises ValueError for a payload that does not fit its type, MachineError when two gateways of this name answer.
         """
-        found = {}
+        every = zenoh.ConsolidationMode.NONE  # else of two gateways' answers one is passed on
+        found = dict[str, Published]()
         for expression in self._expressions(kinds):
-            for reply in self.session.get(expression, timeout=self._limit_s):
+            by = set[str]()  # a gateway that has started again since the query before is another one
+            for reply in self.session.get(expression, timeout=self._limit_s, consolidation=every):
                 if reply.ok is not None and (message := self._message(reply.ok)) is not None:
                     found[self._suffix(reply.ok)] = message
+                    by.add(str(reply.replier_id))
+            if len(by) > 1:
+                raise MachineError(f"{self.name}: {SeveralAnswer(len(by))}")
         return found
 
     def status(self) -> StatusMessage:
@@ -149,6 +152,8 @@ class Machine:
         When they are not taken fast enough, the oldest of 20 000 are left out and counted in `missed`.
 
         quiet_s: TimeoutError when nothing has come for so long; None: wait without end, also for a gateway that ended
+
+        Raises as `latest`, also when the second gateway of this name begins later.
         """
         waiting: queue.Queue[zenoh.Sample] = queue.Queue()
 
@@ -164,6 +169,7 @@ class Machine:
             latest = self.latest(*kinds)
             yield from sorted(latest.values(), key=lambda message: message.seq)
             passed = {suffix: (message.boot, message.seq) for suffix, message in latest.items()}
+            heard = next((message.boot for message in latest.values()), None)
             while True:
                 try:
                     sample = waiting.get(timeout=quiet_s)
@@ -172,6 +178,9 @@ class Machine:
                 message, suffix = self._message(sample), self._suffix(sample)
                 if message is None:
                     continue
+                if heard not in (None, message.boot):  # it has started again, or there are two
+                    self._refuse_two()
+                heard = message.boot
                 boot, seq = passed.get(suffix, ("", 0))
                 if message.boot != boot or message.seq > seq:
                     yield message
@@ -227,15 +236,17 @@ class Machine:
         except ImportError:
             raise ImportError("Machine.history needs pandas: install talc-gateway with the extra `pandas`") from None
         if every_s is None:
-            times, table, names = _as_read(self.pages(begin, end, channels), channels)
+            times, table, names = as_read(self.pages(begin, end, channels), channels)
         else:
             span = channels, begin.timestamp(), end.timestamp(), every_s
             try:
-                times, table, names = _means(self.pages(begin, end, channels, every_s=_asked_s(begin, every_s)), *span)
+                times, table, names = interval_means(
+                    self.pages(begin, end, channels, every_s=asked_s(begin, every_s)), *span
+                )
             except MachineError as error:
                 if "every: unknown" not in str(error):
                     raise
-                times, table, names = _means(self.pages(begin, end, channels), *span)  # of an earlier program
+                times, table, names = interval_means(self.pages(begin, end, channels), *span)  # of an earlier program
         index = pd.to_datetime(np.round(times * 1e6).astype(np.int64), unit="us", utc=True)
         return pd.DataFrame(table, index=index.rename("time"), columns=names)
 
@@ -297,10 +308,19 @@ class Machine:
             raise MachineError(f"{self.name}: {name.value} refused: {answer.text}")
         return answer
 
+    def _refuse_two(self) -> None:
+        """Raises MachineError when two gateways answer."""
+        try:
+            ask_only(self.session, f"{self.root}/{keys.STATUS}", StatusMessage, self._limit_s)
+        except SeveralAnswer as error:
+            raise MachineError(f"{self.name}: {error}") from error
+        except OSError:  # it has none yet, or has gone again
+            pass
+
     def _page(self, asked: dict[str, str]) -> HistoryPage:
         selector = f"{self.root}/{keys.HISTORY}?" + ";".join(f"{name}={value}" for name, value in asked.items())
         try:
-            return ask(self.session, selector, HistoryPage, self._limit_s)
+            return ask_only(self.session, selector, HistoryPage, self._limit_s)
         except OSError as error:
             raise MachineError(f"{self.name}: {error}") from error
 
@@ -334,60 +354,3 @@ class Machine:
 
     def _message(self, sample: zenoh.Sample) -> Published | None:
         return decode(self._suffix(sample), sample.payload.to_bytes())
-
-
-class _ChannelColumns:
-    """The column of each channel: those that were asked for, or all in the order in which they appear."""
-
-    def __init__(self, channels: Sequence[str] | None) -> None:
-        self._fixed = channels is not None
-        self._of = {name: at for at, name in enumerate(channels or ())}
-
-    @property
-    def names(self) -> list[str]:
-        return list(self._of)
-
-    def good(self, page: HistoryPage) -> tuple[_Array, _Places, _Array]:
-        """Time, column and value of the good readings of a page."""
-        if not self._fixed:
-            for name in page.names:
-                self._of.setdefault(name, len(self._of))
-        column_of = np.array([self._of.get(name, -1) for name in page.names], np.int64)
-        good = np.array([quality == _GOOD for quality in page.quality], np.bool_)
-        at = column_of[np.array(page.channel, np.int64)]
-        return np.array(page.time, np.float64)[good], at[good], np.array(page.value, np.float64)[good]
-
-
-def _asked_s(begin: datetime, every_s: float) -> int | None:
-    """The length of intervals that a gateway makes means of; None: of these it does not, or not of just these."""
-    whole = float(every_s).is_integer() and begin.timestamp() % (1 if every_s % 60 else 60) == 0
-    return int(every_s) if whole and 1 <= every_s <= (3600 if every_s % 60 else 86400) else None
-
-
-def _as_read(pages: Iterable[HistoryPage], channels: Sequence[str] | None) -> tuple[_Array, _Array, list[str]]:
-    """Times, a row for each, and the columns' names."""
-    columns = _ChannelColumns(channels)
-    parts = [columns.good(page) for page in pages]
-    times, row = np.unique(np.concatenate([part[0] for part in parts]), return_inverse=True)
-    table = np.full((len(times), len(columns.names)), np.nan)
-    table[row, np.concatenate([part[1] for part in parts])] = np.concatenate([part[2] for part in parts])
-    return times, table, columns.names
-
-
-def _means(
-    pages: Iterable[HistoryPage], channels: Sequence[str] | None, begin_s: float, end_s: float, every_s: float
-) -> tuple[_Array, _Array, list[str]]:
-    """The same for intervals; holds one page at a time."""
-    if not every_s > 0:
-        raise ValueError(f"every_s = {every_s!r}: expected more than 0")
-    times = np.arange(begin_s, end_s, every_s)
-    columns = _ChannelColumns(channels)
-    sums, counts = np.zeros((len(times), 0)), np.zeros((len(times), 0))
-    for page in pages:
-        at_s, column, value = columns.good(page)
-        wider = ((0, 0), (0, len(columns.names) - sums.shape[1]))
-        sums, counts = np.pad(sums, wider), np.pad(counts, wider)
-        row = np.minimum(((at_s - begin_s) // every_s).astype(np.int64), len(times) - 1)
-        np.add.at(sums, (row, column), value)
-        np.add.at(counts, (row, column), 1.0)
-    return times, np.divide(sums, counts, out=np.full_like(sums, np.nan), where=counts > 0), columns.names

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
         StoredRows,
         StoredTable,
     )
-    from gateway.telemetry.asking import COMMAND_LIMIT_S, ask, ask_only, command, running
+    from gateway.telemetry.asking import COMMAND_LIMIT_S, SeveralAnswer, ask, ask_only, command, running
     from gateway.telemetry.codec import TYPES, decode, decode_answer, decode_refusal, encode
     from gateway.telemetry.command_door import CommandDoor, Entitled
     from gateway.telemetry.command_signer import CommandSigner, SignedCommand
@@ -72,7 +72,7 @@ else:
                 "StoredRows",
                 "StoredTable",
             ),
-            ".asking": ("COMMAND_LIMIT_S", "ask", "ask_only", "command", "running"),
+            ".asking": ("COMMAND_LIMIT_S", "SeveralAnswer", "ask", "ask_only", "command", "running"),
             ".codec": ("TYPES", "decode", "decode_answer", "decode_refusal", "encode"),
             ".command_door": ("CommandDoor", "Entitled"),
             ".command_signer": ("CommandSigner", "SignedCommand"),
@@ -151,6 +151,7 @@ __all__ = [
     "ReportSource",
     "SensorFinding",
     "SensorsMessage",
+    "SeveralAnswer",
     "SignedCommand",
     "Source",
     "Standing",

@@ -20,6 +20,14 @@ COMMAND_LIMIT_S: Final = 70.0
 """How long to wait for the answer to a command: the gateway waits for its disk."""
 
 
+class SeveralAnswer(OSError):
+    """More than one gateway answers under one name; the message says what to do."""
+
+    def __init__(self, many: int) -> None:
+        mixed = f"{many} gateways answer under this name, and what they say would be mixed"
+        super().__init__(f"{mixed}; give each its own [machine] name")
+
+
 def running(session: zenoh.Session, prefix: str, limit_s: float) -> list[str]:
     """The machines under a prefix whose gateways run now, by name; blocks for at most `limit_s`."""
     replies = session.liveliness().get(f"{keys.root(prefix, '*')}/{keys.ALIVE}", timeout=limit_s)
@@ -39,7 +47,7 @@ def ask(session: zenoh.Session, selector: str, answer: type[_Answer], limit_s: f
 def ask_only(session: zenoh.Session, selector: str, answer: type[_Answer], limit_s: float) -> _Answer:
     """As `ask`, but waits a moment for others, and takes no answer when two gateways give one.
 
-    Raises OSError also then.
+    Raises SeveralAnswer then, else as `ask`.
     """
     every = zenoh.ConsolidationMode.NONE  # else one of several answers of one key is passed on
     replies = queue.Queue[zenoh.Reply | None]()
@@ -52,8 +60,7 @@ def ask_only(session: zenoh.Session, selector: str, answer: type[_Answer], limit
                 found[str(reply.replier_id)], wait_s = reply.ok, _OTHERS_S
             last = reply
     if len(found) > 1:
-        many = f"{len(found)} gateways answer under this name, and their rows would be mixed"
-        raise OSError(f"{many}; give each its own [machine] name")
+        raise SeveralAnswer(len(found))
     for sample in found.values():
         return decode_answer(answer, sample.payload.to_bytes())
     if last is not None and last.err is not None:
@@ -64,10 +71,11 @@ def ask_only(session: zenoh.Session, selector: str, answer: type[_Answer], limit
 def command(session: zenoh.Session, root: str, by: CommandSigner, name: CommandName, limit_s: float) -> CommandAnswer:
     """Give the gateway whose keys begin with `root` a command; blocks for at most `limit_s`, twice.
 
-    The answer may be a refusal. Raises OSError as `ask`, ValueError if what answers does not hold the operator's key.
+    The answer may be a refusal. Raises OSError as `ask_only`, SeveralAnswer before anything is commanded; ValueError if
+    what answers does not hold the operator's key.
     """
     key = f"{root}/{keys.COMMAND}"
-    signed = by.sign(name, ask(session, key, CommandTerms, limit_s), root.rpartition("/")[2])
+    signed = by.sign(name, ask_only(session, key, CommandTerms, limit_s), root.rpartition("/")[2])
     found = _first(session, f"{key}/{name.value}", limit_s, signed.payload, signed.signature)
     proof = found.attachment
     return signed.answered(found.payload.to_bytes(), b"" if proof is None else proof.to_bytes())
