@@ -47,20 +47,20 @@ def followed(inputs: FloatArray, error: FloatArray) -> tuple[FloatArray, FloatAr
 
 
 def _day(hours: FloatArray, error: FloatArray, mean: FloatArray, std: FloatArray) -> Figure:
-    figure = Figure(figsize=(9, 3.2), layout="constrained")
+    figure = Figure(figsize=(9, 2.4), layout="constrained")
     axes = figure.subplots()
     low, high = mean - TWO_SIDED_95 * std, mean + TWO_SIDED_95 * std
     axes.fill_between(hours, low, high, color="#dbeafe", lw=0, label="its 95 % interval")
     axes.plot(hours, error, color="#94a3b8", lw=1.6, label="recorded")
     axes.plot(hours, mean, color="#1d4ed8", lw=1.0, label="predicted")
     axes.plot(hours[::_EVERY], error[::_EVERY], ".", color="black", ms=6, label="measured, each 2 h")
-    axes.set(xlabel="hours", ylabel="ch3, µm", xlim=(0, hours[-1]), ylim=(error.min() - 15, error.max() + 15))
+    axes.set(xlabel="hours", ylabel="ch3, µm", xlim=(0, hours[-1]), ylim=(error.min() - 15, error.max() + 20))
     axes.legend(ncols=4, fontsize=8, frameon=False, loc="upper left")
     return figure
 
 
 def _parts(hours: FloatArray, names: list[str], parts: FloatArray) -> Figure:
-    figure = Figure(figsize=(9, 3.2), layout="constrained")
+    figure = Figure(figsize=(9, 2.4), layout="constrained")
     axes = figure.subplots()
     largest = np.argsort(-np.abs(parts[:, :-1]).mean(axis=0), kind="stable")[:5]
     for i in largest.tolist():

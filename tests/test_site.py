@@ -1,16 +1,18 @@
-"""The documentation's site builds without a warning, has every page, loads nothing from elsewhere, and is searched."""
+"""The documentation's site builds without a warning, loads nothing from elsewhere, is searched, and fits on paper."""
 
 import json
 import os
 import re
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import Page, expect, sync_playwright
+from playwright.sync_api import Browser, Page, expect, sync_playwright
 
 from tests.benches.page_rig import CHROMIUM, LIMIT_MS
+from tests.benches.paper import cut_off, printed
 
 ROOT = Path(__file__).parents[1]
 
@@ -34,15 +36,20 @@ def type_in(page: Page, words: str) -> None:
     field.press_sequentially(words)
 
 
-@pytest.mark.peer
-@pytest.mark.slow
-def test_a_page_opened_as_a_file_finds_words_and_options(site: Path) -> None:
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
     assert CHROMIUM.exists(), "chromium is missing: install Debian's chromium"
     with (
         sync_playwright() as playwright,
-        playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"]) as browser,
-        browser.new_context(offline=True) as context,
+        playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"]) as started,
     ):
+        yield started
+
+
+@pytest.mark.peer
+@pytest.mark.slow
+def test_a_page_opened_as_a_file_finds_words_and_options(site: Path, browser: Browser) -> None:
+    with browser.new_context(offline=True) as context:
         page = context.new_page()
         page.set_default_timeout(LIMIT_MS)
         page.goto((site / "index.html").as_uri())
@@ -54,6 +61,41 @@ def test_a_page_opened_as_a_file_finds_words_and_options(site: Path) -> None:
             expect(count).to_have_text("No matching documents", timeout=LIMIT_MS)
             type_in(page, option)
             expect(count).to_have_text(re.compile(r"^\d+ matching"), timeout=LIMIT_MS)
+
+
+@pytest.fixture
+def paper(browser: Browser) -> Iterator[Page]:
+    """As wide as what is between the margins of A4."""
+    with browser.new_context(offline=True, viewport={"width": 680, "height": 1000}) as context:
+        page = context.new_page()
+        page.set_default_timeout(LIMIT_MS)
+        page.emulate_media(media="print")
+        yield page
+
+
+@pytest.mark.peer
+@pytest.mark.slow
+def test_the_method_fills_two_sheets(site: Path, paper: Page, tmp_path: Path) -> None:
+    paper.goto((site / "method.html").as_uri())
+    sheets = printed(paper, tmp_path, "A4")
+    assert len(sheets) == 2
+    assert cut_off(sheets) == []
+    assert "Whereitloses" in sheets[1].text
+
+
+@pytest.mark.peer
+@pytest.mark.slow
+def test_no_table_is_cut_off_on_paper(site: Path, paper: Page) -> None:
+    wide = dict[str, int]()
+    for page in sorted((ROOT / "docs").glob("*.md")):
+        paper.goto((site / page.name).with_suffix(".html").as_uri())
+        cells = paper.locator(".md-content :is(td, th, img)")
+        over: int = cells.evaluate_all(
+            "all => all.filter((one) => one.getBoundingClientRect().right > innerWidth).length"
+        )
+        if over:
+            wide[page.name] = over
+    assert wide == {}
 
 
 @pytest.mark.slow
