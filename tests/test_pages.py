@@ -7,9 +7,10 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 WIDTH = 120
+FOLDERS = (".github", "benchmarks", "deploy", "docs", "examples", "tests")
 PAGES = sorted(
     page.relative_to(ROOT).as_posix()
-    for page in (*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md"), *ROOT.glob("examples/*.md"))
+    for page in (*ROOT.glob("*.md"), *(page for folder in FOLDERS for page in (ROOT / folder).glob("**/*.md")))
 )
 
 

@@ -18,13 +18,11 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
-from types import FrameType
 from unittest.mock import patch
 
 import click
@@ -41,6 +39,7 @@ from simulators.nc import Activity, CycleSettings, DayPart, LoadCase, MeanLoads
 from simulators.nc.nck import Nck
 from talc.control import Controller
 from talc.frame import Decision, Frame
+from tests.benches.death import PHASES, PROBING, Death
 from tests.benches.disk_calls import config_in
 from tests.benches.emulated_bench import expected_deviation_um
 from tests.benches.failing_disk import on_failing_disk
@@ -51,8 +50,6 @@ from tests.benches.wire_bench import assert_never_stepped
 from tests.benches.wire_clock import WireClock
 
 WRITING = "writing"
-PROBING = "probing"
-PHASES = ("start", "rebuild", "learning", PROBING, "stop")
 _STEP_S, _PERIOD_S, _STEPS_A_LIFE, _LIVES_A_DATABASE = 300.0, 10.0, 4, 10
 _KILLS = -3
 """The fault of failing_disk.cc that kills."""
@@ -68,54 +65,6 @@ class SwingingPlant:
         errors = {"EZ0A": 20.0 * np.sin(time_s / 1500.0), "EX0C": 12.0 * np.sin(time_s / 2100.0)}
         x, y, z = expected_deviation_um(errors, a_deg, c_deg)
         return float(x), float(y), float(z)
-
-
-class Death:
-    """Kills this process within a phase, or counts what could be a moment of death.
-
-    phase: where; None: it only counts
-    at: number of the moment
-    """
-
-    def __init__(self, phase: str | None, at: int) -> None:
-        self._phase, self._at = phase, at
-        self.counts = dict.fromkeys(PHASES, 0)
-        self._now = list[str]()
-
-    def begin(self, phase: str) -> None:
-        self._now.append(phase)
-        if phase != PROBING and self._phase in (None, phase):
-            sys.setprofile(self._look)
-
-    def end(self, phase: str) -> None:
-        if phase in self._now:
-            self._now.remove(phase)
-        if not self._now or phase == self._phase:
-            sys.setprofile(None)
-
-    @contextmanager
-    def within(self, phase: str) -> Iterator[None]:
-        self.begin(phase)
-        try:
-            yield
-        finally:
-            self.end(phase)
-
-    def asks_control(self) -> None:
-        """A moment of the phase `probing`, whose main thread mostly waits for time to pass."""
-        if PROBING in self._now:
-            self._count(PROBING)
-
-    def _look(self, frame: FrameType, event: str, arg: object) -> None:
-        del frame, event, arg
-        for phase in self._now:
-            if phase != PROBING:
-                self._count(phase)
-
-    def _count(self, phase: str) -> None:
-        self.counts[phase] += 1
-        if phase == self._phase and self.counts[phase] == self._at:
-            os.kill(os.getpid(), signal.SIGKILL)
 
 
 class KeptControl(InProcess):

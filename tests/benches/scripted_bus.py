@@ -53,12 +53,10 @@ class ScriptedDevice:
         self.first_fault_takes_s: float | None = None
         self._failed = False
         self.asked: list[float] = []
-        self.connects = 0
         self.hang = False
         self._clock, self._bus = clock, bus
 
     async def connect(self) -> None:
-        self.connects += 1
         if self.fault_at_connect is not None:
             self.asked.append(self._clock.monotonic())
             raise self.fault_at_connect

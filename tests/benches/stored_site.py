@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
-from datetime import timedelta
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import numpy as np
@@ -10,16 +10,19 @@ import numpy as np
 from drivers.base import Quality
 from gateway.acquisition import Sample
 from gateway.cli.stored import rows_of
+from gateway.collect import Collector, SiteKept
 from gateway.events import DecisionMade, EventReported, FrameMade, MeasurementEnded, ReadingsTaken
 from gateway.probing import Outcome
 from gateway.storage import Store
 from gateway.telemetry import StoredRequest, StoredRows, decode_answer, encode
 from talc.frame import Event, EventKind, Frame, Measurement, Why
 from tests.benches import telemetry_examples as example
-from tests.benches.stepped_clock import EPOCH
+from tests.benches.stepped_clock import EPOCH, SteppedClock
 
 STEP_S = 300
 FIRST_K = int(EPOCH.timestamp()) // STEP_S
+FOUND = datetime(2026, 3, 3, 7, tzinfo=UTC)
+"""When the collector asks."""
 
 
 class StoredSite:
@@ -56,3 +59,23 @@ def step(store: Store, n: int) -> None:
         outcome = Outcome(n, Why.INTERVAL, at, at, np.zeros((6, 3)), (0.0, 0.0, 0.0), measured, 0.4)
         store.record(MeasurementEnded(outcome))
         store.record(EventReported(Event(EventKind.PROBLEM, f"number {n}"), k))
+
+
+def write(site: StoredSite, machine: str, steps: range, boot: str = "boot-1") -> None:
+    """Let one boot of a machine store these steps."""
+    with Store(site.path(machine), boot, SteppedClock()) as store:
+        for n in steps:
+            step(store, n)
+
+
+def collector(site: StoredSite, kept: SiteKept, limit: int = 100) -> Collector:
+    """Asks every 30 s, for so many rows at most."""
+    return Collector(site, kept, every_s=30.0, limit=limit, utc=lambda: FOUND)
+
+
+def catch_up(collecting: Collector, now_s: float = 0.0) -> int:
+    """Turns until nothing more is due; how many."""
+    turns = 1
+    while collecting.turn(now_s) <= now_s:
+        turns += 1
+    return turns

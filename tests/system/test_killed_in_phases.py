@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.benches.kills import PHASES, WRITING
+from tests.benches.death import PHASES
+from tests.benches.kills import WRITING
 
 KILLS = {WRITING: 6, **dict.fromkeys(PHASES, 2)}
 

@@ -4,42 +4,21 @@ import errno
 import os
 from collections.abc import Callable, Mapping
 from contextlib import closing
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 import pytest
 from pyarrow import dataset
 
-from gateway.collect import CollectError, Collector, SiteFolder
+from gateway.collect import CollectError, SiteFolder
 from gateway.collect.progress import CollectProgress
-from gateway.storage import Retention, Store
+from gateway.storage import Retention
 from gateway.storage.readings import Pruning
 from gateway.storage.schema import connect
 from gateway.telemetry import StoredColumn, StoredRows, StoredTable
-from tests.benches.stepped_clock import SteppedClock
-from tests.benches.stored_site import FIRST_K, StoredSite, step
+from tests.benches.stored_site import FIRST_K, FOUND, StoredSite, catch_up, collector, write
 
 DAY = 288
-FOUND = datetime(2026, 3, 3, 7, tzinfo=UTC)
-
-
-def write(site: StoredSite, machine: str, steps: range, boot: str = "boot-1") -> None:
-    with Store(site.path(machine), boot, SteppedClock()) as store:
-        for n in steps:
-            step(store, n)
-
-
-def collector(site: StoredSite, folder: SiteFolder, limit: int = 100) -> Collector:
-    return Collector(site, folder, every_s=30.0, limit=limit, utc=lambda: FOUND)
-
-
-def catch_up(collecting: Collector, now_s: float = 0.0) -> int:
-    """Turns until nothing more is due."""
-    turns = 1
-    while collecting.turn(now_s) <= now_s:
-        turns += 1
-    return turns
 
 
 def rows(folder: Path, table: str, machine: str = "mill") -> list[dict[str, Any]]:

@@ -1,7 +1,6 @@
 """A site in PostgreSQL has what its folder has, row by row, whatever is killed meanwhile. The server is Debian's."""
 
 from contextlib import closing, suppress
-from datetime import UTC, datetime
 from itertools import count
 from pathlib import Path
 from typing import Any
@@ -10,19 +9,17 @@ import psycopg
 import pytest
 from pyarrow import dataset
 
-from gateway.collect import CollectError, Collector, SiteFolder, SiteKept
+from gateway.collect import CollectError, Collector, SiteFolder
 from gateway.collect.database import SiteDatabase
-from gateway.storage import Retention, Store
+from gateway.storage import Retention
 from gateway.storage.readings import Pruning
 from gateway.storage.schema import connect
 from gateway.telemetry import StoredColumn, StoredRows, StoredTable
 from tests.benches.plant_authority import PlantAuthority
 from tests.benches.postgres import Postgres
-from tests.benches.stepped_clock import SteppedClock
-from tests.benches.stored_site import FIRST_K, StoredSite, step
+from tests.benches.stored_site import FIRST_K, StoredSite, catch_up, collector, write
 
 pytestmark = pytest.mark.peer
-FOUND = datetime(2026, 3, 3, 7, tzinfo=UTC)
 E = "e" * 32
 _databases = count()
 
@@ -39,22 +36,6 @@ def database(server: Postgres) -> str:
 def site(tmp_path: Path) -> StoredSite:
     (tmp_path / "gateways").mkdir()
     return StoredSite(tmp_path / "gateways")
-
-
-def write(site: StoredSite, machine: str, steps: range, boot: str = "boot-1") -> None:
-    with Store(site.path(machine), boot, SteppedClock()) as store:
-        for n in steps:
-            step(store, n)
-
-
-def collector(site: StoredSite, kept: SiteKept, limit: int = 100) -> Collector:
-    return Collector(site, kept, every_s=30.0, limit=limit, utc=lambda: FOUND)
-
-
-def catch_up(collecting: Collector, now_s: float = 0.0) -> None:
-    """Turns until nothing more is due."""
-    while collecting.turn(now_s) <= now_s:
-        pass
 
 
 def problems(collecting: Collector) -> dict[str, str]:

@@ -14,7 +14,6 @@ from tests.benches.plant_authority import PlantAuthority
 
 pytestmark = pytest.mark.peer
 
-GONE = OutletMessage("mill", "alive", None, alive=False)
 HERE = OutletMessage("mill", "alive", None)
 
 

@@ -15,7 +15,6 @@ from gateway.web.view import listed, shown_course, view
 from tests.benches.heard import BEGAN, STEP, HeardMachine
 
 MATRIX = WorkPoint(150.0, 0.0, 80.0).matrix(0.15)
-ALL_POINTS = Viewpoint(MATRIX, 10.0)
 Z_ONLY = {"EZ0A": 30.0}
 
 
