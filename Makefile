@@ -63,12 +63,13 @@ audit:
 	$(PYTHON) deploy/advisories.py requirements/run.lock requirements/build.lock requirements/wheels.lock
 
 # Which mutants of the safety-critical modules no test kills (tests/README.md); continues where it was stopped.
-# MODULES="gateway.nc.slew ...": only these; MINUTES=30: end after that time. cosmic-ray has an environment of its own.
+# MODULES="gateway.nc.slew ...": only these; MINUTES=30: end after that time; SAMPLE=150: so many of each, at random.
+# cosmic-ray has an environment of its own.
 MODULES ?=
 MINUTES ?= 600
 mutation: $(VENV)/.ready
 	test -x out/mutation/tool/bin/cosmic-ray || ($(PYTHON) -m venv out/mutation/tool && out/mutation/tool/bin/pip install --quiet cosmic-ray==8.7.0)
-	$(BIN)/python -m tests.benches.mutation --minutes $(MINUTES) $(MODULES)
+	$(BIN)/python -m tests.benches.mutation --minutes $(MINUTES) $(if $(SAMPLE),--sample $(SAMPLE)) $(MODULES)
 
 lint: $(VENV)/.ready
 	$(BIN)/ruff format --check .

@@ -2,11 +2,14 @@
 
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
+from scipy.stats import binomtest
 
 from tests.benches.mutants_of import annotations
-from tests.benches.mutation import KILLED, MODULES, ROOT, SURVIVED, changed, explained, file_of
+from tests.benches.mutated_functions import exchanges, is_another, statement_lines
+from tests.benches.mutation import KILLED, MODULES, ROOT, SURVIVED, changed, explained, file_of, interval
 
 TRIED = """
 from tests.benches.mutation import MODULES, file_of, tested
@@ -15,10 +18,106 @@ for text, other in (("", ""), ("now - since >= self._longest", "now - since > se
     print(tested("gateway.nc.motion", source.replace(text, other), MODULES["gateway.nc.motion"], 600, 600.0)[0])
 """
 
+COLLECTED = """
+from tests.benches.mutated_functions import Mutant
+from tests.benches.mutation import file_of, try_collected
+source = file_of("gateway.nc.motion").read_text("utf-8")
+def changed(before, after):
+    line = next(i for i, text in enumerate(source.splitlines(), 1) if before in text)
+    return Mutant("", 0, line, source.replace(before, after))
+mutants = [
+    changed("now - since >= self._longest", "now - since > self._longest"),
+    changed("self._looked_s = -math.inf", "self._looked_s = +math.inf"),
+    changed("class Motion:", "class Motion(dict):"),
+    changed("now - since >= self._longest", "now - since <= self._longest"),
+]
+def told(mutant, outcome, by):
+    print(mutants.index(mutant), outcome, by.partition("::")[0], file=sys.stderr)
+import sys
+try_collected("gateway.nc.motion", mutants, float("inf"), told)
+assert "gateway.nc.motion" not in sys.modules
+"""
+
 
 def test_a_mutant_that_a_test_notices_is_killed_and_the_module_itself_is_not() -> None:
     done = subprocess.run([sys.executable, "-c", TRIED], cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.stdout.split() == [SURVIVED, KILLED], done.stderr
+
+
+def test_mutants_within_functions_are_told_apart_with_tests_that_are_collected_once() -> None:
+    done = subprocess.run([sys.executable, "-c", COLLECTED], cwd=ROOT, capture_output=True, text=True, check=False)
+    told = [line.split() for line in done.stderr.splitlines() if line[:1].isdigit()]
+    file = MODULES["gateway.nc.motion"][0]
+    assert told == [["0", KILLED, file], ["1", SURVIVED], ["3", KILLED, file]], done.stderr
+    assert done.returncode == 0
+
+
+@pytest.mark.parametrize(
+    ("after", "another"),
+    [("x = 1 + 1  # two\n", False), ("x = 2\n", False), ("x = 2.0\n", True), ("x = True\n", True), ("x = +\n", False)],
+)
+def test_only_another_program_is_a_mutant(after: str, another: bool) -> None:
+    assert is_another("x = 2\n", after) is another
+
+
+CLASS = """
+LIMIT = 3
+class A:
+    def f(self, x=0):
+        return [y for y in (x, 1)]
+    @property
+    def g(self):
+        return 2
+"""
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "functions"),
+    [
+        ("return 2", "return 3", [("A.g", 6)]),
+        ("(x, 1)", "(x, 2)", [("A.f", 4)]),
+        ("LIMIT = 3", "LIMIT = 4", None),
+        ("x=0", "x=1", None),
+        ("    @property\n", "    @classmethod\n", None),
+    ],
+)
+def test_what_differs_within_functions_is_found(
+    before: str, after: str, functions: list[tuple[str, int]] | None
+) -> None:
+    found = exchanges(CLASS, CLASS.replace(before, after), Path("a.py"))
+    assert (found if found is None else [(name, line) for name, line, _ in found]) == functions
+
+
+STATEMENTS = """if (a and
+    b):
+    c = [
+        1,
+    ]
+match d:
+    case 1:
+        e()
+try:
+    f()
+except (
+    KeyError
+):
+    g()
+"""
+
+
+@pytest.mark.parametrize(
+    ("line", "lines"),
+    [(1, (1, 2)), (2, (1, 2)), (4, (3, 4, 5)), (6, (6,)), (7, (7,)), (8, (8,)), (12, (11, 12, 13)), (14, (14,))],
+)
+def test_a_line_belongs_to_its_innermost_statement_s_head(line: int, lines: tuple[int, ...]) -> None:
+    assert tuple(statement_lines(STATEMENTS, line)) == lines
+
+
+@pytest.mark.parametrize(("hits", "tries"), [(135, 150), (10, 10), (0, 7), (1, 2)])
+def test_a_sample_says_how_sure_its_share_is(hits: int, tries: int) -> None:
+    """As SciPy computes it."""
+    expected = binomtest(hits, tries).proportion_ci(method="wilson")
+    assert interval(hits, tries) == pytest.approx((expected.low, expected.high), abs=1e-6)
 
 
 @pytest.mark.parametrize("module", MODULES)

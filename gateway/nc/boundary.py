@@ -47,7 +47,7 @@ class _Contained:
 
     def __init__(self, nc: NumericalControl) -> None:
         self._nc = nc
-        self._logged: set[tuple[str, str, int]] = set()
+        self._logged: set[tuple[str, str, int | None]] = set()
 
     async def connect(self) -> None:
         await self._call("connect", self._nc.connect())
@@ -103,8 +103,7 @@ class _Contained:
             self._unexpected(operation, error)
 
     def _unexpected(self, operation: str, error: Exception) -> NoReturn:
-        frames = traceback.extract_tb(error.__traceback__)
-        place = (operation, type(error).__name__, (frames[-1].lineno or 0) if frames else 0)
+        place = (operation, type(error).__name__, traceback.extract_tb(error.__traceback__)[-1].lineno)
         if place not in self._logged:
             self._logged.add(place)
             log.error("NC: unexpected %s in %s", type(error).__name__, operation, exc_info=error)

@@ -215,7 +215,9 @@ class AsGreeted:
 
 
 def differ(found: FloatArray, wanted: FloatArray) -> bool:
-    """Whether two matrices (3, n) differ somewhere in the travel."""
+    """Whether two matrices (3, n) differ somewhere in the travel; those of two forms do."""
+    if found.shape != wanted.shape:
+        return True
     # With the comparison the other way round, NaN would agree with everything.
     return not np.abs(found - wanted).sum(axis=1).max() <= _SAME_UM
 

@@ -210,12 +210,15 @@ class LinkBench:
 
     @asynccontextmanager
     async def running(self) -> AsyncIterator[None]:
+        """Raises what ended the link, unless that was the full disk."""
         task = asyncio.create_task(self.link.run())
         try:
             yield
         finally:
             task.cancel()
-            await asyncio.gather(task, return_exceptions=True)
+            [ended] = await asyncio.gather(task, return_exceptions=True)
+        if isinstance(ended, Exception) and not self.disk_full:
+            raise ended
 
 
 def answer_wrongly(bench: LinkBench, operation: str, wrong: Callable[[Any], object]) -> Callable[[], None]:

@@ -85,7 +85,7 @@ async def test_every_operation_passes_what_it_is_given_and_what_is_answered() ->
 
 
 async def test_slopes_pass_too() -> None:
-    pairs, reference, reach = frozenset({(0, 2)}), (1.0, 2.0, 3.0), (4.0, 5.0, 6.0)
+    pairs, reference, reach = frozenset({(0, 2), (2, 1)}), (1.0, 2.0, 3.0), (4.0, 5.0, 6.0)
     control, nc = sloped(pairs=pairs, reference_mm=reference, reach_mm=reach, read_linear=LINEAR)
     assert (nc.pairs, nc.reference_mm, nc.reach_mm) == (pairs, reference, reach)
     await nc.write_linear(LINEAR)
@@ -173,6 +173,25 @@ async def test_the_traceback_of_each_place_is_logged_once(caplog: pytest.LogCapt
         "NC: unexpected ValueError in release",
     ]  # fmt: skip
     assert {record.levelno for record in caplog.records} == {logging.ERROR}
+
+
+class Unreliable(AnsweringControl):
+    """Raises the same at two lines, in turn, for the same call."""
+
+    def _answer(self, operation: str, *given: object) -> Any:
+        self.asked.append((operation, *given))
+        if len(self.asked) % 2:
+            raise ValueError("odd")
+        raise ValueError("even")
+
+
+async def test_a_place_is_the_line_that_raises(caplog: pytest.LogCaptureFixture) -> None:
+    nc = behind(Unreliable())
+    for _ in range(4):
+        with pytest.raises(UnexpectedError):
+            await nc.release(5)
+    told = [record.exc_info[1] for record in caplog.records if record.exc_info]
+    assert [str(error) for error in told] == ["odd", "even"]
 
 
 @pytest.mark.parametrize("answer", [1, "yes", None, 1.0])
@@ -269,8 +288,8 @@ async def test_nothing_is_written_for_an_absurd_position_and_the_link_recovers()
 
 
 WRONG_STATUS: list[dict[str, object]] = [
-    {"state": "finished"}, {"state": None}, {"number": 8}, {"number": None}, {"reason": None}, {"reason": 3},
-    {"spread_mm": math.nan}, {"spread_mm": "0.001"}, {"spread_mm": 10**400}, {"in_force_um": (0.0, 0.0)},
+    {"state": "finished"}, {"state": None}, {"number": 6}, {"number": 8}, {"number": None}, {"reason": None},
+    {"reason": 3}, {"spread_mm": math.nan}, {"spread_mm": "0.001"}, {"spread_mm": 10**400}, {"in_force_um": (0.0, 0.0)},
     {"in_force_um": 0.0}, {"in_force_um": (0.0, 0.0, math.inf)}, {"in_force_um": ("x", "y", "z")},
 ]  # fmt: skip
 
@@ -291,6 +310,8 @@ async def test_every_allowed_state_of_a_request_passes() -> None:
     for status in (*(RequestStatus(7, state) for state in ProbingState), replace(DONE, spread_mm=0.0),
                    replace(DONE, in_force_um=(1.0, 2.0, 3.0), reason="chip")):  # fmt: skip
         assert await with_operation("probing_status", status).probing_status(7) is status
+    large = replace(DONE, number=int("70000"))
+    assert await with_operation("probing_status", large).probing_status(int("70000")) is large
 
 
 @pytest.mark.parametrize("answer", [None, 5, (1.0,) * 8, (1.0,) * 10, ("x",) * 9, (10**400,) * 9])
@@ -322,8 +343,10 @@ async def test_anything_but_slopes_is_refused(answer: object) -> None:
 
 @pytest.mark.parametrize(
     ("name", "value"),
-    [("pairs", None), ("pairs", {(0, 3)}), ("pairs", {(-1, 0)}), ("pairs", {(0, 1, 2)}), ("reference_mm", (1.0, 2.0)),
+    [("pairs", None), ("pairs", {(0, 3)}), ("pairs", {(3, 0)}), ("pairs", {(-1, 0)}), ("pairs", {(0, 1, 2)}),
+     ("reference_mm", (1.0, 2.0)),
      ("reference_mm", None), ("reach_mm", (1.0, 2.0, 0.0)), ("reach_mm", (1.0, 2.0, math.inf)),
+     ("reach_mm", (1.0, 2.0, -1.0)), ("reach_mm", (1.0, 2.0, float("inf"))),
      ("reach_mm", (1.0, math.nan, 2.0)), ("reach_mm", ValueError("unknown axis"))],
 )  # fmt: skip
 def test_what_a_control_with_slopes_says_of_itself_is_checked(name: str, value: object) -> None:
@@ -332,7 +355,11 @@ def test_what_a_control_with_slopes_says_of_itself_is_checked(name: str, value: 
         getattr(nc, name)
 
 
-@pytest.mark.parametrize("value", [(1.0,), (1.0, -1.0), (-1.0, 1.0), (math.nan, 1.0), (1.0, math.inf), "far", 5])
+@pytest.mark.parametrize(
+    "value",
+    [(1.0,), (1.0, -1.0), (-1.0, 1.0), (math.nan, 1.0), (1.0, math.inf), (math.inf, 1.0), (1.0, float("inf")),
+     (float("inf"), 1.0), "far", 5],
+)  # fmt: skip
 def test_a_reach_that_is_none_is_refused(value: object) -> None:
     control, nc = following()
     control.answers["error_reach_mm"] = value

@@ -2,8 +2,10 @@
 gateway knows its own.
 """
 
+import asyncio
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from itertools import pairwise
 
 from drivers.nc import Triple
 from tests.benches.nc_link_bench import LinkBench, decision
@@ -63,6 +65,40 @@ async def test_a_write_that_never_arrives_holds_the_ramp_for_ten_seconds() -> No
         assert bench.control.in_force[2] > stood[2] + 2.0
         await bench.clock.run_until(58.0)
         assert bench.control.in_force == (0.0, 0.0, 25.0)
+    assert bench.link.armed
+    times = [at for at, _ in bench.control.writes]
+    longest = max(after - before for before, after in pairwise(times))
+    assert longest == 11.0, "ten seconds after the lost write, which came a period after the one before"
+
+
+async def test_stopped_meanwhile_it_takes_the_offsets_back_at_once() -> None:
+    async with losing() as bench:
+        await bench.clock.run_until(16.0)
+        assert sources(bench)[-1] == "unanswered"
+        before = len(bench.control.writes)
+    stopping = asyncio.create_task(bench.link.stop())
+    await bench.clock.run_until(18.0)
+    assert len(bench.control.writes) > before
+    await bench.clock.run_until(50.0)
+    await stopping
+    assert bench.control.in_force == (0.0, 0.0, 0.0)
+
+
+async def test_a_late_write_of_which_the_control_took_a_part_is_still_its_own() -> None:
+    bench = LinkBench("compensate")
+    both = decision(25.0)
+    both.corrected[0] = 25.0  # EY0A: at A = 0 the offset in Y
+    bench.link.follow(both)
+    async with bench.running():
+        await bench.clock.run_until(10.0)
+        bench.control.loses = True
+        await bench.clock.run_until(40.0)
+        assert bench.control.lost is not None
+        _, y, z = bench.control.in_force
+        assert bench.control.lost[2] < z - 2.0
+        bench.control.in_force = (0.0, y, bench.control.lost[2])
+        await bench.clock.run_until(58.0)
+        assert bench.control.in_force == (0.0, 25.0, 25.0)
     assert bench.link.armed
 
 

@@ -265,6 +265,21 @@ async def test_a_write_without_an_answer_is_reported_as_one_that_may_have_acted(
     assert bench.control.in_force == (0.0, 0.0, 4.0)
 
 
+async def test_a_step_like_the_one_before_is_stored_only_when_it_was_not_confirmed() -> None:
+    bench = LinkBench("compensate")
+    async with bench.running():
+        bench.link.follow(decision(4.0))
+        await bench.clock.run_until(10.0)
+        stored, written = len(bench.steps), len(bench.control.writes)
+        await bench.clock.run_until(15.0)
+        assert len(bench.control.writes) == written + 5, "the same, each period"
+        assert len(bench.steps) == stored
+        bench.control.swallows = True
+        await bench.clock.run_until(16.5)
+    last = bench.steps[stored]
+    assert (last.written, last.read_back_um, last.step.offsets_um) == (True, None, (0.0, 0.0, 4.0))
+
+
 async def test_stopping_gives_the_control_back() -> None:
     bench = LinkBench("compensate")
     async with bench.running():

@@ -85,3 +85,17 @@ async def test_what_differs_by_more_than_a_twentieth_of_a_micrometre_is_of_anoth
         bench.control.in_force = (0.0, by_um, 4.0)
         await bench.clock.run_until(15.0)
         assert bench.link.armed is armed
+
+
+async def test_stopped_with_hold_it_leaves_the_offsets_where_they_are() -> None:
+    bench = LinkBench("compensate", when_stale="hold")
+    async with bench.running():
+        bench.link.follow(decision(4.0))
+        await bench.clock.run_until(10.0)
+    before = len(bench.control.writes)
+    stopping = asyncio.create_task(bench.link.stop())
+    await bench.clock.run_until(30.0)
+    await stopping
+    assert len(bench.control.writes) == before
+    assert bench.control.in_force == (0.0, 0.0, 4.0)
+    assert bench.control.owner == 0
