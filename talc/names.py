@@ -37,7 +37,9 @@ ERROR_MEANINGS: Final = {
 
 _WORD = re.compile(r"[^0-9A-Za-z]+|_")
 _GEOMETRIC = re.compile(r"E[XYZABCR]0[A-Z]")
-_ERROR_WORDS = {"error", "errors", "deviation", "deviations", "drift", "displacement"}
+_ERROR_WORDS = {"error", "errors", "deviation", "deviations", "drift", "displacement", "fehler"}
+_ERROR_ENDINGS = ("abweichung", "abweichungen", "verlagerung", "verlagerungen", "verschiebung", "verschiebungen")
+"""Of German words, which are put together."""
 _AXIS = re.compile(r"[xyzabc]?")
 
 
@@ -58,7 +60,7 @@ def resembles_error(name: str, error: str, letters: bool = False) -> bool:
 
 def called_an_error(name: str) -> bool:
     """Whether a column's name says that it holds errors, of whatever kind (`Drift X`)."""
-    return bool(_ERROR_WORDS & set(_stem(name)))
+    return any(word in _ERROR_WORDS or word.endswith(_ERROR_ENDINGS) for word in _stem(name))
 
 
 def _stem(name: str) -> tuple[str, ...]:

@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
+from drivers.signature import shared_key
 from gateway.cli import main
 from tests.benches.command import LIMIT_S, Done, talc_gateway
 from tests.benches.file_waits import appears, text_of, until
@@ -112,6 +113,29 @@ def test_what_it_prints_is_the_page(command: str, tmp_path: Path) -> None:
         assert said.stdout == (ROOT / page).read_text("utf-8")
     else:
         assert said.stdout.startswith("#")
+
+
+@pytest.mark.slow
+def test_a_key_made_as_shown_is_one(tmp_path: Path) -> None:
+    printed = subprocess.run(shlex.split("openssl rand -hex 32"), capture_output=True, text=True, check=True).stdout
+    assert re.fullmatch(r"[0-9a-f]{64}\n", printed)
+    subprocess.run("openssl rand -hex 32 > anna.key && chmod 600 anna.key", shell=True, cwd=tmp_path, check=True)
+    assert len(shared_key(tmp_path / "anna.key")) == 64
+
+
+def test_make_format_mends_what_lint_refuses(tmp_path: Path) -> None:
+    for name in ("Makefile", "pyproject.toml"):
+        shutil.copy(ROOT / name, tmp_path)
+    (tmp_path / "odd.py").write_text("import sys\nimport os\nprint( os.sep,sys.path )\n", encoding="utf-8")
+
+    def make(target: str) -> int:
+        command = ["make", f"VENV={sys.prefix}", f"--old-file={sys.prefix}/.ready", target]
+        return subprocess.run(command, cwd=tmp_path, capture_output=True, check=False).returncode
+
+    assert make("lint") != 0
+    assert make("format") == 0
+    assert make("lint") == 0
+    assert (tmp_path / "odd.py").read_text("utf-8") == "import os\nimport sys\n\nprint(os.sep, sys.path)\n"
 
 
 class PageReader:

@@ -10,6 +10,8 @@ from talc.steps import StepCounter
 
 _STEP_S = 300.0
 """Of rows without times, if none is given: the gateway's."""
+_SHORTEST_S = 1.0
+"""Median spacings below this are times in minutes, hours or days that were given as seconds."""
 
 
 class RowClock:
@@ -30,6 +32,10 @@ class RowClock:
         if first.time_s is not None:
             if step_s is None and len(first.time_s) > 1:
                 self.step_s = float(np.median(np.diff(first.time_s)))
+                if self.step_s < _SHORTEST_S:
+                    raise ValueError(
+                        f"times: rows are {self.step_s:.2g} s apart; are the times in seconds? If so, give step_s"
+                    )
             self._counter = StepCounter(self.step_s, float(first.time_s[0]), 0)
 
     def take(self, rows: Inputs) -> IntArray:

@@ -15,6 +15,7 @@ from talc.estimators.rows import (
     outputs_of,
     refuse_other_units,
     warn_if_tiny,
+    warn_if_within,
 )
 from talc.frame import LARGEST_ERROR, LARGEST_INPUT, FloatArray
 from talc.learner.learner import RowLearner
@@ -33,8 +34,8 @@ class Learner(Conventions):
     ----------
     step_s : float or None
         Grid step, s. None: the median spacing of the rows' times, or 300 s where they have none.
-    noise : float or sequence of float
-        Standard uncertainty of a measurement, of all errors or of each, in the unit of y.
+    noise : float, sequence of float or None
+        Standard uncertainty of a measurement, of all errors or of each, in the unit of y. None: 1 µm.
     unit_um : float
         Size of the unit of y, µm: 1000 for errors in mm.
 
@@ -71,7 +72,7 @@ class Learner(Conventions):
         self,
         *,
         step_s: float | None = None,
-        noise: float | Sequence[float] = 1.0,
+        noise: float | Sequence[float] | None = None,
         unit_um: float = 1.0,
     ) -> None:
         self.step_s = step_s
@@ -90,7 +91,10 @@ class Learner(Conventions):
             raise ValueError("y holds no measurement: all of it is NaN")
         refuse_other_units(names or (), self.unit_um)
         warn_if_tiny(measured * self.unit_um, "y")
-        return self._begin(input_rows(X, times), measured, names, flat)
+        begun = self._begin(input_rows(X, times), measured, names, flat)
+        if self.noise is not None:
+            warn_if_within(measured, np.asarray(self.noise, dtype=np.float64))
+        return begun
 
     def partial_fit(self, X: object, y: object, times: object = None) -> Self:
         """Learn from the rows that follow, measured or not; the first time from the beginning, as `fit`."""
@@ -129,7 +133,7 @@ class Learner(Conventions):
     def _begin(self, rows: Inputs, measured: FloatArray, names: tuple[str, ...] | None, flat: bool) -> Self:
         m, n = measured.shape[1], rows.values.shape[1]
         try:
-            given = np.asarray(self.noise, dtype=np.float64)
+            given = np.asarray(1.0 / self.unit_um if self.noise is None else self.noise, dtype=np.float64)
         except (TypeError, ValueError):
             raise TypeError(f"noise = {self.noise!r}: expected a number, or one for each column of y") from None
         if given.shape not in ((), (1,), (m,)):

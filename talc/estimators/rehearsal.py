@@ -21,6 +21,8 @@ Policy = Literal["uncertainty", "fixed", "every"]
 _OF_A_DECISION = ("predicted", "corrected", "sigma")
 """Columns of the result for each error, from the decisions."""
 _OF_A_STEP = ("phase", "measured", "wanted")
+_FEW_STEPS = 12
+"""A table of as many rows that fills fewer steps has times in another unit."""
 
 _ROLE_NEEDED = "as an input it may explain the error by itself. Name it among errors, drop it, or give inputs=[...]"
 
@@ -117,6 +119,7 @@ def rehearse(
     time_s = step_s * np.arange(1.0, len(df) + 1) if rows.time_s is None else rows.time_s
     step_s, _, index = on_grid(time_s, step_s)
     k, on_steps, recorded = means_and_lasts(index, rows.values, measured)
+    _refuse_few_steps(len(df), len(k), step_s)
     chosen = settings or LearnerSettings()
     found: dict[str, Any] = {name: [] for name in _OF_A_STEP}
     used, steps = np.full(recorded.shape, np.nan), []
@@ -161,6 +164,12 @@ def _course(
         decision = course.step(frame, known if taken else nothing)
         asked = decision.measure is not None
         yield decision, taken
+
+
+def _refuse_few_steps(rows: int, steps: int, step_s: float) -> None:
+    if steps < _FEW_STEPS <= rows:
+        what = f"{rows} rows fill {steps} steps of {step_s:g} s: expected {_FEW_STEPS} or more"
+        raise ValueError(f"{what}; are the times in seconds?")
 
 
 def _refuse_a_name_twice(errors: Sequence[str]) -> None:

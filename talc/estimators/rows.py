@@ -40,6 +40,14 @@ def warn_if_tiny(measured_um: FloatArray, what: str) -> None:
         warn(text, stacklevel=3)
 
 
+def warn_if_within(measured: FloatArray, noise: FloatArray) -> None:
+    """Warns where no measurement of any error is larger than the noise, both in one unit: nothing would be learnt."""
+    largest = np.max(np.abs(measured), axis=0, initial=0.0, where=np.isfinite(measured))
+    if (largest <= noise).all():
+        text = f"y is at most {largest.max():.2g}, noise {noise.max():.2g}: too little to be predicted"
+        warn(f"{text}; noise is in the unit of y", stacklevel=3)
+
+
 def more_than_zero(name: str, value: object) -> None:
     """TypeError: it is no number. ValueError: it is not more than 0."""
     if not isinstance(value, Real):

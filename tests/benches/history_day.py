@@ -1,4 +1,4 @@
-"""What a day's history costs: `python -m tests.benches.history_day`.
+"""What a day's history costs: `python -m tests.benches.history_day [HOURS]`, with all of the day or its first hours.
 
 A store gets a day of 30 channels at 1 Hz, eight on a module, as a gateway of one day has it. The publisher of the
 program answers queries from it over Zenoh on loopback, and the typed client makes tables. Both are in this process: its
@@ -6,6 +6,7 @@ processor time is that of the gateway, the network and the reader together.
 """
 
 import asyncio
+import sys
 import tempfile
 import time
 from collections.abc import Iterator
@@ -26,14 +27,13 @@ from tests.benches.free_port import free_port
 
 DAY = date(2026, 3, 2)
 _CHANNELS = 30
-_SECONDS = 86_400
 _PRUNED_EVERY_S = 600
 
 
-def _fill(path: Path) -> None:
+def _fill(path: Path, seconds: int) -> None:
     """As the store writes them, with the means that it makes each ten minutes."""
     begin_s = datetime.combine(DAY, datetime.min.time(), UTC).timestamp()
-    values = 20.0 + np.cumsum(np.random.default_rng(1).normal(0.0, 0.01, (_SECONDS, _CHANNELS)), axis=0)
+    values = 20.0 + np.cumsum(np.random.default_rng(1).normal(0.0, 0.01, (seconds, _CHANNELS)), axis=0)
     make_schema(path)
 
     def rows(first_s: int) -> Iterator[tuple[object, ...]]:
@@ -46,9 +46,9 @@ def _fill(path: Path) -> None:
         names = Channels([(channel, f"t{channel:02d}", "degC") for channel in range(1, _CHANNELS + 1)]).rows()
         connection.executemany("INSERT INTO channel VALUES (?, ?, ?)", names)
         pruning = Pruning(Retention(), 0.0)
-        for first_s in range(0, _SECONDS, _PRUNED_EVERY_S):
+        for first_s in range(0, seconds, _PRUNED_EVERY_S):
             connection.executemany("INSERT INTO reading VALUES (?, ?, ?, ?, ?)", rows(first_s))
-            if first_s + _PRUNED_EVERY_S < _SECONDS:  # of the last ten minutes there are none yet
+            if first_s + _PRUNED_EVERY_S < seconds:  # of the last ten minutes there are none yet
                 pruning.prune(connection, float(first_s + _PRUNED_EVERY_S))
             connection.commit()
 
@@ -73,13 +73,13 @@ async def _ask(path: Path) -> None:
                 print(f"| {title} | {values} | {used_s:.2f} s | {took_s:.2f} s |", flush=True)
 
 
-def main() -> None:
+def main(hours: float) -> None:
     with tempfile.TemporaryDirectory() as name:
         path = Path(name) / "gateway.sqlite"
-        _fill(path)
+        _fill(path, round(hours * 6) * _PRUNED_EVERY_S)
         print("| a day of 30 channels at 1 Hz as | values | processor | took |")
         asyncio.run(_ask(path))
 
 
 if __name__ == "__main__":
-    main()
+    main(float(sys.argv[1]) if len(sys.argv) > 1 else 24.0)

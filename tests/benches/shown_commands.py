@@ -61,7 +61,6 @@ class RunByNone:
 
 HowShown = RunAsShown | RunPrints | RunOnWires | RunElsewhere | RunByNone
 
-_LONG = "minutes to hours; tests call the functions below it with a small part of the work"
 _ROOT = "changes the computer's installed programs, services or network, as root"
 _NETWORK = "fetches packages from the network"
 
@@ -86,9 +85,7 @@ TABLE: dict[str, HowShown] = {
     r"prior make postgresql://.*": RunElsewhere("tests/gateway/collect/test_prior_of_database.py", '"make"'),
     r"prior make (DB|mill1).*": RunElsewhere("tests/gateway/past/test_prior.py", '"make"'),
     r"demo": RunElsewhere("tests/test_shown_commands.py", '"demo", "--hours", "2"'),
-    r"demo --method models": RunByNone(
-        "six minutes; the models' demo of a preset is run for 7 h (tests/system/test_demo.py)"
-    ),
+    r"demo --method models": RunElsewhere("tests/system/test_demo.py", '"--method", "models"'),
     r"demo --preset zimmermann-2022.*": RunElsewhere("tests/system/test_demo.py", '"--preset", "blaser-2019"'),
     r"init (gateway\.toml|CONFIG)": RunElsewhere("tests/gateway/cli/test_init.py", '"init"'),
     r"init /etc/.*": RunElsewhere("tests/system/test_debian_package.py", "talc-gateway init /"),
@@ -133,7 +130,10 @@ TABLE: dict[str, HowShown] = {
         "tests/simulators/devices/test_emulate.py", '"simulators.devices"'
     ),
     r"python -m simulators\.nc .*": RunElsewhere("tests/simulators/nc/test_nc_alone.py", '"simulators.nc", "--port"'),
-    r"python -m simulators\.(plant|three_body)\.generate": RunByNone("replaces the models that the tests compare with"),
+    r"python -m simulators\.plant\.generate": RunByNone("a minute for each machine, and replaces the models"),
+    r"python -m simulators\.three_body\.generate": RunElsewhere(
+        "tests/simulators/three_body/test_three_body.py", r"reduce_whole\(whole\), load_reduced"
+    ),
     r"python -m benchmarks\.method_figures": RunElsewhere("tests/benchmarks/test_method_figures.py", r"figures\.main"),
     r"python -m pip wheel .*": RunElsewhere("tests/test_wheel.py", '"wheel", "--no-deps"'),
     r"python -m tests\.benches\.nc_disturbances .*": RunElsewhere(
@@ -148,25 +148,33 @@ TABLE: dict[str, HowShown] = {
     r"python -m tests\.benches\.disk_calls": RunElsewhere("tests/gateway/storage/test_disk_calls.py", "disk_calls"),
     r"python -m tests\.benches\.kills .*": RunElsewhere("tests/system/test_killed_in_phases.py", "kills"),
     r"python -m tests\.benches\.store_kills .*": RunElsewhere("tests/system/test_killed_in_phases.py", "store_kills"),
-    r"python -m tests\.benches\.history_day": RunByNone("fills a day of 30 channels, minutes of processor time"),
+    r"python -m tests\.benches\.history_day": RunElsewhere("tests/test_bench_commands.py", r"benches\.history_day"),
     r"python -m tests\.benches\.site .*": RunElsewhere("tests/gateway/collect/test_site.py", "run_site"),
     r"python -m tests\.benches\.tick_latency": RunElsewhere(
         "tests/gateway/telemetry/test_tick_latency.py", "run_ticks"
     ),
-    r"python -m tests\.benches\.fuzz .*": RunByNone(_LONG),
+    r"python -m tests\.benches\.fuzz .*": RunElsewhere("tests/test_bench_commands.py", r"benches\.fuzz"),
     r"python -m tests\.benches\.soak .*": RunElsewhere("tests/system/test_soak.py", "soaked"),
-    r"python -m tests\.benches\.service_memory .*": RunByNone("a month of simulated time"),
-    r"python -m tests\.benches\.page_memory .*": RunByNone("days of a page in a browser"),
-    r"python -m tests\.benches\.outlets_cost .*": RunByNone("measures for a minute, with two servers"),
-    r"python -m tests\.benches\.page_browsers .*": RunByNone("ten browsers, on an idle computer"),
-    r"python -m tests\.benches\.linuxcnc_motion": RunByNone("a quarter of an hour with LinuxCNC on an idle computer"),
+    r"python -m tests\.benches\.service_memory .*": RunElsewhere(
+        "tests/test_bench_commands.py", r"benches\.service_memory"
+    ),
+    r"python -m tests\.benches\.page_memory .*": RunElsewhere("tests/test_bench_commands.py", r"benches\.page_memory"),
+    r"python -m tests\.benches\.outlets_cost .*": RunElsewhere(
+        "tests/test_bench_commands.py", r"benches\.outlets_cost"
+    ),
+    r"python -m tests\.benches\.page_browsers .*": RunElsewhere(
+        "tests/test_bench_commands.py", r"benches\.page_browsers"
+    ),
+    r"python -m tests\.benches\.linuxcnc_motion": RunElsewhere("tests/system/test_linuxcnc_follows.py", r"left_um\("),
     r"python -m tests\.benches\.linuxcnc_disturbances .*": RunElsewhere(
         "tests/gateway/nc/test_linuxcnc_disturbances.py", "disturbed_linuxcnc"
     ),
     r"python -m tests\.benches\.linuxcnc_period": RunElsewhere(
         "tests/drivers/linuxcnc/test_linuxcnc_period.py", "periods_us"
     ),
-    r"python -m tests\.benches\.service_under_systemd .*": RunByNone("a quarter of an hour in a Debian of its own"),
+    r"python -m tests\.benches\.service_under_systemd .*": RunElsewhere(
+        "tests/system/test_debian_package.py", r"tries\("
+    ),
     r"python -m tests\.benches\.notebooks": RunElsewhere("tests/examples/test_notebooks.py", "notebooks import .* run"),
     # make.
     r"make (test|\.venv/\.ready)": RunElsewhere(".ci/run", "make test"),
@@ -177,15 +185,26 @@ TABLE: dict[str, HowShown] = {
     r"make wheels .*": RunByNone("compiles for minutes, with a compiler from pypi.org"),
     r"make demo NC=linuxcnc": RunElsewhere("tests/system/test_linuxcnc.py", "show"),
     r"make demo": RunElsewhere("tests/system/test_demo.py", '"demo", "--hours"'),
-    r"make (bench|study).*": RunByNone(_LONG),
+    r"make study.*": RunElsewhere("tests/studies/test_studies.py", '"--results", str.page., "--pages"'),
+    r"make bench SUBJECTS=thingsboard": RunByNone("installs a program of others from pypi.org"),
+    r"make bench SUBJECTS=unseen_days": RunByNone("trainings for minutes, however few the machines"),
+    r"make bench( SUBJECTS=(demo|demo_models|forecast|learner_bounds|policy|selection|sensor_check|sparse_expert))?"
+    r"|make bench SUBJECTS=recordings RECORDINGS=folder": RunElsewhere(
+        "tests/benchmarks/test_by_command.py", r"main\(\[subject\], page\)"
+    ),
     r"make pictures": RunByNone("as long as the demo, and replaces the pages' pictures"),
-    r"make format": RunByNone("changes the code; the check of the same formatting is part of make test"),
-    r"make audit": RunByNone("asks pypi.org"),
+    r"make format": RunElsewhere("tests/test_shown_commands.py", r'make\("format"\)'),
+    r"make audit": RunElsewhere(".ci/run", "make --silent audit"),
     # Programs of others.
     r"certificates\.sh .*": RunElsewhere("tests/test_certificates.py", r"certificates\.sh"),
+    r"dpkg --(install|purge).*": RunElsewhere("tests/system/test_debian_package.py", "dpkg --(install|purge)"),
     r"(apt|apt-get|dpkg|ip|systemctl) .*": RunByNone(_ROOT),
+    r"pip install \.": RunElsewhere("tests/test_wheel.py", '"install", "--no-deps"'),
     r"(pip|uv) .*": RunByNone(_NETWORK),
-    r"(chmod|git|journalctl|nano|openssl|unzip) .*": RunByNone("a program of others, as its own manual describes it"),
+    r"openssl .*|chmod 600": RunElsewhere(
+        "tests/test_shown_commands.py", "openssl rand -hex 32 > anna.key && chmod 600"
+    ),
+    r"(git|journalctl|nano|unzip) .*": RunByNone("a program of others, as its own manual describes it"),
 }
 """Pattern of a whole command, without `talc-gateway`, to what runs it; the first pattern that fits is meant."""
 

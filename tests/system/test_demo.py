@@ -265,8 +265,13 @@ def test_nothing_stays_behind(run: DemoRun) -> None:
     assert not list(run.folder.glob("*.lock"))
 
 
-def test_a_preset_calibrates_adopts_models_and_is_replayed(tmp_path: Path) -> None:
-    command = demo_command(tmp_path, free_port(), 7.0, "--preset", "blaser-2019", "--calibration-hours", "4")
+@pytest.mark.parametrize(
+    ("hours", "system"), [(7.0, ("--preset", "blaser-2019")), (5.0, ("--method", "models"))], ids=["preset", "models"]
+)
+def test_a_system_of_models_calibrates_adopts_them_and_is_replayed(
+    tmp_path: Path, hours: float, system: tuple[str, str]
+) -> None:
+    command = demo_command(tmp_path, free_port(), hours, *system, "--calibration-hours", "4")
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as process:
         try:
             output = finished(process, tmp_path)

@@ -96,11 +96,16 @@ def test_an_error_that_is_hardly_in_micrometres_is_told(tmp_path: Path) -> None:
     assert "too little" not in run(path, "--unit", "EX0C=mm").output
 
 
-@pytest.mark.parametrize("head", ["time,t1,t2,growth,Drift X", "time,t1,t2,EX0C,Z deviation"])
+@pytest.mark.parametrize(
+    "head",
+    ["time,t1,t2,growth,Drift X", "time,t1,t2,EX0C,Z deviation", "time,t1,t2,EX0C,Spindelverlagerung Z [µm]"],
+)
 def test_what_is_called_an_error_is_no_input_in_silence(tmp_path: Path, head: str) -> None:
     path, other = table(tmp_path, head), head.split(",")[-1]
     given = {"Z": "growth"} if "growth" in head else None
-    with pytest.raises(RecordingError, match=f"column '{other}': is an error by its name; as an input it may"):
+    with pytest.raises(
+        RecordingError, match=f"column '{re.escape(other)}': is an error by its name; as an input it may"
+    ):
         read_recording(path, Columns(errors=given), 300.0)
     assert other in read_recording(path, Columns(errors=given, inputs=(other,)), 300.0).input_names
 

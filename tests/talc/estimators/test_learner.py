@@ -137,11 +137,27 @@ def test_contributions_add_up_to_the_prediction(days: ThermalSeries) -> None:
 def test_the_unit_of_the_errors_only_scales(days: ThermalSeries) -> None:
     y = sparse(days)
     um = talc.Learner(noise=1.0).fit(days.inputs[:200], y[:200])
-    mm = talc.Learner(noise=0.001, unit_um=1000.0).fit(days.inputs[:200], y[:200] / 1000.0)
+    mm = talc.Learner(unit_um=1000.0).fit(days.inputs[:200], y[:200] / 1000.0)
     for a, b in zip(
         um.predict(days.inputs[200:], return_std=True), mm.predict(days.inputs[200:], return_std=True), strict=True
     ):
         np.testing.assert_allclose(1000.0 * b, a, rtol=1e-6, atol=1e-6)
+
+
+def test_a_noise_in_another_unit_than_the_errors_is_told(days: ThermalSeries, recwarn: pytest.WarningsRecorder) -> None:
+    mm = sparse(days)[:200, :3] / 1000.0
+    talc.Learner(unit_um=1000.0, noise=[0.001, 0.001, 100.0]).fit(days.inputs[:200], mm)
+    assert not recwarn.list, "an error below the noise is none of the unit"
+    with pytest.warns(UserWarning, match=r"y is at most 0\.\d+, noise 1: too little .*; noise is in the unit of y"):
+        talc.Learner(unit_um=1000.0, noise=1.0).fit(days.inputs[:200], mm)
+
+
+def test_times_in_days_or_hours_are_not_taken_for_seconds(days: ThermalSeries) -> None:
+    for unit_s in (86400.0, 3600.0):
+        times = 300.0 / unit_s * np.arange(200)
+        with pytest.raises(ValueError, match=r"rows are 0\.\d+ s apart; are the times in seconds\? If so, give step_s"):
+            talc.Learner().fit(days.inputs[:200], sparse(days)[:200], times)
+    assert talc.Learner(step_s=0.05).fit(days.inputs[:200], sparse(days)[:200], 0.05 * np.arange(200)).step_s_ == 0.05
 
 
 def test_missing_inputs_are_filled_and_make_it_less_sure(days: ThermalSeries) -> None:

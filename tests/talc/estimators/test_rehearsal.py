@@ -152,6 +152,15 @@ def test_the_neighbour_of_an_error_is_no_input_in_silence(recorded: pd.DataFrame
     assert f"{other}_predicted" in talc.rehearse(table, errors=[error, other])
 
 
+def test_times_that_are_no_seconds_are_refused(recorded: pd.DataFrame) -> None:
+    table = recorded.iloc[:30, :3].assign(y=recorded["EY0A"][:30])
+    days = np.arange(30) / 288.0
+    with pytest.raises(ValueError, match="30 rows fill 2 steps of 300 s: expected 12 or more; are the times in sec"):
+        talc.rehearse(table, errors=["y"], times=days)
+    assert len(talc.rehearse(table, errors=["y"], times=86400.0 * days)) == 30
+    assert len(talc.rehearse(table[:11], errors=["y"], times=days[:11])) == 2
+
+
 def test_letters_and_numbers_alone_are_names_of_inputs(recorded: pd.DataFrame) -> None:
     table = recorded.iloc[:30, :3].set_axis(["x1", "x2", "a"], axis=1).assign(y=recorded["EY0A"][:30])
     assert len(talc.rehearse(table, errors=["y"])) == 30

@@ -1,0 +1,96 @@
+"""`python -m benchmarks SUBJECT`, which `make bench` runs, with few machines and few hours: it makes the rows that
+docs/results.md shows, and renews that table alone."""
+
+import importlib
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.__main__ import main
+from benchmarks.data import machine
+from studies import Days
+
+pytestmark = pytest.mark.slow
+
+ROOT = Path(__file__).parents[2]
+TWO = (("day", 0), ("axes", 1))
+SMALL: dict[str, dict[str, object]] = {
+    "demo": {"SEEDS": (1,)},
+    "demo_models": {"SEEDS": (1,), "HOURS": 26.0},
+    "forecast": {"MACHINES": TWO, "_HOURS": 36},
+    "learner_bounds": {"MACHINES": TWO, "_HOURS": 28},
+    "policy": {"MACHINES": TWO[:1], "_FEW": TWO[1:], "_HOURS": 24, "_FEW_HOURS": 24, "_FIXED_MIN": (60.0, 240.0)},
+    "selection": {"_TRIALS": 1, "_PLACED": 24},
+    "sensor_check": {"_SEEDS": (200,), "_DAYS": 10, "_DRAWS": 1},
+    "sparse_expert": {"MACHINES": TWO[:1], "_HOURS": 28},
+}
+"""What of a subject's module is made smaller."""
+
+
+def shorter(kind: str, seed: int, hours: int) -> Days:
+    return machine(kind, seed, min(hours, 26))
+
+
+def once(work: Callable[[], object], _: int) -> float:
+    work()
+    return 1.0
+
+
+def table(page: str, subject: str) -> str:
+    return page.partition(f"<!-- benchmark {subject} -->\n")[2].partition("<!-- end -->")[0]
+
+
+def work(rows: str) -> list[str]:
+    """First cells, without numbers: of how many machines they are."""
+    return [re.sub(r"\d+(\.\d+)?", "N", line.split("|")[1]) for line in rows.splitlines()]
+
+
+@pytest.mark.parametrize("subject", SMALL)
+def test_it_makes_the_rows_of_the_page_and_renews_them(
+    subject: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    module = importlib.import_module(f"benchmarks.{subject}")
+    for name, value in SMALL[subject].items():
+        assert hasattr(module, name)
+        monkeypatch.setattr(module, name, value)
+    if subject == "selection":
+        monkeypatch.setattr(module, "machine", shorter)
+        monkeypatch.setattr(module, "median_s", once)
+    if subject == "demo":
+        monkeypatch.setattr(module.demo, "__defaults__", (4.0,))
+    before = (ROOT / "docs" / "results.md").read_text("utf-8")
+    page = tmp_path / "results.md"
+    page.write_text(before, encoding="utf-8")
+    main([subject], page)
+    after = page.read_text("utf-8")
+    assert work(table(after, subject)) == work(table(before, subject))
+    assert table(after, subject) != table(before, subject)
+    assert after.replace(table(after, subject), table(before, subject)) == before
+
+
+def test_a_folder_of_own_recordings_gets_a_page_and_leaves_the_results(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    hours = np.arange(300) / 12.0
+    heat = 25.0 + 5.0 * np.sin(hours)
+    rows = np.column_stack([hours * 3600.0, heat, 3.0 * (heat - 25.0)])
+    (tmp_path / "folder").mkdir()
+    np.savetxt(tmp_path / "folder" / "mill.csv", rows, delimiter=",", header="time,heat,dz", comments="")
+    (tmp_path / "folder" / "mill.toml").write_text(
+        'errors = ["dz"]\ntime.unit = "s"\nintervals_min = [60]\nbeginnings_h = [0]\n', encoding="utf-8"
+    )
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("RECORDINGS", "folder")
+    monkeypatch.setenv("METHODS", "hold,learner")
+    page = tmp_path / "results.md"
+    page.write_text("<!-- benchmark recordings -->\n<!-- end -->", encoding="utf-8")
+    main(["recordings"], page)
+    (row,) = [line for line in capsys.readouterr().out.splitlines() if "RMSE" in line]
+    found = re.search(r"of learner \| [\d.]+: ([\d.]+) of hold", row)
+    assert found is not None, row
+    assert float(found[1]) < 0.5
+    assert sorted(file.name for file in (tmp_path / "out" / "recordings").iterdir()) == ["mill.json", "mill.md"]
+    assert page.read_text("utf-8") == "<!-- benchmark recordings -->\n<!-- end -->", "figures of a user's own data"
