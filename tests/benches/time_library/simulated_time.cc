@@ -23,6 +23,7 @@
 
 #include <algorithm>
 #include <atomic>
+#include <condition_variable>
 #include <cstdint>
 #include <iterator>
 #include <list>
@@ -60,11 +61,13 @@ struct Wait {
 };
 std::mutex guard;
 std::list<Wait*> waiting;
+std::condition_variable governed;  // somebody waits for a deadline, or the governor's work is done
 
 void enter(Wait& wait) {
   std::lock_guard lock(guard);
   waiting.push_back(&wait);
   ++waits;
+  governed.notify_one();
 }
 bool leave(Wait& wait) {
   std::lock_guard lock(guard);
@@ -252,19 +255,18 @@ class Threads {
  public:
   ~Threads() {
     for (auto& [_, fd] : files_) close(fd);
+    closedir(tasks_);
   }
   bool all_sleep() {
-    const pid_t self = static_cast<pid_t>(syscall(SYS_gettid));
-    DIR* tasks = opendir("/proc/self/task");
+    rewinddir(tasks_);
     bool asleep = true;
     std::set<pid_t> there;
-    while (const dirent* task = asleep ? readdir(tasks) : nullptr) {
+    while (const dirent* task = asleep ? readdir(tasks_) : nullptr) {
       const pid_t id = atoi(task->d_name);
-      if (id == 0 || id == self) continue;
+      if (id == 0 || id == self_) continue;
       asleep = sleeps(id);
       there.insert(id);
     }
-    closedir(tasks);
     if (asleep) forget_all_but(there);
     return asleep;
   }
@@ -296,6 +298,8 @@ class Threads {
       file = kept ? std::next(file) : files_.erase(file);
     }
   }
+  const pid_t self_ = static_cast<pid_t>(syscall(SYS_gettid));
+  DIR* const tasks_ = opendir("/proc/self/task");
   std::map<pid_t, int> files_;
 };
 
@@ -309,6 +313,10 @@ void* govern(void*) {
   uint64_t waits_then = 0;
   Missing missing;  // since these were first seen, and one of them ended
   while (active) {
+    if (std::unique_lock lock(guard); waiting.empty()) {  // nothing to end, and no need to look who sleeps
+      governed.wait(lock, [] { return !waiting.empty() || !active; });
+      rest.tv_nsec = rest_ns;
+    }
     ::clock_nanosleep(CLOCK_MONOTONIC, 0, &rest, nullptr);
     rest.tv_nsec = std::min(2 * rest.tv_nsec, longest_rest_ns);  // work goes on; looks cost, too
     const uint64_t before = waits;
@@ -354,7 +362,11 @@ void begin_simulated_time() {
 }
 
 void end_simulated_time() {
-  active = false;
+  {
+    std::lock_guard lock(guard);
+    active = false;
+    governed.notify_one();
+  }
   pthread_join(governor, nullptr);
   std::lock_guard lock(guard);
   for (auto* wait : waiting) expire(*wait);
