@@ -1,6 +1,7 @@
 """Asks every gateway of a site in turn for its next rows, and commits them before it asks for more."""
 
 import logging
+import math
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -23,6 +24,9 @@ _LIMIT = 10_000
 _AT_ONCE, _WRITTEN_AT_ONCE = 16, 2
 """Machines that are asked at the same time, as one that does not answer holds up the others; and answers that are
 written at the same time, as that takes memory."""
+_APART_S = 1.0
+"""Between two turns in which machines are asked that have nothing more. All at once they would keep processors, disks
+and the network busy for seconds, and live messages would wait."""
 _NAMED = 5
 """Machines that a line of the log names."""
 _GAPS = "gaps"
@@ -77,7 +81,7 @@ class Collector:
     ----------
     gateways: who is asked
     kept: where it is kept
-    every_s: how long after it has everything of a machine it asks again
+    every_s: how often a machine is asked of which it has everything; the machines' turns are spread over this time
     limit: rows of a table in one answer
     utc: the time of gaps
     """
@@ -104,13 +108,19 @@ class Collector:
         if bool(running) != self._heard:
             self._heard = bool(running)
             log.warning("gateways are heard again" if running else "no gateway is heard; trying again")
+        slots = max(1, int(self._every_s / _APART_S))
+        phase_s = {name: at * slots // len(running) * self._every_s / slots for at, name in enumerate(running)}
         due = [name for name in running if self.machines.setdefault(name, MachineAsked()).due_s <= now_s]
         before = {name: self.machines[name].problem for name in due}
         with ThreadPoolExecutor(_AT_ONCE) as pool:
             for name, more in zip(due, pool.map(self._collect, due), strict=True):
-                self.machines[name].due_s = now_s if more else now_s + self._every_s
+                self.machines[name].due_s = now_s if more else self._next_s(now_s, phase_s[name])
         self._tell(before)
         return min((self.machines[name].due_s for name in running), default=now_s + self._every_s)
+
+    def _next_s(self, now_s: float, phase_s: float) -> float:
+        """The next time of this phase that is at least half of `every_s` away."""
+        return phase_s + math.ceil((now_s + self._every_s / 2 - phase_s) / self._every_s) * self._every_s
 
     def _collect(self, name: str) -> bool:
         """Whether there is more. Whatever goes wrong with a machine holds up no other one."""

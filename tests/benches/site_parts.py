@@ -26,6 +26,9 @@ from gateway.telemetry import TelemetryPublisher
 from talc.frame import Event, EventKind, Frame
 from tests.benches import telemetry_examples as example
 
+_SWITCH_S = 0.0002
+"""For which a thread keeps the interpreter when others want it. With Python's 5 ms a gateway that answers a query holds
+up the messages of the fifty in its process, each at every message; real gateways do not share a process."""
 _STEP_EVERY = 10
 """Reads of a gateway between two steps."""
 
@@ -81,6 +84,7 @@ class _SiteGateway:
 
 
 async def _gateways(port: int, folder: Path, first: int, count: int, keys: int) -> None:
+    sys.setswitchinterval(_SWITCH_S)
     settings = Telemetry(mode="client", listen=(), connect=(f"tcp/127.0.0.1:{port}",))
     stop = asyncio.Event()
     loop = asyncio.get_running_loop()

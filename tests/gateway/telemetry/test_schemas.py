@@ -1,0 +1,160 @@
+"""What leaves a gateway fits the schemas of docs/telemetry: heard by Zenoh alone, judged by `schema_faults`."""
+
+import asyncio
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from drivers.base import Quality, SystemClock
+from gateway.cli.stored import course_of, history_of, rows_of
+from gateway.clock import RealClock
+from gateway.commands import CommandName
+from gateway.config import Operator, Telemetry
+from gateway.events import (
+    CompensationStepped,
+    ConfigurationApplied,
+    DecisionMade,
+    EventReported,
+    ForecastMade,
+    FrameMade,
+    GatewayEvent,
+    Health,
+    HealthChecked,
+    MeasurementEnded,
+    ModelsAdopted,
+    OutlookChanged,
+    ProbingRequested,
+    ReadingsTaken,
+    ReasonsGiven,
+    SensorsJudged,
+    StorageChanged,
+    StoreHealth,
+)
+from gateway.nc import NcState
+from gateway.storage import Store, boot_id
+from gateway.telemetry import TYPES, ReportPage, TelemetryPublisher
+from tests.benches import telemetry_examples as example
+from tests.benches.free_port import free_port
+from tests.benches.schema_faults import schema_faults
+from tests.benches.telemetry_examples import configuration
+from tests.benches.telemetry_peer import ROOT, reading
+from tests.benches.telemetry_process import client
+
+SCHEMAS = {
+    path.name.split(".")[0]: json.loads(path.read_text(encoding="utf-8"))
+    for path in (Path(__file__).parents[3] / "docs" / "telemetry").glob("*.schema.json")
+}
+LIMIT_S = 60.0
+SPAN = "from=2026-01-01T00:00:00Z;to=2026-02-01T00:00:00Z"
+EVENTS: tuple[GatewayEvent, ...] = (
+    ConfigurationApplied(configuration("mill")),
+    ReadingsTaken([reading(20.0), reading(math.nan, Quality.SENSOR_FAULT), example.READING, example.BAD_READING]),
+    FrameMade(example.FRAME),
+    FrameMade(example.MEASURED_FRAME),
+    DecisionMade(example.FIRST_DECISION),
+    DecisionMade(example.DECISION),
+    ProbingRequested(41),
+    *(MeasurementEnded(outcome) for outcome in (example.OUTCOME, example.PER_POSE, example.REFUSED)),
+    ModelsAdopted(example.MODELS, 7),
+    CompensationStepped(example.WRITE),
+    CompensationStepped(example.ADVICE),
+    SensorsJudged(example.JUDGEMENT, 7),
+    ReasonsGiven(example.REASONS),
+    ForecastMade(example.FORECAST, example.MISSES),
+    OutlookChanged(example.OUTLOOK),
+    OutlookChanged(example.NO_WISH),
+    StorageChanged(StoreHealth("database is locked", 5.0, 40, 0, 900.0)),
+    HealthChecked(Health(60.0, 30, 29, NcState.READY, True, ("an operator",), StoreHealth())),
+    *(EventReported(event, k) for event, k in ((example.PROBLEM, None), (example.LIMIT, 7), (example.NO_NUMBER, 7))),
+)
+"""Of each kind, and with and without what may be missing."""
+STORED = "measurements,steps,models,events,compensation,minutes,readings,commands,runs"
+ASKED = {
+    "history": f"history?{SPAN}",
+    "course": f"course?{SPAN};temperatures=yes",
+    "stored": f"stored?after={STORED}",
+    "report": "report?day=2026-01-05",
+    "command_terms": "command",
+    "error": "history?from=yesterday",
+}
+
+
+async def test_every_message_and_every_answer_fits_its_schema(tmp_path: Path) -> None:
+    key, path, boot = tmp_path / "anna.key", tmp_path / "gateway.sqlite", boot_id()
+    key.write_text("anna" * 10, encoding="utf-8")
+    anna = Operator(name="anna", key_file=key, may=(CommandName.PAUSE,))
+    where = f"tcp/127.0.0.1:{free_port()}"
+    heard: list[tuple[str, Any]] = []
+
+    def judge() -> None:
+        with client(int(where.rpartition(":")[2])) as session:
+
+            def take(sample: Any) -> None:
+                heard.append((str(sample.key_expr).removeprefix(f"{ROOT}/"), json.loads(sample.payload.to_bytes())))
+
+            subscriber = session.declare_subscriber(f"{ROOT}/**", take)
+            list(session.get(f"{ROOT}/**", timeout=LIMIT_S))  # the subscription has arrived
+            for event in EVENTS:
+                publisher.publish(event)
+            while not heard or heard[-1][0] != "event" or heard[-1][1]["text"] != example.NO_NUMBER.text:
+                list(session.get(f"{ROOT}/status", timeout=LIMIT_S))
+            subscriber.undeclare()
+            for kind, selector in ASKED.items():
+                (reply,) = session.get(f"{ROOT}/{selector}", timeout=LIMIT_S)
+                payload = reply.ok.payload if reply.ok is not None else reply.err.payload  # type: ignore[union-attr]
+                assert (reply.ok is None) == (kind == "error")
+                heard.append((kind, json.loads(payload.to_bytes())))
+
+    with Store(path, boot, RealClock()) as store:
+        for event in EVENTS:
+            store.record(event)
+        store.flush()
+        publisher = TelemetryPublisher(
+            Telemetry(listen=(where,), operator=(anna,)), "mill", example.NAMES, SystemClock(), boot, simulated=False,
+            history=history_of(path), course=course_of(path, 300.0), stored=rows_of(path),
+            report=lambda _: ReportPage("2026-01-05", "Europe/Zurich", b"\x1f\x8b\x00\xff"),
+        )  # fmt: skip
+        async with publisher:
+            await asyncio.to_thread(judge)
+    assert {suffix.split("/")[0] for suffix, _ in heard} == {*TYPES, *ASKED}
+    faults = [
+        f"{suffix}: {fault}"
+        for suffix, payload in heard
+        for fault in schema_faults(payload, SCHEMAS[suffix.split("/")[0]])
+    ]
+    assert faults == []
+    answers = dict(heard[-len(ASKED) :])
+    assert answers["history"]["time"]
+    assert answers["stored"]["tables"].keys() == set(STORED.split(","))
+    assert all(
+        answers["stored"]["tables"][table]["numbers"] for table in ("measurements", "steps", "events", "readings")
+    )
+
+
+@pytest.mark.parametrize(
+    ("kind", "change", "said"),
+    [
+        ("reading", {"value": "warm"}, "$.value: 'warm' is none of"),
+        ("reading", {"time": "2026-01-05T06:00:00"}, "$.time: '2026-01-05T06:00:00' is no date-time"),
+        ("reading", {"seq": 1.5}, "$.seq: 1.5 is no integer"),
+        ("reading", {"seq": True}, "$.seq: True is no integer"),
+        ("decision", {"predicted": {"EY0A": "much"}}, "$.predicted.EY0A: 'much' is none of"),
+        ("decision", {"substituted": ["bed", 1]}, "$.substituted[1]: 1 is no string"),
+        ("compensation", {"target_um": [0.0, 0.0]}, "$.target_um: has 2, at least 3 are expected"),
+        ("compensation", {"target_um": [0.0] * 4}, "$.target_um: has 4, at most 3 are expected"),
+        ("compensation", {"target_um": [0.0, "far", 0.0]}, "$.target_um[1]: 'far' is no number"),
+    ],
+)
+def test_a_payload_that_does_not_fit_is_found(kind: str, change: dict[str, Any], said: str) -> None:
+    lines = (Path(__file__).parent / "published.txt").read_text(encoding="utf-8").splitlines()
+    payload = json.loads(next(line.split(" ", 1)[1] for line in lines if line.startswith(kind)))
+    assert schema_faults(payload, SCHEMAS[kind]) == []
+    (found,) = schema_faults(payload | change, SCHEMAS[kind])
+    assert found.startswith(said)
+    for name in payload:
+        rest = {other: value for other, value in payload.items() if other != name}
+        required = SCHEMAS[kind]["$defs"][SCHEMAS[kind]["$ref"].rpartition("/")[2]]["required"]
+        assert schema_faults(rest, SCHEMAS[kind]) == ([f"$: {name} is missing"] if name in required else [])
