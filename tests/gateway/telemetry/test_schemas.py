@@ -47,6 +47,8 @@ SCHEMAS = {
     path.name.split(".")[0]: json.loads(path.read_text(encoding="utf-8"))
     for path in (Path(__file__).parents[3] / "docs" / "telemetry").glob("*.schema.json")
 }
+FIRST = (Path(__file__).parent / "fields.txt").read_text(encoding="utf-8").splitlines()
+"""Fields of version 1 of the key space: lines are only ever added. A field that is new begins with `optional`."""
 LIMIT_S = 60.0
 SPAN = "from=2026-01-01T00:00:00Z;to=2026-02-01T00:00:00Z"
 EVENTS: tuple[GatewayEvent, ...] = (
@@ -158,3 +160,34 @@ def test_a_payload_that_does_not_fit_is_found(kind: str, change: dict[str, Any],
         rest = {other: value for other, value in payload.items() if other != name}
         required = SCHEMAS[kind]["$defs"][SCHEMAS[kind]["$ref"].rpartition("/")[2]]["required"]
         assert schema_faults(rest, SCHEMAS[kind]) == ([f"$: {name} is missing"] if name in required else [])
+
+
+def fields_now() -> list[str]:
+    """Of each type: whether a reader may do without it, its place, and what it may be."""
+    found = []
+    for kind, schema in SCHEMAS.items():
+        for name, definition in schema["$defs"].items():
+            for field, form in definition["properties"].items():
+                need = "required" if field in definition["required"] else "optional"
+                found.append(f"{need} {kind} {name}.{field} {json.dumps(form_of(form), sort_keys=True)}")
+    return sorted(found)
+
+
+def form_of(form: Any) -> Any:
+    """Without what is for people."""
+    match form:
+        case dict():
+            about = ("description", "examples", "default", "title")
+            return {word: form_of(value) for word, value in form.items() if word not in about}
+        case list():
+            return [form_of(one) for one in form]
+        case _:
+            return form
+
+
+def test_fields_are_only_added_and_old_messages_without_them_are_read() -> None:
+    now = fields_now()
+    assert [line for line in FIRST if line not in now] == [], "a reader of version 1 no longer finds them"
+    new = [line for line in now if line not in FIRST]
+    assert [line for line in new if line.startswith("required")] == [], "a default, for what earlier gateways publish"
+    assert new == [], "add these lines to fields.txt"
