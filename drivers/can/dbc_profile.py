@@ -17,6 +17,7 @@ from drivers.can.wanted import WantedFrame
 from drivers.faults import CodeRule, Fault, NumberRule, RangeRule, RawNumber
 from drivers.problems import suggestion
 from drivers.profile import DeviceProfile
+from drivers.readings import total
 from drivers.section import OTHER_ENCODING, FilePath, Section, wrong
 
 if TYPE_CHECKING:
@@ -50,7 +51,7 @@ class DbcSignal:
         raw: Any = decoded[self.signal.name]
         if (fault := self.raw.fault(self.rules, raw)) is not None:
             return fault
-        value = float(self.signal.conversion.raw_to_scaled(raw, decode_choices=False))  # type: ignore[arg-type]
+        value = float(total(raw * self.signal.conversion.scale, self.signal.conversion.offset))
         if not isfinite(value):
             return Fault(Quality.SENSOR_FAULT, "the device sends no number")
         low, high = self.signal.minimum, self.signal.maximum

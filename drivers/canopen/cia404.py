@@ -9,7 +9,7 @@ from drivers.canopen.place import CanObject
 from drivers.canopen.profile import STATUS_BITS, Cia404Profile, Scaling
 from drivers.canopen.settings import Cia404Options
 from drivers.faults import Fault, first_fault
-from drivers.readings import ReadingMaker
+from drivers.readings import ReadingMaker, total
 
 DEVICE_TYPE = 0x1000
 SENSOR_TYPE = 0x6110
@@ -149,7 +149,7 @@ class Cia404Device:
             what = f"object {self._profile.value_object:04X} holds {len(value)} bytes, not {size}"
             return Fault(Quality.COMM_FAULT, what)
         scaling = self._scales[number]
-        return int.from_bytes(value[:size], "little", signed=True) * scaling.scale + scaling.offset
+        return total(int.from_bytes(value[:size], "little", signed=True) * scaling.scale, scaling.offset)
 
 
 def _code(status: bytes) -> int:

@@ -14,7 +14,7 @@ from drivers.byte_stream import StreamBus, TcpStream
 from drivers.faults import Fault
 from drivers.micro_epsilon.profile import MeEthernetProfile
 from drivers.micro_epsilon.settings import DisplacementOptions, MeEthernetSettings
-from drivers.readings import ReadingMaker
+from drivers.readings import ReadingMaker, total
 from drivers.tap import Tap
 
 _START = b"MEAS"
@@ -132,7 +132,7 @@ class MeEthernetDevice:
         fraction = raw / self._profile.value.full_scale
         if not 0.0 <= fraction <= 1.0:
             return Fault(Quality.OUT_OF_RANGE, f"{fraction:.3g} of the measuring range; 0 to 1 can be measured")
-        return fraction * self._options.range_um - self._options.zero_um
+        return total(fraction * self._options.range_um, -self._options.zero_um)
 
 
 def find_block(heard: bytes | bytearray) -> MeBlock | None:

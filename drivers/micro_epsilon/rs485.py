@@ -15,7 +15,7 @@ from drivers.faults import Fault
 from drivers.micro_epsilon.profile import MeRs485Profile
 from drivers.micro_epsilon.settings import DisplacementOptions, MeRs485Settings
 from drivers.patience import Patience
-from drivers.readings import ReadingMaker
+from drivers.readings import ReadingMaker, total
 from drivers.serial_server import pause_s, serial_stream
 from drivers.tap import Tap
 
@@ -164,7 +164,7 @@ class MeRs485Device:
         fraction = unscaled / self._profile.value.full_scale
         if not 0.0 <= fraction <= 1.0:
             return Fault(Quality.OUT_OF_RANGE, f"{fraction:.3g} of the measuring range; 0 to 1 can be measured")
-        return float(fraction * self._options.range_um - self._options.zero_um)
+        return total(fraction * self._options.range_um, -self._options.zero_um)
 
 
 def decode_float(data: bytes) -> float:

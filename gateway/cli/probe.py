@@ -85,7 +85,7 @@ async def _nc(config: GatewayConfig, *, try_writing: bool) -> list[_ProbedRow]:
         latency = (time.perf_counter() - began) * 1e3
         values = {f"position {axis}": value for axis, value in snapshot.positions.items()}
         values |= {state.name: snapshot.states[state.name] for state in config.states if state.name in snapshot.states}
-        texts = {name: number_text(value, 3) for name, value in values.items()}
+        texts = {name: f"{value:z.3f}" for name, value in values.items()}  # 5.7e-14 mm is 0: it is what rounding leaves
         texts |= {"mode": snapshot.mode.value, "program": snapshot.program.value}
         if snapshot.tool is not None:
             texts["tool"] = str(snapshot.tool)

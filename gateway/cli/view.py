@@ -193,7 +193,7 @@ def _header(s: ViewState) -> RenderableType:
 def _value(message: ReadingMessage) -> str:
     if message.value is None or message.quality != Quality.GOOD:
         return message.quality
-    return f"{message.value:.1f} {message.unit}"
+    return f"{message.value:z.1f} {message.unit}"
 
 
 def _readings(s: ViewState) -> RenderableType:
@@ -255,7 +255,7 @@ def _events(s: ViewState) -> RenderableType:
 
 
 def _tenths(value: float | None) -> str:
-    return "-" if value is None else f"{value:.1f}"
+    return "-" if value is None else f"{value:z.1f}"
 
 
 def _age(seconds: float) -> str:

@@ -72,6 +72,19 @@ def test_the_tool_and_whether_the_probe_is_in_the_spindle_are_shown_if_the_nc_re
     assert [row[4] for row in rows if len(row) > 4 and row[3] in ("tool", "probe in spindle")] == shown
 
 
+def test_what_rounding_leaves_of_a_position_is_shown_as_0(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    axes = {"X": 5.684e-14, "Y": -5.684e-14, "Z": -0.0, "A": 0.0014, "C": -12.5}
+
+    async def snapshot(_: AgentControl) -> NcSnapshot:
+        return NcSnapshot(SteppedClock().utc(), 0.0, axes)
+
+    monkeypatch.setattr(AgentControl, "connect", connected)
+    monkeypatch.setattr(AgentControl, "snapshot", snapshot)
+    rows = [[cell.strip() for cell in line.split("│")] for line in probe(tmp_path).output.splitlines()]
+    shown = {row[3]: row[4] for row in rows if len(row) > 4 and row[3].startswith("position")}
+    assert [shown[f"position {axis}"] for axis in "XYZAC"] == ["0.000", "0.000", "0.000", "0.001", "-12.500"]
+
+
 class Grants(AgentControl):
     """A control on which writing can be tried."""
 
