@@ -47,15 +47,17 @@ async def test_a_port_that_cannot_switch_is_refused_by_name(kind: str) -> None:
     path = await port.start()
     bus, plain = make_bus("b", kind, {"port": path, "rs485_rts": "high"}), make_bus("b", kind, {"port": path})
     try:
-        with pytest.raises(ConnectError, match=f"bus b: serial port {path} does not switch by RTS"):
+        with pytest.raises(ConnectError, match=f"bus b: serial port {path} does not switch by RTS") as caught:
             await bus.connect()
         await plain.connect()  # the port was not left open: it is exclusive
+        assert caught.value.__traceback__ is not None, "which would keep it open"
     finally:
         await plain.close()
         await bus.close()
         await port.stop()
 
 
-def test_a_delay_without_switching_is_refused() -> None:
-    with pytest.raises(SetupError, match=r"rs485_after_s: 0\.01: has no effect without rs485_rts"):
-        make_bus("b", "modbus_rtu", {"port": "/dev/ttyS0", "rs485_after_s": 0.01})
+@pytest.mark.parametrize("delay", ["rs485_before_s", "rs485_after_s"])
+def test_a_delay_without_switching_is_refused(delay: str) -> None:
+    with pytest.raises(SetupError, match=rf"{delay}: 0\.01: has no effect without rs485_rts"):
+        make_bus("b", "modbus_rtu", {"port": "/dev/ttyS0", delay: 0.01})
