@@ -93,6 +93,21 @@ class Driver(Protocol):
     async def close(self) -> None: ...
 
 
+@runtime_checkable
+class AsksLater(Protocol):
+    """A driver that leaves out what its device does not answer while it answers the rest, and asks for it again when
+    the runner has time."""
+
+    @property
+    def asks_later(self) -> bool:
+        """Whether something is due to be asked for again."""
+        ...
+
+    async def ask_later(self) -> None:
+        """Ask for it once; it may take the bus's timeout. What is answered is in the next reading."""
+        ...
+
+
 class Bus(Protocol):
     """A serial port, host or CAN interface with devices on it. It owns the connection that their drivers share."""
 

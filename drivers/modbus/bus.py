@@ -40,6 +40,10 @@ _MOST_HEARD = 4096
 """How many bytes are searched for the answer to one request."""
 
 
+class NotAsked(NoAnswer):
+    """No time was left to send the request."""
+
+
 class ModbusBus(StreamBus, ABC):
     """A connection that several units share."""
 
@@ -106,7 +110,7 @@ class ModbusBus(StreamBus, ABC):
         if rest_s <= 0:
             return
         if self.left_s - rest_s < _SHORTEST_S:
-            raise NoAnswer(
+            raise NotAsked(
                 f"unit {unit} is busy, and no time was left to ask it later",
                 hurried=True,
                 heard=True,
@@ -118,7 +122,7 @@ class ModbusBus(StreamBus, ABC):
     async def _answer(self, device: str, unit: int, block: Block, again: bool) -> ModbusPDU:
         """As `_exchange`, on a connection that may have to be opened anew."""
         if self.left_s < _SHORTEST_S:
-            raise NoAnswer(
+            raise NotAsked(
                 f"unit {unit}: no time was left to ask for all of it", hurried=True, bus=self._name, device=device
             )
         if self.reopens and self._wanted and not self._stream.is_open:

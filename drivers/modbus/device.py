@@ -6,8 +6,8 @@ from math import inf, isfinite
 from drivers.base import BadAnswer, Busy, Clock, DriverError, NoAnswer, Quality, Reading, Refused, WrongDevice
 from drivers.faults import Fault, first_fault
 from drivers.modbus.answers import BlockAnswers, Words
-from drivers.modbus.bus import ModbusBus
-from drivers.modbus.inputs import DeviceInput, device_input
+from drivers.modbus.bus import ModbusBus, NotAsked
+from drivers.modbus.inputs import device_input
 from drivers.modbus.numbers import AddressRange, Block, Span
 from drivers.modbus.plan import ReadPlan
 from drivers.modbus.profile import ModbusProfile
@@ -25,7 +25,8 @@ _SAME_UNIT_S = 2.0
 class ModbusDevice:
     """One unit; `channels` maps names to the device's channel numbers, counted from 0.
 
-    An address that the unit refuses takes the channels that need it, and no other.
+    An address that the unit refuses, or does not answer while it answers others, takes the channels that need it, and
+    no other.
     """
 
     def __init__(
@@ -105,6 +106,9 @@ class ModbusDevice:
         elif not self._profile.settings:
             try:
                 await self._ask(self._values.test, again=again)
+            except NoAnswer:
+                self._values.test_missed()
+                raise
             except Busy:
                 raise
             except Refused:  # it answers; what it refuses is found when it is read
@@ -152,7 +156,7 @@ class ModbusDevice:
             if self._was_silent:
                 self._forget()
             elif self._values.refused and self._clock.monotonic() - self._refused_since_s >= _ASK_REFUSED_AGAIN_S:
-                self._reset_plans()
+                self._reset_plans(silent=False)
         if not self._checked and (self._codes.requests or self._settings.requests):
             await self.connect()
         try:
@@ -163,10 +167,11 @@ class ModbusDevice:
             error.heard |= self._clock.monotonic() - self._check_answered_s < _SAME_UNIT_S
             raise
         self._was_silent, self._check_answered_s = False, -inf
-        values = {name: self._value(name, words) for name in self._channels}
+        lost = {**self._values.lost, **self._codes.lost}
+        values = {name: self._value(name, words, lost) for name in self._channels}
         for name, value in values.items():
             if self._faults.requests and not isinstance(value, Fault):
-                values[name] = self._value(name, later)
+                values[name] = self._value(name, later, lost)
         return self._maker.make(values)
 
     async def _read_words(self, again: bool) -> tuple[Words, Words]:
@@ -194,12 +199,18 @@ class ModbusDevice:
 
     async def _answer(self, plan: ReadPlan, answers: BlockAnswers, *, again: bool, in_order: bool = False) -> None:
         """Ask for what is missing in `answers`; a refused request of the plan is divided."""
-        while (request := answers.next_of(plan.requests, in_order=in_order)) is not None:
+        while True:
+            request = answers.next_of(plan.requests if in_order else plan.surest_first, in_order=in_order)
+            if request is None:
+                return
             try:
-                answers.add(request, await self._ask(request, again=again))
+                later = plan.requests[plan.requests.index(request) + 1 :] if in_order else ()
+                answers.add(request, await self._ask(request, again=again), later)
                 plan.answered(request)
             except NoAnswer as error:
                 answers.missed(request)
+                if self._leaves_out(plan, request, error):
+                    continue
                 raise self._with_gaps(error, plan.unused(request) if answers else "") from error
             except (BadAnswer, Busy):
                 answers.missed(request)
@@ -211,6 +222,45 @@ class ModbusDevice:
                 elif not error.absent and plan.has_answered(request):  # it may be better in a moment
                     answers.missed(request)
                     raise Busy(error.what, bus=error.bus, device=error.device, hint=error.hint) from error
+
+    def _leaves_out(self, plan: ReadPlan, request: Block, error: NoAnswer) -> bool:
+        """Whether the request, which was not answered, is left out from now on, as the unit answers others."""
+        counts = plan is self._values and bool(self._answers) and not isinstance(error, NotAsked)
+        return counts and plan.fell_silent(request, self._clock.monotonic(), hurried=error.hurried)
+
+    @property
+    def asks_later(self) -> bool:
+        """Whether it has left out what is to be asked for again by now."""
+        return self._values.silent_due(self._clock.monotonic()) is not None
+
+    async def ask_later(self) -> None:
+        """Ask once for what was left out because the unit did not answer it; what it answers is read from now on.
+
+        Raises the bus's errors other than silence.
+        """
+        request = self._values.silent_due(self._clock.monotonic())
+        if request is None:
+            return
+        answered = True
+        try:
+            await self._ask(request)
+        except NotAsked:
+            return
+        except NoAnswer:
+            answered = False
+        except (Refused, BadAnswer):  # it is not silent
+            pass
+        self._values.asked_silent(request, self._clock.monotonic(), answered=answered)
+
+    def _silence(self, request: Block) -> NoAnswer:
+        """Why what this request is to read has no value, though the unit answers others."""
+        where = f"function {request.function}, address {request.address}, count {request.count}"
+        return NoAnswer(
+            f"unit {self._unit} does not answer {where}",
+            bus=self._bus.name,
+            device=self._device,
+            hint="it answers other requests: does it have this address?",
+        )
 
     def _with_gaps(self, error: NoAnswer, unused: str) -> NoAnswer:
         """The error of a request that reads unused addresses, too, to a unit that has answered others."""
@@ -237,12 +287,12 @@ class ModbusDevice:
         self._spans, self._checked, self._was_silent = {}, False, False
         self._reset_plans()
 
-    def _reset_plans(self) -> None:
+    def _reset_plans(self, *, silent: bool = True) -> None:
         for plan in (self._values, self._codes, self._settings):
-            plan.reset()
+            plan.reset(silent=silent)
 
     def _plan(self, places: Iterable[AddressRange]) -> ReadPlan:
-        return ReadPlan(places, self._profile.max_registers, self._profile.max_gap)
+        return ReadPlan(places, self._profile.max_registers, self._profile.max_gap, self._silence)
 
     def _apart(self) -> Iterator[AddressRange]:
         """What must be read again after the values, so that a sensor that recovers in between is noticed.
@@ -250,15 +300,15 @@ class ModbusDevice:
         This applies where bits or status are read in another request than the value and the value cannot show it.
         """
         for one in self._channels.values():
-            if one.block.sentinels or any(place in self._values.refused for place in (one.value, *one.faults)):
+            if one.block.sentinels or any(place in self._values.lost for place in (one.value, *one.faults)):
                 continue
             yield from (place for place in one.faults if not self._values.read_together(place, one.value))
 
-    def _value(self, channel: str, words: Words) -> float | Fault:
+    def _value(self, channel: str, words: Words, lost: Mapping[AddressRange, DriverError]) -> float | Fault:
         one = self._channels[channel]
         block = one.block
-        if (self._values.refused or self._codes.refused) and (refused := self._refused(one)) is not None:
-            return Fault(Quality.COMM_FAULT, refused.advice)
+        if lost and (error := next((lost[place] for place in one.all if place in lost), None)) is not None:
+            return Fault(Quality.COMM_FAULT, error.advice)
         function, address, width = one.value
         raw = block.raw(one.index, [words[function, address + i] for i in range(width)])
         sentinel = block.sentinel_faults.get(raw)
@@ -282,11 +332,6 @@ class ModbusDevice:
             text = f"{value:.4g} {one.unit} is outside the range that the input is set to, {ends}"
             return Fault(Quality.OUT_OF_RANGE, text)
         return _implausible(block.plausibility, value, one.unit) or value
-
-    def _refused(self, one: DeviceInput) -> Refused | None:
-        """How the unit refused an address that the channel needs."""
-        refused = self._values.refused | self._codes.refused
-        return next((refused[place] for place in one.all if place in refused), None)
 
 
 def _implausible(rule: Plausibility | None, value: float, unit: str) -> Fault | None:

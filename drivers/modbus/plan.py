@@ -1,39 +1,53 @@
-"""The read requests for a device's registers and bits, even if the device refuses some of them."""
+"""The read requests for a device's registers and bits, even if the device refuses some or leaves them unanswered."""
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import pairwise
 
-from drivers.base import Refused
+from drivers.base import DriverError, NoAnswer, Refused
 from drivers.modbus.numbers import BIT_FUNCTIONS, AddressRange, Block
+from drivers.modbus.silences import Silences
 
 _MOST_BITS = 2000
 _SURE, _SURE_AFTER_ANSWERS, _SURE_OF_FAILURE = 2, 4, 16
 """How many refusals in a row are believed; of a request that has been answered before; and of such a one if the unit
 does not say that it lacks what is asked for, but that it fails."""
+_SILENT = 7
+"""How often in a row a request goes unanswered, while the unit answers others, before it is left out; one that had the
+full time for its answer counts twice."""
 
 
 class ReadPlan:
-    """The requests that cover some places, and the places that the unit refuses.
+    """The requests that cover some places, and the places that the unit refuses or says nothing of.
 
     A refused request is divided until each refused place is known. What is left of it is then joined again, so that a
-    wrong address costs requests only once.
+    wrong address costs requests only once. A request that the unit leaves unanswered is taken out, and divided when it
+    is asked again, one part at a time; what is answered then comes back.
 
     Parameters
     ----------
     places: what is to be read
     max_registers, max_gap: as in `plan_blocks`
+    silence: the error of a request that is left out
     """
 
-    def __init__(self, places: Iterable[AddressRange], max_registers: int, max_gap: int) -> None:
+    def __init__(
+        self, places: Iterable[AddressRange], max_registers: int, max_gap: int, silence: Callable[[Block], NoAnswer]
+    ) -> None:
         self._places = sorted(set(places))
         self._max_registers = max_registers
         self._whole = plan_blocks(self._places, max_registers, max_gap)
+        self._silences = Silences(silence)
+        self._unanswered: Counter[Block] = Counter()
+        """How often in a row each request went unanswered while the unit answered others."""
+        self._tests = 0
         self.reset()
 
-    def reset(self) -> None:
-        """Ask for every place again."""
-        self.requests: list[Block] = list(self._whole)
+    def reset(self, *, silent: bool = True) -> None:
+        """Ask for every place again; silent: also for those that the unit says nothing of."""
+        if silent:
+            self._silences.clear()
+        self.requests: list[Block] = [part for block in self._whole for part in self._without_silent(block)]
         self.refused: dict[AddressRange, Refused] = {}
         self._error: Refused | None = None
         self._divided: set[AddressRange] = set()
@@ -48,9 +62,18 @@ class ReadPlan:
         return self._error is not None and not self.requests
 
     @property
+    def lost(self) -> Mapping[AddressRange, DriverError]:
+        """The places that the unit refuses or says nothing of, and why they have no value."""
+        return {**self.refused, **self._silences.places}
+
+    @property
     def test(self) -> Block:
         """A request that shows whether the unit answers."""
-        return self._whole[0]
+        return self._whole[self._tests % len(self._whole)]
+
+    def test_missed(self) -> None:
+        """The test was not answered: next time try another request, as the unit may be silent for this one alone."""
+        self._tests += 1
 
     @property
     def error(self) -> Refused:
@@ -59,14 +82,24 @@ class ReadPlan:
             raise ValueError("nothing was refused")
         return self._error
 
+    @property
+    def surest_first(self) -> Sequence[Block]:
+        """The requests; the last ones are those that the unit did not answer lately, though it answered others."""
+        return (
+            sorted(self.requests, key=lambda request: request in self._unanswered)
+            if self._unanswered
+            else self.requests
+        )
+
     def unused(self, request: Block) -> str:
         """The addresses that the request reads and nothing needs, in words; empty: none."""
-        inside = [place for place in self._places if holds(request, place)]
+        inside = self._inside(request)
         gaps = [(one[1] + one[2], other[1] - 1) for one, other in pairwise(inside) if other[1] > one[1] + one[2]]
         return ", ".join(f"{first}" if first == last else f"{first}-{last}" for first, last in gaps)
 
     def answered(self, request: Block) -> None:
         """The unit has answered the request."""
+        self._unanswered.pop(request, None)
         if request not in self._answered or self._refusals:
             self._answered.add(request)
             del self._refusals[request]
@@ -89,16 +122,58 @@ class ReadPlan:
     def divide(self, request: Block, error: Refused) -> None:
         """The unit refuses this one of the requests: ask for its parts instead, unless it is a single place."""
         self._error = self._error or error
-        inside = [place for place in self._places if holds(request, place) and place not in self.refused]
+        inside = self._inside(request)
         self._divided.update(inside)
         at = self.requests.index(request)
         if len(inside) == 1:
             self.refused[inside[0]] = error
             del self.requests[at]
             return
-        gaps = [later[1] - (earlier[1] + earlier[2]) for earlier, later in pairwise(inside)]
-        middle = gaps.index(max(gaps)) + 1 if max(gaps) > 0 else len(inside) // 2
-        self.requests[at : at + 1] = [_cover(inside[:middle]), _cover(inside[middle:])]
+        self.requests[at : at + 1] = [_cover(part) for part in _halves(inside)]
+
+    def fell_silent(self, request: Block, now_s: float, *, hurried: bool) -> bool:
+        """The unit has not answered this one of the requests, but others: whether it is left out now.
+
+        hurried: it had less than the full time
+        """
+        self._unanswered[request] += 1 if hurried else 2
+        if self._unanswered[request] < _SILENT or len(self.requests) == 1:
+            return False
+        self._unanswered[request] = _SILENT - 1  # once more is enough if everything is asked for anew
+        self.requests.remove(request)
+        self._silences.add(request, self._inside(request), now_s)
+        return True
+
+    def silent_due(self, now_s: float) -> Block | None:
+        """The request that was left out and is to be asked again; None: none is now."""
+        due = self._silences.due(now_s)
+        return None if due is None else due.request
+
+    def asked_silent(self, request: Block, now_s: float, *, answered: bool) -> None:
+        """What was left out has been asked for. It comes back if it was answered; if not it is divided, or waits for
+        longer."""
+        one = self._silences.of(request)
+        if answered:
+            self._silences.remove(one)
+            self._unanswered.pop(request, None)
+            self.requests = sorted((*self.requests, request), key=lambda block: (block.function, block.address))
+        elif len(one.places) > 1:
+            self._silences.remove(one)
+            for part in _halves(one.places):
+                self._silences.add(_cover(part), part, now_s)
+        else:
+            self._silences.missed(one, now_s)
+
+    def _without_silent(self, block: Block) -> Sequence[Block]:
+        """The requests for what is not left out of this one."""
+        inside = [place for place in self._places if holds(block, place)]
+        spoken = [place for place in inside if place not in self._silences.places]
+        return [block] if len(spoken) == len(inside) else plan_blocks(spoken, self._max_registers, 0)
+
+    def _inside(self, request: Block) -> list[AddressRange]:
+        """The places that it is to read."""
+        lost = self.lost
+        return [place for place in self._places if holds(request, place) and place not in lost]
 
     def join(self) -> None:
         """All requests are answered: next time ask for neighbouring parts at once.
@@ -108,7 +183,8 @@ class ReadPlan:
         if not self._divided or self._joined:
             return
         self._joined = True
-        parts = {place for place in self._divided if place not in self.refused}
+        lost = self.lost
+        parts = {place for place in self._divided if place not in lost}
         kept = [r for r in self.requests if not any(holds(r, place) for place in parts)]
         joined = plan_blocks(parts, self._max_registers, 0)
         self.requests = sorted((*kept, *joined), key=lambda block: (block.function, block.address))
@@ -141,6 +217,13 @@ def holds(block: Block, place: AddressRange) -> bool:
     """Whether the request reads all of the place."""
     function, address, width = place
     return block.function == function and block.address <= address and address + width <= block.address + block.count
+
+
+def _halves(places: Sequence[AddressRange]) -> tuple[Sequence[AddressRange], Sequence[AddressRange]]:
+    """Two parts of several places: divided at the widest gap, otherwise in the middle."""
+    gaps = [later[1] - (earlier[1] + earlier[2]) for earlier, later in pairwise(places)]
+    middle = gaps.index(max(gaps)) + 1 if max(gaps) > 0 else len(places) // 2
+    return places[:middle], places[middle:]
 
 
 def _cover(places: Sequence[AddressRange]) -> Block:

@@ -4,7 +4,7 @@ import asyncio
 import math
 from collections.abc import Sequence
 
-from drivers.base import Driver, DriverError, Quality, Reading
+from drivers.base import AsksLater, Driver, DriverError, Quality, Reading
 from gateway.acquisition.bus import close
 from gateway.acquisition.line import Line
 from gateway.acquisition.plausibility import Check
@@ -43,6 +43,7 @@ class PolledDevice:
         self.detail = "not asked yet"
         """The same in words; for a device that was not asked, why it was not."""
         self._line, self._clock = line, clock
+        self._asks_later = driver if isinstance(driver, AsksLater) else None
         self._connected = False
         self._units = dict.fromkeys(driver.channels, "")
         self._checks = {name: Check(limits) for name, limits in line.plausible.items() if name in self._units}
@@ -76,6 +77,18 @@ class PolledDevice:
         self.ever_answered, self.heard, self.lost, self.silent = True, True, 0, 0
         self._units |= {reading.channel: reading.unit for reading in readings}
         return [self._judged(reading) for reading in readings]
+
+    @property
+    def asks_later(self) -> bool:
+        """Whether its driver has left out something that is to be asked for again by now."""
+        return self._connected and self._asks_later is not None and self._asks_later.asks_later
+
+    async def ask_later(self) -> None:
+        """Ask for it once. Raises as `read`."""
+        if self._asks_later is None:
+            return
+        async with asyncio.timeout(self._line.read_limit_s):
+            await uncancelled(self._asks_later.ask_later())
 
     def _complete(self, readings: Sequence[Reading]) -> Sequence[Reading]:
         """Raises AttributeError, TypeError or ValueError for a result that no driver may return, and that would

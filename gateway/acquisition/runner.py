@@ -52,7 +52,8 @@ class BusRunner:
     the period: neither a late nor a damaged answer is a fault, and neither delays another device. A device that is
     heard is not dead: it is asked in every period. One that stays silent is asked less and less often; at most one of
     those per period is asked in vain: last, when its breaker allows it and its possible cost still fits. After the
-    longest wait it is asked in any case.
+    longest wait it is asked in any case. At the very end one device may ask for what it left out, because it is silent
+    for a part of it only: that delays nobody.
     """
 
     def __init__(
@@ -125,6 +126,7 @@ class BusRunner:
                 self._publish_fault(device)
         await self._ask_again(due)
         await self._try_failing(waiting, due)
+        await self._ask_later(due)
         if not any(device.heard for device in self.devices):
             # No device answers: the connection itself may be at fault (half-open TCP, adapter unplugged).
             await self.close()
@@ -172,6 +174,22 @@ class BusRunner:
             else:
                 self._publish_fault(device)
         await self._ask_again(due)
+
+    async def _ask_later(self, due: float) -> None:
+        """Let one device that is silent for a part of it be asked for that, if it fits into the rest of the period."""
+        rest_s = self._left_s(due) - self._reserve_s
+        device = next((d for d in self.devices if d.asks_later and self._may_cost_s(d) <= rest_s), None)
+        if device is None or not self._bus.is_open:
+            return
+        try:
+            with self._bus.limited(rest_s):
+                await device.ask_later()
+        except MemoryError:
+            raise
+        except (DriverError, OSError, TimeoutError):
+            pass  # the next read says what is wrong
+        except Exception as error:  # noqa: BLE001 - a driver's bug must not end the other buses
+            self._reports.failed(device.subject, error)
 
     def _left_s(self, due: float) -> float:
         return due + self.line.period_s - self._clock.monotonic()

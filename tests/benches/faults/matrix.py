@@ -71,6 +71,8 @@ class Case:
     """Of the bus."""
     then: str = ""
     """What the reading says later, when one problem turns into another; each is reported once."""
+    in_part: bool = False
+    """In the end the victim's other channels are good."""
 
 
 EVERY = tuple(name for name in PLANTS if name != "heartbeat")
@@ -299,6 +301,14 @@ MATRIX: Sequence[Case] = [
         spoilt(now(lambda f: tcp(f, f[6:7] + bytes((f[7] | 0x80, 6))))),
         whole,
         "exception 6: device busy",
+    ),
+    Case(
+        "silent for one address",
+        "blocks",
+        spoilt(lambda f: () if f[1] == 4 else ((0.0, f),)),
+        whole,
+        "unit 1 does not answer function 4, address 20, count 3",
+        in_part=True,
     ),
     *cases("exception code", ("slcan",), spoilt(now(abort), SDO), whole, "node 1 refused object 6150:01"),
     *cases("exception code", ("multicast",), spoilt(now(cast(aborted)), SDO), whole, "node 1 refused object 6150:01"),

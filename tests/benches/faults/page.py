@@ -69,6 +69,12 @@ MEANING: Mapping[str, str] = {
     "truncated datagram": "A datagram in the group that is not a CAN frame is ignored.",
     "overlong frame": "A frame is longer than allowed, or longer than requested.",
     "exception code": "The device understood the request and refused it. Check whether the profile matches the device.",
+    "silent for one address": (
+        "The unit answers, but not a request for one of its addresses: the profile names one that it does not have, or "
+        "a module behind it is gone. At first it cannot be told from a unit that is lost; then only the channels that "
+        "need this address are. The gateway divides the request to find the address, and asks for it again less and "
+        "less often, once in a period at most, after all other devices."
+    ),
     "bus-off": (
         "The CAN controller left the bus after too many errors: wrong bitrate, short circuit, missing termination."
     ),
@@ -146,6 +152,8 @@ def _table(cases: list[Case]) -> str:
 def _who(case: Case) -> str:
     if case.whole_bus:
         return "all on this wire"
+    if case.in_part:
+        return "those that need the address; for up to three periods all of the device"
     return "all of the device" if case.quality is COMM or case.whole_device else "this one"
 
 

@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.base import Refused
+from drivers.base import NoAnswer, Refused
 from drivers.modbus.numbers import Block
 from drivers.modbus.plan import ReadPlan, plan_blocks
 
@@ -31,8 +31,12 @@ def test_no_request_reads_more_bits_than_modbus_allows() -> None:
     assert plan_blocks([(1, i, 1) for i in range(2001)], 125, 8) == (Block(1, 0, 2000), Block(1, 2000, 1))
 
 
+def silence(request: Block) -> NoAnswer:
+    return NoAnswer(f"{request}")
+
+
 def test_one_late_refusal_is_not_believed_and_of_a_request_that_was_answered_not_even_three() -> None:
-    plan = ReadPlan([(3, 0, 1)], 125, 8)
+    plan = ReadPlan([(3, 0, 1)], 125, 8, silence)
     (request,) = plan.requests
     absent, fails = Refused("illegal data address", absent=True), Refused("device failure")
     assert [plan.is_certain(request, absent) for _ in range(2)] == [False, True]
@@ -55,3 +59,33 @@ def test_every_place_lies_whole_in_one_block(places: list[tuple[int, int, int]],
             b.function == function and b.address <= address and address + width <= b.address + b.count for b in blocks
         )
     assert all(block.count <= (2000 if block.function <= 2 else limit) for block in blocks)
+
+
+@given(
+    st.lists(st.tuples(st.sampled_from([3, 4]), st.integers(0, 40), st.just(1)), min_size=2),
+    st.lists(st.tuples(st.booleans(), st.integers(0, 5)), max_size=60),
+    st.integers(0, 8),
+)
+def test_every_place_is_asked_for_or_left_out_and_never_both(
+    places: list[tuple[int, int, int]], course: list[tuple[bool, int]], gap: int
+) -> None:
+    plan = ReadPlan(places, 8, gap, silence)
+    now_s = 0.0
+    for step, (flag, number) in enumerate(course):
+        now_s += 1.0
+        due = plan.silent_due(now_s)
+        if flag and due is not None:
+            plan.asked_silent(due, now_s, answered=number == 0)
+        elif number == 5 and flag:
+            plan.reset(silent=bool(step % 2))
+        else:
+            request = plan.requests[number % len(plan.requests)]
+            while len(plan.requests) > 1 and not plan.fell_silent(request, now_s, hurried=bool(number % 2)):
+                pass
+        for function, address, width in places:
+            asked = any(
+                b.function == function and b.address <= address and address + width <= b.address + b.count
+                for b in plan.requests
+            )
+            assert asked != ((function, address, width) in plan.lost)
+        assert plan.requests, "one request is always left"

@@ -57,6 +57,8 @@ async def play(case: Case, folder: Path) -> None:
         keeps_period([r for r in heard.of("neighbour") if begun <= r.monotonic_s < ended])
     if case.whole_device:
         assert {r.quality for r in heard.of("beside", turned.monotonic_s) if r.monotonic_s < ended} == {case.quality}
+    elif case.in_part:
+        assert [r.quality for r in heard.of("beside", turned.monotonic_s) if r.monotonic_s < ended][-1] is Quality.GOOD
     elif case.quality is not COMM and "beside" in plant.drivers[0].channels:
         assert {r.quality for r in heard.of("beside")} == {Quality.GOOD}
     told: dict[str, int] = {}

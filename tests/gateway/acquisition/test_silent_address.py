@@ -1,0 +1,162 @@
+"""A unit that is silent for one address takes no time of the others on its line, and loses no other channel for long.
+
+The lines are those that the gateway makes of a configuration that states only what it must. Three units have two blocks
+of registers each; one unit does not answer for the first of the two.
+"""
+
+import asyncio
+import time
+from collections.abc import AsyncIterator, Awaitable, Callable, Mapping, Sequence
+from contextlib import AsyncExitStack, asynccontextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drivers.base import Quality, Reading
+from gateway.acquisition import Acquisition, lines_of
+from gateway.clock import RealClock
+from gateway.config import load
+from simulators.devices import DeviceServer, RtuLine, TcpHost
+
+pytestmark = pytest.mark.simulated_time
+
+UNITS = (1, 2, 3)
+PERIOD_S, TIMEOUT_S, PERIODS, MOST = 1.0, 0.5, 130, 0.2
+SHORT, LONG = 2, 4
+"""Registers of the silent block, and of the other: their answers differ in length."""
+PROFILE = f"""
+protocol = "modbus"
+title = "two blocks"
+buses = ["modbus_rtu", "modbus_tcp"]
+unit = "1"
+[[block]]
+function = 3
+address = 10
+channels = {SHORT}
+type = "uint16"
+[[block]]
+function = 3
+address = 200
+channels = {LONG}
+type = "uint16"
+"""
+
+
+class TwoBlocks:
+    """Registers that hold their own address; when it is mute it does not answer for those below 100."""
+
+    silent = False
+
+    def __init__(self) -> None:
+        self.mute = False
+        self.waited: list[float] = []
+        """When the silent block was asked for."""
+        self._drops = False
+
+    def memory(self, function: int) -> Mapping[int, int]:
+        return _Touched(self)
+
+    def touched(self, address: int) -> int:
+        self._drops = self.mute and address < 100
+        if self._drops:
+            self.waited.append(time.monotonic())
+        return address
+
+    def spoil(self, frame: bytes) -> Sequence[tuple[float, bytes]]:
+        return () if self._drops else ((0.0, frame),)
+
+
+class _Touched(dict[int, int]):
+    def __init__(self, unit: TwoBlocks) -> None:
+        super().__init__()
+        self._unit = unit
+
+    def __missing__(self, address: int) -> int:
+        return self._unit.touched(address)
+
+
+Start = Callable[[AsyncExitStack, Mapping[int, TwoBlocks]], Awaitable[Mapping[str, object]]]
+
+
+async def rtu(stack: AsyncExitStack, units: Mapping[int, TwoBlocks]) -> Mapping[str, object]:
+    line = RtuLine(units, baud=9600)
+    line.spoil = lambda unit, frame: units[unit].spoil(frame)
+    stack.push_async_callback(line.stop)
+    return {"kind": "modbus_rtu", "port": await line.start()}
+
+
+async def rtu_tcp(stack: AsyncExitStack, units: Mapping[int, TwoBlocks]) -> Mapping[str, object]:
+    server = DeviceServer(units)
+    server.spoil = lambda unit, frame: units[unit].spoil(frame)
+    stack.push_async_callback(server.stop)
+    return {"kind": "modbus_rtu_tcp", "host": "127.0.0.1", "port": await server.start()}
+
+
+async def tcp(stack: AsyncExitStack, units: Mapping[int, TwoBlocks]) -> Mapping[str, object]:
+    host = TcpHost(units)
+    host.spoil = lambda unit, frame: units[unit].spoil(frame)
+    stack.push_async_callback(host.stop)
+    return {"kind": "modbus_tcp", "host": "127.0.0.1", "port": await host.start()}
+
+
+WIRES: dict[str, Start] = {"modbus_rtu": rtu, "modbus_rtu_tcp": rtu_tcp, "modbus_tcp": tcp}
+
+
+@asynccontextmanager
+async def polled(fields: Mapping[str, object], folder: Path, readings: list[Reading]) -> AsyncIterator[None]:
+    """Inside, the gateway polls the three."""
+    (folder / "two.toml").write_text(PROFILE)
+    bus = "\n".join(f"{key} = {value!r}" for key, value in fields.items())
+    devices = "".join(
+        f'[[device]]\nname = "d{unit}"\nbus = "wire"\nprofile = "two.toml"\nunit = {unit}\n'
+        f"channels = {{ mute{unit} = 0, mute_too{unit} = 1, loud{unit} = 2 }}\n"
+        for unit in UNITS
+    )
+    file = folder / "gateway.toml"
+    file.write_text(f'[machine]\nname = "mill"\n[[bus]]\nname = "wire"\n{bus}\n{devices}')
+    clock = RealClock()
+    (line,) = lines_of(load(file), clock)
+    assert (line.period_s, line.bus.timeout_s) == (PERIOD_S, TIMEOUT_S), "the defaults"
+    async with Acquisition([line], clock, readings.extend, lambda _: None):
+        yield
+
+
+def worst(readings: list[Reading], channel: str, since_s: float) -> float:
+    """By how much the channel's intervals differ from the period at most, as a share; its readings are good."""
+    own = [r for r in readings if r.channel == channel and r.monotonic_s >= since_s]
+    assert {r.quality for r in own} == {Quality.GOOD}
+    return float(np.abs(np.diff([r.monotonic_s for r in own]) / PERIOD_S - 1.0).max())
+
+
+@pytest.mark.parametrize("begins", ["falls silent", "silent from the start"])
+@pytest.mark.parametrize("mute", UNITS)
+@pytest.mark.parametrize("kind", WIRES)
+async def test_one_address_of_one_unit(kind: str, mute: int, begins: str, tmp_path: Path) -> None:
+    readings: list[Reading] = []
+    units = {unit: TwoBlocks() for unit in UNITS}
+    units[mute].mute = begins == "silent from the start"
+    async with AsyncExitStack() as stack:
+        fields = await WIRES[kind](stack, units)
+        async with polled(fields, tmp_path, readings):
+            began_s = time.monotonic()
+            await asyncio.sleep(9.5 * PERIOD_S)
+            units[mute].mute = True
+            silent_s = time.monotonic()
+            await asyncio.sleep(PERIODS * PERIOD_S)
+            ended_s = time.monotonic()
+            units[mute].mute = False
+            await asyncio.sleep(62 * PERIOD_S)
+    since_s = began_s + (1.5 * PERIOD_S if begins == "silent from the start" else 0.0)
+    others = {unit: worst(readings, f"loud{unit}", since_s) for unit in UNITS if unit != mute}
+    own = [r.quality for r in readings if r.channel == f"loud{mute}"]
+    asked = [at for at in units[mute].waited if at >= silent_s + 10 * PERIOD_S]
+    print(kind, mute, begins, "others", others, "own lost", own.count(Quality.COMM_FAULT), "asked", len(asked))
+    assert max(others.values()) <= MOST
+    assert own.count(Quality.COMM_FAULT) <= 4, "of the unit's other block, and only at first"
+    assert set(own[-PERIODS:]) == {Quality.GOOD}
+    lost = [r for r in readings if r.channel == f"mute{mute}" and silent_s + 10.0 <= r.monotonic_s < ended_s]
+    assert {r.quality for r in lost} == {Quality.COMM_FAULT}
+    assert all("unit " in r.detail and "does not answer function 3, address 10, count 1" in r.detail for r in lost)
+    assert len(asked) <= 2 * 10, "each of its two registers after 8, 16, 32 and 60 s"
+    assert [r.quality for r in readings if r.channel == f"mute{mute}"][-1] is Quality.GOOD, "it came back"
