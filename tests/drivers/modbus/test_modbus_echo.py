@@ -1,5 +1,6 @@
 """Two-wire RS-485 adapters that receive what they send: a request is never taken for its own answer."""
 
+import asyncio
 from collections.abc import Callable
 
 import pytest
@@ -7,9 +8,10 @@ import pytest
 from drivers.base import NoAnswer
 from drivers.modbus.frames import find_rtu_answer
 from drivers.modbus.numbers import Block
-from drivers.modbus.rtu import ModbusRtuBus
-from drivers.modbus.settings import ModbusRtuSettings
+from drivers.modbus.rtu import ModbusRtuBus, ModbusRtuTcpBus
+from drivers.modbus.settings import ModbusRtuSettings, ModbusRtuTcpSettings
 from tests.benches.rtu_talk import TIMEOUT_S, TWO, RtuPeer, frame, honest, line
+from tests.benches.stream_server import stream_server
 
 pytestmark = pytest.mark.simulated_time
 
@@ -90,3 +92,37 @@ async def test_an_echo_alone_is_silence(unset: bool | None) -> None:
     finally:
         await bus.close()
         await peer.port.stop()
+
+
+@pytest.mark.parametrize(("stated", "requests"), [(None, 2), (True, 1)])
+async def test_what_is_stated_of_the_echo_need_not_be_found_out(stated: bool | None, requests: int) -> None:
+    peer = RtuPeer()
+    bus = ModbusRtuBus("b", ModbusRtuSettings(port=await peer.port.start(), timeout_s=TIMEOUT_S, local_echo=stated))
+    try:
+        await bus.connect()
+        peer.reply = echoing(bits)
+        assert await bus.read("d", 1, ITS_OWN) == TRUE_BITS
+        assert len(peer.requests) == requests
+    finally:
+        await bus.close()
+        await peer.port.stop()
+
+
+@pytest.mark.parametrize(("stated", "requests"), [(None, 2), (False, 1)])
+async def test_the_same_behind_a_device_server(stated: bool | None, requests: int) -> None:
+    asked: list[bytes] = []
+
+    async def line_behind(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        while request := await reader.read(8):
+            asked.append(request)
+            writer.write(bits(request))
+
+    async with stream_server(line_behind) as port:
+        settings = ModbusRtuTcpSettings(host="127.0.0.1", port=port, timeout_s=TIMEOUT_S, local_echo=stated)
+        bus = ModbusRtuTcpBus("b", settings)
+        try:
+            await bus.connect()
+            assert await bus.read("d", 1, ITS_OWN) == TRUE_BITS
+            assert len(asked) == requests
+        finally:
+            await bus.close()
