@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from time import monotonic
 from typing import TYPE_CHECKING
 
-from drivers.base import ConnectError, placed
+from drivers.base import ConnectError, DriverError, Refused, placed
 from drivers.mqtt.packets import publish_packet
 from drivers.mqtt.profile import MOST_BYTES
 from drivers.mqtt.settings import MqttBusSettings
@@ -15,6 +15,9 @@ from drivers.tap import Tap
 
 if TYPE_CHECKING:
     from drivers.mqtt.connection import MqttConnection
+
+REFUSED_HINT = "check the broker's rules"
+_ASK_REFUSED_AGAIN_S = 60.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +51,9 @@ class MqttBus:
         self._topics: set[str] = set()
         self._latest: dict[str, TopicMessage] = {}
         self._connection: MqttConnection | None = None
-        self._opened_s = 0.0
+        self._opened_s = self._asked_s = 0.0
+        self._refused: Collection[str] = ()
+        """Topics that the broker does not send."""
         self._arrived = asyncio.Event()
 
     @property
@@ -74,20 +79,23 @@ class MqttBus:
                 self._settings, self.timeout_s, on_message=self._hearing(loop), on_lost=lambda: self._lost(loop)
             )
 
-        def opened() -> None:
+        def opened() -> Collection[str]:
             connection.open()
             self._note("open")
-            if self._topics:
-                connection.subscribe(sorted(self._topics))
+            return connection.subscribe(sorted(self._topics)) if self._topics else ()
 
         opening = loop.run_in_executor(None, opened)
         try:
             with placed(self._name):
-                await asyncio.shield(opening)
+                refused = await asyncio.shield(opening)
+                if refused and refused == self._topics:
+                    what = f"{self._settings.url} refuses to send {', '.join(sorted(refused))}"
+                    raise Refused(what, hint=REFUSED_HINT)
         except BaseException:  # cancelled: what is still being opened is closed afterwards
             opening.add_done_callback(lambda done: (done.exception(), loop.run_in_executor(None, connection.drop)))
             raise
-        self._connection, self._opened_s = connection, monotonic()
+        self._connection, self._refused = connection, refused
+        self._opened_s = self._asked_s = monotonic()
 
     def _note(self, text: str) -> None:
         if self._tap is not None:
@@ -111,9 +119,23 @@ class MqttBus:
 
         Raises ConnectError when the connection is lost.
         """
-        wanted = set(topics)
+        await self._ask_refused_again()
+        wanted = set(topics) - set(self._refused)
         await self._wait(lambda: self._latest.keys() >= wanted, self._opened_s + self.timeout_s, device)
         return {topic: self._latest[topic] for topic in topics if topic in self._latest}
+
+    def refuses(self, topic: str) -> bool:
+        """Whether the broker does not send this topic."""
+        return topic in self._refused
+
+    async def _ask_refused_again(self) -> None:
+        """Now and then: its rules may have changed."""
+        connection = self._connection
+        if not self._refused or connection is None or monotonic() - self._asked_s < _ASK_REFUSED_AGAIN_S:
+            return
+        self._asked_s = monotonic()
+        with suppress(DriverError):  # what is wrong with the connection shows otherwise
+            self._refused = await asyncio.to_thread(connection.subscribe, sorted(self._refused))
 
     async def heard(self, seconds: float, most: int) -> dict[str, TopicMessage]:
         """What has arrived after so many seconds, or of so many topics: of wildcards that are wanted, all of theirs.

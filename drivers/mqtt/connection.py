@@ -7,7 +7,7 @@ Nothing reconnects by itself: whoever opened the connection decides. Importing t
 import socket
 import ssl
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,7 +18,7 @@ from paho.mqtt.enums import CallbackAPIVersion, MQTTErrorCode, MQTTProtocolVersi
 from paho.mqtt.properties import Properties
 from paho.mqtt.reasoncodes import ReasonCode
 
-from drivers.base import ConnectError, DriverError, NoAnswer, Refused, SetupError
+from drivers.base import BadAnswer, ConnectError, DriverError, NoAnswer, Refused, SetupError
 from drivers.mqtt.settings import MqttServer
 
 _QOS: Final = 1
@@ -34,6 +34,21 @@ class Publication:
     payload: bytes
     retained: bool
     """Whether the broker keeps it for subscribers that come later."""
+
+
+class _ReportingClient(Client):
+    """A client that says when its thread has ended by an error: nothing would be received any more.
+
+    failed: called then, in that thread
+    """
+
+    failed: Callable[[str], None]
+
+    def _thread_main(self) -> None:
+        try:
+            super()._thread_main()
+        except Exception as error:  # noqa: BLE001 - whatever the library raises at what a broker sent
+            self.failed(f"what the broker sends cannot be understood: {error!r}")
 
 
 class MqttConnection:
@@ -66,7 +81,7 @@ class MqttConnection:
         """Why the connection is gone; empty while it is there."""
         self._acknowledged = 0
         self._granted: dict[int, Sequence[ReasonCode]] = {}
-        client = Client(
+        client = _ReportingClient(
             CallbackAPIVersion.VERSION2,
             server.client_id or "",
             clean_session=True,
@@ -80,6 +95,7 @@ class MqttConnection:
             client.tls_set_context(_tls(server))
         if will is not None:
             client.will_set(will.topic, will.payload, _QOS, will.retained)
+        client.failed = self._end
         client.on_connect, client.on_disconnect = self._connected, self._disconnected
         client.on_publish, client.on_subscribe = self._published, self._subscribed
         client.on_message = self._received
@@ -117,6 +133,7 @@ class MqttConnection:
         self._client.loop_start()
         try:
             hint = "does the broker trust certificate?" if server.encrypted else "does the broker expect mqtts://?"
+            hint += " Does it refuse MQTT 3.1.1, or want a client_id?"
             self._wait(lambda: self._answer is not None, "the connection request", hint)
             if self._answer is not None and self._answer.is_failure:
                 who = f"user {server.user!r}" if server.user else "a client without user"
@@ -136,15 +153,20 @@ class MqttConnection:
                 raise ConnectError(f"{self._server.url}: {self.lost or code.name}")
         self._wait(lambda: self._acknowledged >= until, f"{len(publications)} messages")
 
-    def subscribe(self, topics: Sequence[str]) -> None:
-        """Receive these topics from now on. Raises Refused, ConnectError, NoAnswer."""
+    def subscribe(self, topics: Sequence[str]) -> Collection[str]:
+        """Receive these topics from now on; returns those that the broker refuses to send.
+
+        Raises BadAnswer, ConnectError, NoAnswer.
+        """
         code, number = self._client.subscribe([(topic, _QOS) for topic in topics])
         if code != MQTTErrorCode.MQTT_ERR_SUCCESS or number is None:
             raise ConnectError(f"{self._server.url}: {self.lost or code.name}")
         self._wait(lambda: number in self._granted, "the subscription")
-        refused = [topic for topic, one in zip(topics, self._granted[number], strict=True) if one.is_failure]
-        if refused:
-            raise Refused(f"{self._server.url} refuses to send {', '.join(refused)}", hint="check the broker's rules")
+        granted = self._granted.pop(number)
+        if len(granted) != len(topics):
+            what = f"{self._server.url} answers for {len(granted)} topics instead of {len(topics)}"
+            raise BadAnswer(what, hint="is this an MQTT broker?")
+        return {topic for topic, one in zip(topics, granted, strict=True) if one.is_failure}
 
     def close(self) -> None:
         """Say goodbye, so that the broker does not publish the will."""
@@ -181,8 +203,11 @@ class MqttConnection:
     def _disconnected(
         self, _client: Client, _data: object, _flags: DisconnectFlags, reason: ReasonCode, _more: Properties | None
     ) -> None:
+        self._end(f"the connection was lost ({reason})")
+
+    def _end(self, why: str) -> None:
         with self._news:
-            first, self._lost = not self._lost, self._lost or f"the connection was lost ({reason})"
+            first, self._lost = not self._lost, self._lost or why
             self._news.notify_all()
         if first:
             self._on_lost()
@@ -202,8 +227,12 @@ class MqttConnection:
             self._news.notify_all()
 
     def _received(self, _client: Client, _data: object, message: MQTTMessage) -> None:
+        try:
+            topic = message.topic
+        except UnicodeDecodeError:  # of a name that nobody can ask for; it would end the library's thread
+            return
         if self._on_message is not None:
-            self._on_message(message.topic, bytes(message.payload), message.retain)
+            self._on_message(topic, bytes(message.payload), message.retain)
 
 
 def _password(path: Path | None) -> str | None:

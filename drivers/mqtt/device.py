@@ -5,7 +5,7 @@ from time import monotonic
 
 from drivers.base import Clock, Quality, Reading
 from drivers.faults import Fault
-from drivers.mqtt.bus import MqttBus, TopicMessage
+from drivers.mqtt.bus import REFUSED_HINT, MqttBus, TopicMessage
 from drivers.mqtt.profile import MqttProfile, MqttTopic
 from drivers.readings import ReadingMaker
 
@@ -45,6 +45,8 @@ class MqttDevice:
 
     def _judged(self, topic: MqttTopic, message: TopicMessage | None) -> tuple[float | Fault, float]:
         """The value and its age, s."""
+        if self._bus.refuses(topic.topic):
+            return Fault(Quality.COMM_FAULT, f"the broker refuses to send topic {topic.topic} ({REFUSED_HINT})"), 0.0
         if message is None:
             return Fault(Quality.COMM_FAULT, f"no message of topic {topic.topic} has arrived yet"), 0.0
         value, measured = topic.read(message.payload)

@@ -1,0 +1,210 @@
+"""Brokers that refuse, or that send what no broker should: each ends in a value or in an error that says what is wrong.
+
+They are written byte by byte from the standard (MQTT 3.1.1, OASIS 2014).
+"""
+
+import asyncio
+from collections.abc import AsyncIterator, Callable, Sequence
+from contextlib import asynccontextmanager, suppress
+from pathlib import Path
+
+import pytest
+
+from drivers.base import BadAnswer, ConnectError, Driver, DriverError, NoAnswer, Quality, Reading, Refused, SystemClock
+from drivers.build import make_bus, make_device
+from drivers.mqtt import bus as mqtt_bus
+from drivers.mqtt.bus import MqttBus
+from tests.benches.stream_server import Serve, stream_server
+
+CONNECT, SUBSCRIBE, PING, GOODBYE = 1, 8, 12, 14
+"""Kinds of packets (2.2.1)."""
+ACCEPTED = b"\x20\x02\x00\x00"
+PROFILE = """
+protocol = "mqtt"
+title = "two topics"
+unit = "degC"
+max_age_s = 60
+[[topic]]
+topic = "a"
+[[topic]]
+topic = "b"
+"""
+
+
+def packet(first: int, body: bytes) -> bytes:
+    length, rest = bytearray(), len(body)
+    while rest > 0x7F:
+        length.append(rest & 0x7F | 0x80)
+        rest >>= 7
+    return bytes((first, *length, rest)) + body
+
+
+def message(topic: bytes, payload: bytes) -> bytes:
+    return packet(0x30, len(topic).to_bytes(2, "big") + topic + payload)
+
+
+BOTH = message(b"a", b"1.5") + message(b"b", b"2.5")
+
+
+async def received(reader: asyncio.StreamReader) -> tuple[int, bytes]:
+    (first,) = await reader.readexactly(1)
+    length = shift = 0
+    while True:
+        (byte,) = await reader.readexactly(1)
+        length |= (byte & 0x7F) << shift
+        shift += 7
+        if not byte & 0x80:
+            return first >> 4, await reader.readexactly(length)
+
+
+def granting(codes: bytes) -> Callable[[bytes], bytes]:
+    """Answers a subscription with these codes, one for each topic."""
+    return lambda number: packet(0x90, number + codes)
+
+
+BOTH_GRANTED = granting(b"\x01\x01")
+
+
+def broker(accepts: bytes = ACCEPTED, grants: Callable[[bytes], bytes] = BOTH_GRANTED, then: bytes = BOTH) -> Serve:
+    """A broker that answers a connection and a subscription like this, and then sends so many bytes."""
+
+    async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        with suppress(asyncio.IncompleteReadError, ConnectionError):
+            while True:
+                kind, body = await received(reader)
+                if kind == CONNECT:
+                    writer.write(accepts)
+                elif kind == SUBSCRIBE:
+                    writer.write(grants(body[:2]) + then)
+                elif kind == PING:
+                    writer.write(b"\xd0\x00")
+                elif kind == GOODBYE:
+                    break
+        writer.close()
+
+    return serve
+
+
+@asynccontextmanager
+async def reading(serve: Serve, folder: Path) -> AsyncIterator[tuple[MqttBus, Driver]]:
+    (folder / "topics.toml").write_text(PROFILE)
+    async with stream_server(serve) as port:
+        bus = make_bus("hall", "mqtt", {"url": f"mqtt://127.0.0.1:{port}", "timeout_s": 1.0})
+        assert isinstance(bus, MqttBus)
+        driver = make_device("d", bus, str(folder / "topics.toml"), 1, {"a": 0, "b": 1}, {}, SystemClock())
+        try:
+            yield bus, driver
+        finally:
+            await bus.close()
+
+
+async def read(bus: MqttBus, driver: Driver) -> Sequence[Reading]:
+    await bus.connect()
+    await driver.connect()
+    return await driver.read()
+
+
+def told(readings: Sequence[Reading]) -> list[float | str]:
+    return [r.value if r.quality is Quality.GOOD else f"{r.quality.value}: {r.detail}" for r in readings]
+
+
+@pytest.mark.parametrize(
+    ("accepts", "error", "says"),
+    [
+        (b"\x20\x02\x00\x01", ConnectError, "Does it refuse MQTT 3.1.1, or want a client_id?"),
+        (b"\x20\x02\x00\x02", ConnectError, "Does it refuse MQTT 3.1.1, or want a client_id?"),
+        (b"\x20\x02\x00\x03", Refused, "refuses a client without user .Server unavailable"),
+        (b"\x20\x02\x00\x04", Refused, "refuses a client without user .Bad user name or password"),
+        (b"\x20\x02\x00\x05", Refused, "refuses a client without user .Not authorized"),
+        (b"\x20\x02\x00\x84", Refused, "refuses a client without user"),  # a code of MQTT 5
+        (b"\x20\x01\x00", ConnectError, "Protocol error"),
+        (b"HTTP/1.1 400 Bad Request\r\n\r\n", NoAnswer, "does not acknowledge the connection request within 1 s"),
+        (b"", NoAnswer, "does not acknowledge the connection request within 1 s"),
+    ],
+)
+async def test_a_broker_that_does_not_accept(
+    accepts: bytes, error: type[DriverError], says: str, tmp_path: Path
+) -> None:
+    async with reading(broker(accepts), tmp_path) as (bus, driver):
+        with pytest.raises(error, match=says):
+            await read(bus, driver)
+
+
+@pytest.mark.parametrize("codes", [b"\x01\x80", b"\x01\x87"])
+async def test_a_topic_that_is_refused_is_its_own_channels_fault(codes: bytes, tmp_path: Path) -> None:
+    """0x87 is MQTT 5's code for it; 0x80 that of 3.1.1."""
+    async with reading(broker(grants=granting(codes), then=message(b"a", b"1.5")), tmp_path) as (bus, driver):
+        expected = [1.5, "comm_fault: the broker refuses to send topic b (check the broker's rules)"]
+        assert told(await read(bus, driver)) == expected
+
+
+async def test_a_topic_that_is_refused_is_asked_for_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(mqtt_bus, "_ASK_REFUSED_AGAIN_S", 0.0)
+    codes = iter((b"\x01\x80", b"\x01"))
+    async with reading(broker(grants=lambda number: packet(0x90, number + next(codes))), tmp_path) as (bus, driver):
+        await bus.connect()
+        assert bus.refuses("b")
+        assert told(await driver.read()) == [1.5, 2.5]
+        assert not bus.refuses("b")
+
+
+async def test_a_broker_that_refuses_all_topics_is_refused(tmp_path: Path) -> None:
+    async with reading(broker(grants=granting(b"\x80\x80")), tmp_path) as (bus, driver):
+        with pytest.raises(Refused, match=r"bus hall: mqtt://127.0.0.1:[0-9]+ refuses to send a, b"):
+            await read(bus, driver)
+
+
+@pytest.mark.parametrize("codes", [b"", b"\x01", b"\x01\x01\x01"])
+async def test_an_acknowledgement_of_other_topics_is_a_bad_answer(codes: bytes, tmp_path: Path) -> None:
+    async with reading(broker(grants=granting(codes)), tmp_path) as (bus, driver):
+        with pytest.raises(BadAnswer, match=f"answers for {len(codes)} topics instead of 2"):
+            await read(bus, driver)
+
+
+@pytest.mark.parametrize(
+    "then",
+    [
+        BOTH,
+        message(b"\xff\xfe", b"3") + BOTH,  # no UTF-8
+        message(b"c", b"3") + BOTH,
+        packet(0x32, b"\x00\x01a\x00\x051.5") + packet(0x32, b"\x00\x01b\x00\x062.5"),  # QoS 1
+        BOTH + b"\x30\xff\xff\xff\x7f\x00\x01a",  # 256 MB are announced, and do not come
+    ],
+)
+async def test_what_is_readable_is_read(then: bytes, tmp_path: Path) -> None:
+    async with reading(broker(then=then), tmp_path) as (bus, driver):
+        assert told(await read(bus, driver)) == [1.5, 2.5]
+
+
+@pytest.mark.parametrize(
+    "then",
+    [
+        message(b"", b"3"),
+        b"\x30\xff\xff\xff\xff\x7f",  # a length of five bytes
+        b"\xf0\x00",  # a reserved kind
+        b"\x30\x03\x00\x09a",  # a topic that is longer than its packet
+        b"\xe0\x02\x8b\x00",  # MQTT 5 says why it ends the connection
+        b"\x30\x00",
+        b"\x90\x00",
+    ],
+)
+async def test_what_no_broker_sends_ends_the_connection(then: bytes, tmp_path: Path) -> None:
+    """The gateway connects anew in the next period."""
+    async with reading(broker(then=then), tmp_path) as (bus, driver):
+        with pytest.raises(ConnectError):
+            await read(bus, driver)
+
+
+async def test_an_error_in_the_librarys_thread_is_a_lost_connection(tmp_path: Path) -> None:
+    """Otherwise it would seem open, and nothing would ever be received again."""
+
+    async with reading(broker(), tmp_path) as (bus, driver):
+
+        def hear(*_: object) -> None:
+            raise RuntimeError("a bug")
+
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(MqttBus, "_hearing", lambda *_: hear)
+            with pytest.raises(ConnectError, match=r"cannot be understood: RuntimeError\('a bug'\)"):
+                await read(bus, driver)
+        assert told(await read(bus, driver)) == [1.5, 2.5]
