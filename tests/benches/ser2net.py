@@ -15,7 +15,7 @@ connection: &line
   accepter: {accepter},tcp,127.0.0.1,{port}
   connector: serialdev,{device},1200n81,local
   options:
-    kickolduser: true
+    kickolduser: {newest_wins}
 """
 
 
@@ -27,15 +27,18 @@ class Ser2net:
     folder: for its files
     device: the serial port, opened at 1200 baud unless the client says otherwise
     scheme: `rfc2217`, or `socket` for raw TCP
+    newest_wins: a new client takes the port from the one before; otherwise it is refused
     """
 
-    def __init__(self, folder: Path, device: str, scheme: str) -> None:
+    def __init__(self, folder: Path, device: str, scheme: str, *, newest_wins: bool = True) -> None:
         program = shutil.which("ser2net", path="/usr/sbin:/usr/bin")
         assert program is not None, "ser2net is missing: install Debian's ser2net"
         port = free_port()
         config, self._log = folder / "ser2net.yaml", folder / "ser2net.log"
         accepter = "telnet(rfc2217)" if scheme == "rfc2217" else ""
-        config.write_text(_CONFIG.format(accepter=accepter, port=port, device=device).replace(" ,tcp", " tcp"))
+        wins = str(newest_wins).lower()
+        text = _CONFIG.format(accepter=accepter, port=port, device=device, newest_wins=wins)
+        config.write_text(text.replace(" ,tcp", " tcp"))
         self._command, self._port = [program, "-n", "-u", "-d", "-c", str(config)], port
         self.url = f"{scheme}://127.0.0.1:{port}"
         self._process: subprocess.Popen[str] | None = None
@@ -52,9 +55,9 @@ class Ser2net:
 
 
 @contextmanager
-def ser2net(folder: Path, device: str, scheme: str) -> Iterator[Ser2net]:
+def ser2net(folder: Path, device: str, scheme: str, *, newest_wins: bool = True) -> Iterator[Ser2net]:
     """A server that runs."""
-    server = Ser2net(folder, device, scheme)
+    server = Ser2net(folder, device, scheme, newest_wins=newest_wins)
     server.start()
     try:
         yield server

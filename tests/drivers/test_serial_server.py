@@ -172,3 +172,31 @@ async def test_who_no_longer_waits_for_the_server_leaves_no_connection() -> None
             await opening
         await ended.wait()
         await bus.close()
+
+
+@pytest.mark.peer
+async def test_a_port_that_opens_when_nobody_waits_any_more_is_closed(tmp_path: Path) -> None:
+    """The server gives a port to one client at a time, and refuses others."""
+    line = RtuLine({1: VoltageInput(lambda: VALUES_UM, range_um=500.0)}, baud=19200)
+    path = await line.start()
+    try:
+        with ser2net(tmp_path, path, "rfc2217", newest_wins=False) as server:
+            bus = make_bus("bus1", "modbus_rtu", {"port": server.url, "baud": 19200, "timeout_s": TIMEOUT_S})
+            assert isinstance(bus, ModbusBus)
+            opening = asyncio.ensure_future(bus.connect())
+            for _ in range(3):  # the thread that opens it is at work
+                await asyncio.sleep(0)
+            opening.cancel()
+            with pytest.raises(asyncio.CancelledError):
+                await opening
+            async with asyncio.timeout(LIMIT_S):
+                while True:
+                    try:
+                        await bus.connect()
+                        break
+                    except ConnectError:
+                        await asyncio.sleep(0.05)
+            assert await bus.read("d", 1, THREE) == WORDS
+            await bus.close()
+    finally:
+        await line.stop()
