@@ -51,7 +51,7 @@ def test_without_care_each_of_them_would_not_be_zero() -> None:
     assert 0.2 * RANGE_UM - ZERO_UM != 0.0
 
 
-class Registers:
+class KelvinRegisters:
     """Two registers: the value, and the type code."""
 
     silent = False
@@ -63,7 +63,7 @@ class Registers:
 async def modbus(stack: AsyncExitStack, folder: Path, profile: str) -> tuple[Bus, Driver]:
     path = folder / "kelvin.toml"
     path.write_text(profile, encoding="utf-8")
-    host = TcpHost({1: Registers()})
+    host = TcpHost({1: KelvinRegisters()})
     stack.push_async_callback(host.stop)
     bus = make_bus("b", "modbus_tcp", {"host": "127.0.0.1", "port": await host.start()})
     return bus, make_device("d", bus, str(path), 1, {"c": 0}, {}, SystemClock())
@@ -107,11 +107,11 @@ async def sensor(stack: AsyncExitStack, _: Path) -> tuple[Bus, Driver]:
     return bus, make_device("d", bus, "me_dt6120", 0x7E, {"c": 0}, options, SystemClock())
 
 
-Start = Callable[[AsyncExitStack, Path], Awaitable[tuple[Bus, Driver]]]
+StartAtZero = Callable[[AsyncExitStack, Path], Awaitable[tuple[Bus, Driver]]]
 
 
 @asynccontextmanager
-async def connected(start: Start, folder: Path) -> AsyncIterator[Driver]:
+async def connected(start: StartAtZero, folder: Path) -> AsyncIterator[Driver]:
     async with AsyncExitStack() as stack:
         bus, driver = await start(stack, folder)
         stack.push_async_callback(bus.close)
@@ -121,7 +121,7 @@ async def connected(start: Start, folder: Path) -> AsyncIterator[Driver]:
 
 
 @pytest.mark.parametrize("start", [modbus_by_scale, modbus_by_code, field_value, controller, sensor])
-async def test_zero_is_read_as_zero(start: Start, tmp_path: Path) -> None:
+async def test_zero_is_read_as_zero(start: StartAtZero, tmp_path: Path) -> None:
     async with connected(start, tmp_path) as driver:
         (reading,) = await driver.read()
     assert reading.value == 0.0, reading

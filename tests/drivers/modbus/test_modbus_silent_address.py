@@ -18,14 +18,14 @@ ASKS = 20
 """More than the gateway needs to see that an address is silent."""
 LONGEST_S = 60.0
 """Between two requests for a silent address."""
-Place = tuple[int, int]
+RegisterPlace = tuple[int, int]
 """Function and address."""
 
 
 class Muting(Mapping[int, int]):
     """Registers that hold their own addresses, but for one function, of which those the unit lacks are absent."""
 
-    def __init__(self, unit: "Unit", function: int) -> None:
+    def __init__(self, unit: "MutedUnit", function: int) -> None:
         self._unit, self._function = unit, function
 
     def __getitem__(self, address: int) -> int:
@@ -43,14 +43,14 @@ class Muting(Mapping[int, int]):
 
 
 @dataclass
-class Unit:
+class MutedUnit:
     """A unit that does not answer a request for any of its silent places."""
 
-    mute: set[Place] = field(default_factory=set)
-    lacks: set[Place] = field(default_factory=set)
-    touched: list[Place] = field(default_factory=list)
+    mute: set[RegisterPlace] = field(default_factory=set)
+    lacks: set[RegisterPlace] = field(default_factory=set)
+    touched: list[RegisterPlace] = field(default_factory=list)
     """Of the present request."""
-    asked: list[Sequence[Place]] = field(default_factory=list)
+    asked: list[Sequence[RegisterPlace]] = field(default_factory=list)
     silent: bool = False
 
     def memory(self, function: int) -> Mapping[int, int]:
@@ -61,7 +61,7 @@ class Unit:
     def spoil(self, _: int, frame: bytes) -> Sequence[tuple[float, bytes]]:
         return () if self.mute & set(self.touched) else ((0.0, frame),)
 
-    def asked_for(self, *places: Place) -> int:
+    def asked_for(self, *places: RegisterPlace) -> int:
         """How many requests asked for any of these places."""
         return sum(bool(set(places) & set(one)) for one in self.asked)
 
@@ -82,7 +82,7 @@ VALUES = {"a0": 0.0, "b0": 100.0, "b1": 101.0, "b2": 102.0, "b3": 103.0, "c0": 2
 
 @asynccontextmanager
 async def reading(
-    unit: Unit, folder: Path, kind: str, text: str = THREE, channels: Mapping[str, int] = CHANNELS
+    unit: MutedUnit, folder: Path, kind: str, text: str = THREE, channels: Mapping[str, int] = CHANNELS
 ) -> AsyncIterator[tuple[Driver, ManualClock]]:
     path = folder / "words.toml"
     path.write_text(HEAD + text, encoding="utf-8")
@@ -158,9 +158,9 @@ KINDS = pytest.mark.parametrize("kind", ["modbus_rtu", "modbus_tcp"])
     ],
 )
 async def test_the_other_channels_are_read_and_the_cause_is_named(
-    kind: str, place: Place, lost: tuple[str, ...], request_: str, tmp_path: Path
+    kind: str, place: RegisterPlace, lost: tuple[str, ...], request_: str, tmp_path: Path
 ) -> None:
-    unit = Unit({place})
+    unit = MutedUnit({place})
     async with reading(unit, tmp_path, kind) as (driver, _):
         await connected(driver)
         readings = await read(driver)
@@ -176,7 +176,7 @@ async def test_the_other_channels_are_read_and_the_cause_is_named(
 async def test_the_silent_address_is_found_by_dividing_and_costs_one_request_at_a_time(
     kind: str, tmp_path: Path
 ) -> None:
-    unit = Unit({(4, 102)})
+    unit = MutedUnit({(4, 102)})
     async with reading(unit, tmp_path, kind) as (driver, clock):
         await connected(driver)
         await read(driver)
@@ -190,7 +190,7 @@ async def test_the_silent_address_is_found_by_dividing_and_costs_one_request_at_
 
 @KINDS
 async def test_a_silent_address_is_asked_for_less_and_less_often_and_returns(kind: str, tmp_path: Path) -> None:
-    unit = Unit({(4, 0)})
+    unit = MutedUnit({(4, 0)})
     async with reading(unit, tmp_path, kind) as (driver, clock):
         await connected(driver)
         await read(driver)
@@ -206,7 +206,7 @@ async def test_a_silent_address_is_asked_for_less_and_less_often_and_returns(kin
 async def test_a_unit_that_is_silent_for_a_gap_is_read_in_parts(kind: str, tmp_path: Path) -> None:
     """`max_gap` lets one request read what no channel needs."""
     text = "".join(f'[[block]]\nfunction = 3\naddress = {a}\ntype = "uint16"\n' for a in (0, 4, 50))
-    unit = Unit({(3, 2)})
+    unit = MutedUnit({(3, 2)})
     async with reading(unit, tmp_path, kind, text, {"a": 0, "b": 1, "c": 2}) as (driver, clock):
         await connected(driver)
         assert good(await read(driver)) == {"c": 50.0}
@@ -217,7 +217,7 @@ async def test_a_unit_that_is_silent_for_a_gap_is_read_in_parts(kind: str, tmp_p
 @KINDS
 async def test_an_address_that_is_refused_and_one_that_is_silent(kind: str, tmp_path: Path) -> None:
     """What is refused is asked for again after a minute; what is silent is not, for nobody is to wait for it."""
-    unit = Unit({(4, 0)}, lacks={(4, 201)})
+    unit = MutedUnit({(4, 0)}, lacks={(4, 201)})
     async with reading(unit, tmp_path, kind) as (driver, clock):
         await connected(driver)
         await read(driver)
@@ -252,7 +252,7 @@ type = "uint16"
 @KINDS
 async def test_a_status_that_is_silent_makes_its_own_values_invalid(kind: str, tmp_path: Path) -> None:
     """It is asked first, so that nothing has been answered when it is missed."""
-    unit = Unit({(3, 500)})
+    unit = MutedUnit({(3, 500)})
     async with reading(unit, tmp_path, kind, STATUS, {"judged": 0, "plain": 1}) as (driver, _):
         await connected(driver)
         readings = await read(driver)
@@ -262,7 +262,7 @@ async def test_a_status_that_is_silent_makes_its_own_values_invalid(kind: str, t
 
 @KINDS
 async def test_a_unit_that_is_silent_for_everything_is_no_unit_with_a_silent_address(kind: str, tmp_path: Path) -> None:
-    unit = Unit()
+    unit = MutedUnit()
     async with reading(unit, tmp_path, kind) as (driver, _):
         await connected(driver)
         assert good(await read(driver)) == VALUES
@@ -275,7 +275,7 @@ async def test_a_unit_that_is_silent_for_everything_is_no_unit_with_a_silent_add
 
 @KINDS
 async def test_a_unit_that_returns_needs_one_miss_to_know_its_silent_address(kind: str, tmp_path: Path) -> None:
-    unit = Unit({(4, 100)})
+    unit = MutedUnit({(4, 100)})
     async with reading(unit, tmp_path, kind) as (driver, _):
         await connected(driver)
         await read(driver)

@@ -55,7 +55,7 @@ class TwoBlocks:
         self._drops = False
 
     def memory(self, function: int) -> Mapping[int, int]:
-        return _Touched(self)
+        return _MutedRegisters(self)
 
     def touched(self, address: int) -> int:
         self._drops = self.mute and address < 100
@@ -67,7 +67,7 @@ class TwoBlocks:
         return () if self._drops else ((0.0, frame),)
 
 
-class _Touched(dict[int, int]):
+class _MutedRegisters(dict[int, int]):
     def __init__(self, unit: TwoBlocks) -> None:
         super().__init__()
         self._unit = unit
@@ -76,7 +76,7 @@ class _Touched(dict[int, int]):
         return self._unit.touched(address)
 
 
-Start = Callable[[AsyncExitStack, Mapping[int, TwoBlocks]], Awaitable[Mapping[str, object]]]
+StartTwoBlocks = Callable[[AsyncExitStack, Mapping[int, TwoBlocks]], Awaitable[Mapping[str, object]]]
 
 
 async def rtu(stack: AsyncExitStack, units: Mapping[int, TwoBlocks]) -> Mapping[str, object]:
@@ -100,7 +100,7 @@ async def tcp(stack: AsyncExitStack, units: Mapping[int, TwoBlocks]) -> Mapping[
     return {"kind": "modbus_tcp", "host": "127.0.0.1", "port": await host.start()}
 
 
-WIRES: dict[str, Start] = {"modbus_rtu": rtu, "modbus_rtu_tcp": rtu_tcp, "modbus_tcp": tcp}
+WIRES: dict[str, StartTwoBlocks] = {"modbus_rtu": rtu, "modbus_rtu_tcp": rtu_tcp, "modbus_tcp": tcp}
 
 
 @asynccontextmanager
