@@ -2,7 +2,7 @@
 
 import asyncio
 import os
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager
 from pathlib import Path
 
@@ -13,7 +13,7 @@ from drivers.build import make_bus, make_device
 from drivers.modbus.bus import ModbusBus
 from drivers.modbus.numbers import Block
 from simulators.devices.me_sensor import MeLine, MeSensor
-from simulators.devices.modbus_servers import RtuLine
+from simulators.devices.modbus_servers import RtuLine, crc16
 from simulators.devices.voltage_input import VoltageInput
 from tests.benches.free_port import free_port
 from tests.benches.ser2net import Ser2net, ser2net
@@ -200,3 +200,59 @@ async def test_a_port_that_opens_when_nobody_waits_any_more_is_closed(tmp_path: 
             await bus.close()
     finally:
         await line.stop()
+
+
+IAC, WILL, DO, SB, SE, COM_PORT = 255, 251, 253, 250, 240, 44
+"""Telnet (RFC 854) and the option of RFC 2217."""
+SET_BAUD, SET_DATA, SET_PARITY, SET_STOP = 1, 2, 3, 4
+
+
+def telnet_commands(data: bytes) -> Iterator[bytes]:
+    """The commands of Telnet in whole pieces."""
+    while data:
+        end = data.index(bytes((IAC, SE))) + 2 if data[1] == SB else 3
+        yield data[:end]
+        data = data[end:]
+
+
+@pytest.mark.parametrize(
+    ("parity", "stopbits", "expected"), [("N", 1, (1, 1)), ("E", 1, (3, 1)), ("O", 1, (2, 1)), ("N", 2, (1, 2))]
+)
+async def test_rfc_2217_sets_parity_and_stop_bits(parity: str, stopbits: int, expected: tuple[int, int]) -> None:
+    """A server written from the standard: it does what it is told, and says so."""
+    told: dict[int, bytes] = {}
+
+    async def server(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        while data := await reader.read(1000):
+            for command in telnet_commands(data):
+                if command[1] == WILL:
+                    writer.write(bytes((IAC, DO, command[2])))
+                elif command[1] == DO:
+                    writer.write(bytes((IAC, WILL, command[2])))
+                elif command[1] == SB and command[2] == COM_PORT:
+                    told[command[3]] = command[4:-2]
+                    writer.write(command[:3] + bytes((command[3] + 100,)) + command[4:])
+
+    async with stream_server(server) as port:
+        options = {"port": f"rfc2217://127.0.0.1:{port}", "baud": 19200, "parity": parity, "stopbits": stopbits}
+        bus = make_bus("bus1", "modbus_rtu", options)
+        await bus.connect()
+        await bus.close()
+    assert told[SET_BAUD] == (19200).to_bytes(4, "big")
+    assert (told[SET_DATA], (told[SET_PARITY][0], told[SET_STOP][0])) == (b"\x08", expected)
+
+
+async def test_raw_tcp_is_opened_for_each_request_if_the_server_closes_it() -> None:
+    async def once(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        request = await reader.readexactly(8)
+        reply = bytes((1, 4, 2)) + request[2:4]  # each register holds its address
+        writer.write(reply + crc16(reply))
+        await writer.drain()
+        writer.close()
+
+    async with stream_server(once) as port:
+        bus = make_bus("bus1", "modbus_rtu", {"port": f"socket://127.0.0.1:{port}", "timeout_s": TIMEOUT_S})
+        assert isinstance(bus, ModbusBus)
+        await bus.connect()
+        assert [await bus.read("d", 1, Block(4, address, 1)) for address in (7, 8, 9)] == [(7,), (8,), (9,)]
+        await bus.close()

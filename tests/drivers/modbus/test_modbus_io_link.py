@@ -111,3 +111,59 @@ async def test_comtrol_says_of_each_port_whether_it_communicates(tmp_path: Path)
             "no communication with an IO-Link device",
             "the port reports a fault",
         ]
+
+
+RAWS = (0, 1, 234, 0x0FFF, 0x7FFC, 0x7FFF, 0x8000, 0xEA00, 0xFFFF)
+"""What a sensor, or a master without one, may leave in its register."""
+
+
+async def test_ifm_no_port_is_good_unless_its_status_says_so(tmp_path: Path) -> None:
+    """Every status of its low byte, eight at a time: good is bit 0 without the others that matter."""
+    words = {1000 * port + place: 0 for port in range(1, 9) for place in (1, 2)}
+    async with master("ifm", tmp_path, words, 8) as (server, device):
+        for value in (234, 0x7FFC, 0xEA00):
+            for first in range(0, 0x100, 8):
+                for port in range(1, 9):
+                    await server.async_setValues(1, 16, 1000 * port + 1, [first + port - 1, value])
+                for status, reading in zip(range(first, first + 8), await device.read(), strict=True):
+                    is_good = status & 0x2F == 0x01 and value == 234
+                    assert (reading.quality is Quality.GOOD) == is_good, (status, value, reading)
+                    assert not is_good or reading.value == pytest.approx(23.4)
+
+
+async def test_turck_no_port_is_good_without_its_bit(tmp_path: Path) -> None:
+    words = dict.fromkeys(range(1, 2 + 16 * 8), 0)
+    async with master("Turck", tmp_path, words, 8) as (server, device):
+        for raw in RAWS:
+            for port in range(8):
+                await server.async_setValues(1, 16, 2 + 16 * port, [raw])
+            degrees = (raw - (raw >> 15 << 16) >> 2) / 10
+            for bits in range(0x100) if raw == 234 else (0x00, 0xFF, 0xA5):
+                valid = sum(1 << 2 * port for port in range(8) if bits >> port & 1)
+                await server.async_setValues(1, 16, 1, [valid | (0xAAAA if raw % 2 else 0)])
+                for port, reading in enumerate(await device.read()):
+                    is_good = bool(bits >> port & 1) and -50 <= degrees <= 150
+                    assert (reading.quality is Quality.GOOD) == is_good, (raw, bits, port, reading)
+                    assert not is_good or reading.value == pytest.approx(degrees)
+
+
+async def test_comtrol_no_port_is_good_unless_it_communicates_and_is_valid(tmp_path: Path) -> None:
+    words = {999 + 1000 * port + place: 0 for port in range(4) for place in (0, 1, 2)}
+    async with master("Pepperl+Fuchs", tmp_path, words, 4) as (server, device):
+        for value in (234, 0xEA00):
+            for first in range(0, 0x100, 4):
+                for port in range(4):
+                    await server.async_setValues(1, 16, 999 + 1000 * port, [(first + port) << 8 | 0x5A, 0x1234, value])
+                for status, reading in zip(range(first, first + 4), await device.read(), strict=True):
+                    is_good = status & 0x0E == 0x06 and value == 234
+                    assert (reading.quality is Quality.GOOD) == is_good, (status, value, reading)
+
+
+async def test_a_status_that_is_absent_is_no_good_one(tmp_path: Path) -> None:
+    """The map of another master, or a port less: what is not there cannot say that a value is valid."""
+    words = {1000 * port + place: 234 for port in (1, 2) for place in (2,)}
+    words |= {1001: 0x01}
+    async with master("ifm", tmp_path, words, 3) as (_, device):
+        first, second, third = await device.read()
+    assert told([first]) == [23.4]
+    assert Quality.GOOD not in (second.quality, third.quality)

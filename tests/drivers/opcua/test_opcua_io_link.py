@@ -8,6 +8,7 @@ import pytest
 
 from drivers.base import Quality, Reading, SetupError, SystemClock
 from drivers.build import make_bus, make_device
+from drivers.opcua.nodes import NodeValue
 from drivers.profiles import load_profile
 from tests.benches.npm_peer import node_with, running
 from tests.benches.opcua_drives import URI, Drives
@@ -175,3 +176,36 @@ def test_a_number_that_bytes_cannot_hold_is_refused(tmp_path: Path, lines: str, 
     profile.write_text(HEAD + f'[[node]]\nnode = "s=motor"\n{lines}\n', encoding="utf-8")
     with pytest.raises(SetupError, match=message):
         load_profile(str(profile))
+
+
+def test_no_value_is_good_unless_its_status_is() -> None:
+    """Every StatusCode: its two highest bits say whether the value is good; 3 is reserved."""
+    for code in range(0x10000):
+        assert (NodeValue(b"\x00\xea", code << 16).fault() is None) == (code >> 14 == 0)
+    for low in (0x0480, 0x8000, 0xFFFF):  # details, such as that the value is limited
+        assert NodeValue(b"\x00\xea", low).fault() is None
+        assert NodeValue(b"\x00\xea", 0x4000_0000 | low).fault() is not None
+
+
+@pytest.mark.simulated_time
+async def test_bytes_are_good_only_with_a_good_status_and_if_they_are_there(tmp_path: Path) -> None:
+    profile = tmp_path / "bytes.toml"
+    profile.write_text(HEAD + '[[node]]\nnode = "s=bytes"\ntype = "int16"\nscale = 0.1\n', encoding="utf-8")
+    server = Drives()
+    await server.start()
+    bus = make_bus("opc1", "opcua", {"url": server.url, "security": "none", "timeout_s": 5.0})
+    device = make_device("bytes", bus, str(profile), 1, {"port": 0}, {}, SystemClock())
+    statuses = (0, 0x4000_0000, 0x408F_0000, 0x4090_0000, 0x40A4_0000, 0x8000_0000, 0x808A_0000, 0x808C_0000)
+    try:
+        await bus.connect()
+        await device.connect()
+        for raw in (b"\x00\xea", b"\x00\xea\x01", b"\x00", b""):
+            for status in statuses:
+                await server.set("bytes", raw, status)
+                (reading,) = await device.read()
+                is_good = status == 0 and len(raw) >= 2
+                assert (reading.quality is Quality.GOOD) == is_good, (raw, hex(status), reading)
+                assert not is_good or reading.value == pytest.approx(23.4)
+    finally:
+        await bus.close()
+        await server.server.stop()
