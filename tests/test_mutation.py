@@ -60,6 +60,22 @@ def test_only_another_program_is_a_mutant(after: str, another: bool) -> None:
     assert is_another("x = 2\n", after) is another
 
 
+@pytest.mark.parametrize(
+    ("before", "after", "another"),
+    [
+        ("a is B.C", "a == B.C", False),
+        ("f(B.C is not a)", "f(B.C != a)", False),
+        ("x is y is B.C", "x is y == B.C", False),
+        ("x is y is B.C", "x == y is B.C", True),
+        ("a is D.C", "a == D.C", True),
+        ("a is not B.C", "a == B.C", True),
+        ("a is B.C", "a >= B.C", True),
+    ],
+)
+def test_a_member_of_an_enumeration_is_a_single_object(before: str, after: str, another: bool) -> None:
+    assert is_another(before, after, {"B"}) is another
+
+
 CLASS = """
 LIMIT = 3
 class A:

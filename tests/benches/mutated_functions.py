@@ -4,8 +4,9 @@ import ast
 import gc
 import inspect
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from types import CodeType, FunctionType
 
@@ -20,12 +21,37 @@ class Mutant:
     source: str
 
 
-def is_another(before: str, after: str) -> bool:
-    """Whether a changed source is another program: neither invalid, nor the same but for the places of things."""
+def is_another(before: str, after: str, enumerations: Collection[str] = ()) -> bool:
+    """Whether a changed source is another program: neither invalid, nor the same but for the places of things, nor one
+    that has `==` for `is` before a member of one of these enumerations: a member is a single object."""
     try:
-        return _meaning(_compiled(before)) != _meaning(_compiled(after))
+        if _meaning(_compiled(before)) == _meaning(_compiled(after)):
+            return False
+        return not (enumerations and _same_member(before, after, enumerations))
     except SyntaxError:
         return False
+
+
+def _same_member(before: str, after: str, enumerations: Collection[str]) -> bool:
+    same = {ast.Is: ast.Eq, ast.IsNot: ast.NotEq}
+    olds, news = _comparisons(before), _comparisons(after)
+    changes = [(old, new) for old, new in zip(olds, news, strict=False) if old[0] is not new[0]]
+    if len(olds) != len(news) or len(changes) != 1:
+        return False
+    (old, *operands), (new, *_) = changes[0]
+    return same.get(old) is new and any(
+        isinstance(each, ast.Attribute) and ast.unparse(each.value) in enumerations for each in operands
+    )
+
+
+def _comparisons(source: str) -> list[tuple[type[ast.cmpop], ast.expr, ast.expr]]:
+    """Operator, left and right, in the order of a walk."""
+    return [
+        (type(how), left, right)
+        for node in ast.walk(ast.parse(source))
+        if isinstance(node, ast.Compare)
+        for how, left, right in zip(node.ops, [node.left, *node.comparators], node.comparators, strict=False)
+    ]
 
 
 def exchanges(before: str, after: str, file: Path) -> list[tuple[str, int, CodeType]] | None:
@@ -68,6 +94,7 @@ def _statements(tree: ast.AST) -> Iterator[range]:
             yield range(node.lineno, end)
 
 
+@lru_cache(maxsize=4)
 def _compiled(source: str, file: Path | str = "") -> CodeType:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", SyntaxWarning)  # as `is` with a number

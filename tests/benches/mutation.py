@@ -58,7 +58,7 @@ MODULES: Mapping[str, Sequence[str]] = {
     "gateway.nc.lease": (f"{_NC}test_lease.py", *_LINK),
     "gateway.nc.states": _LINK,
     "gateway.nc.boundary": (f"{_NC}test_boundary.py",),
-    "gateway.nc.writer": (*_LINK, f"{_NC}test_nine_errors.py"),
+    "gateway.nc.writer": (*_LINK, f"{_NC}test_nine_errors.py", f"{_NC}test_form_changes.py"),
     "gateway.nc.link": (*_LINK, f"{_NC}test_nine_errors.py", f"{_NC}test_driver_bugs.py"),
     "gateway.storage.store": _STORE,
     "gateway.storage.waiting": _STORE,
@@ -81,6 +81,11 @@ _OPTIONS = (
     "-q", "-x", "-m", "not slow and not realtime", "-p", "no:cacheprovider", "-p", "no:xdist", "--hypothesis-seed=0",
     "-W", "ignore::pytest.PytestAssertRewriteWarning",
 )  # fmt: skip
+_ENUMERATIONS = """
+import enum, importlib, sys
+print(*(name for name, each in vars(importlib.import_module(sys.argv[1])).items() if isinstance(each, enum.EnumType)))
+"""
+"""Prints the names that enumerations have in a module."""
 _NOT_TRIED = 99
 """Exit code of a process that did not come to its tests."""
 KILLED, SURVIVED, ENDLESS = "killed", "survived", "endless"
@@ -152,7 +157,14 @@ def made(module: str, tool: Path) -> list[Mutant]:
         lines = subprocess.run([tool, program, file_of(module)], check=True, capture_output=True, text=True).stdout
         kept.write_text(lines, encoding="utf-8")
     found = [Mutant(**json.loads(line)) for line in kept.read_text(encoding="utf-8").splitlines()]
-    return [mutant for mutant in found if is_another(source, mutant.source)]
+    told = subprocess.run([sys.executable, "-c", _ENUMERATIONS, module], check=True, capture_output=True, text=True)
+    enumerations = told.stdout.split()
+    single = ("Is_Eq", "IsNot_NotEq")
+    return [
+        mutant
+        for mutant in found
+        if is_another(source, mutant.source, enumerations if mutant.operator.endswith(single) else ())
+    ]
 
 
 def tested(module: str, source: str, tests: Sequence[str], cpu_s: float, wait_s: float) -> tuple[str, float]:

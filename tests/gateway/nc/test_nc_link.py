@@ -313,6 +313,7 @@ async def test_offsets_in_force_beyond_what_is_ever_sent_disarm_and_do_not_end_t
         assert not bench.link.armed
         assert bench.link.present.monotonic_s >= 4.0, "reads go on"
     assert bench.control.writes == []
+    assert not any(step.written for step in bench.steps)
     assert [notice for notice in bench.notices if "beyond largest_um" in notice and "disarmed" in notice]
 
 
