@@ -47,7 +47,7 @@ _STORE = tuple(
     f"tests/gateway/storage/test_{name}.py"
     for name in ("store", "store_faults", "retention", "gathering", "deleted", "linked_file", "damage", "migration")
 )
-_CONTROLLER = tuple(f"tests/talc/test_{name}.py" for name in ("control", "record", "free_running"))
+_CONTROLLER = tuple(f"tests/talc/{name}.py" for name in ("test_control", "test_record", "learner/test_course"))
 MODULES: Mapping[str, Sequence[str]] = {
     "gateway.nc.slew": (f"{_NC}test_slew.py", f"{_NC}test_nine_errors.py"),
     "gateway.nc.target": (f"{_NC}test_target.py",),
@@ -66,9 +66,7 @@ MODULES: Mapping[str, Sequence[str]] = {
     "gateway.storage.rows": (*_STORE, "tests/gateway/past/test_restart.py", "tests/gateway/past/test_earlier_run.py"),
     "gateway.storage.readings": _STORE,
     "talc.control": _CONTROLLER,
-    "talc.frame": _CONTROLLER,
     "talc.record": _CONTROLLER,
-    "talc.free_running": _CONTROLLER,
     "talc.learner.course": ("tests/talc/learner/test_course.py", "tests/talc/learner/test_reasons.py"),
 }
 """Of each module the tests that are to kill its mutants: quick ones, on simulated time."""

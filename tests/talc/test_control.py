@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from talc.control import Controller
 from talc.disturbance import Disturbance
-from talc.frame import Decision, EventKind, FloatArray, Frame, Measurement, Phase, Why
+from talc.frame import Decision, Event, EventKind, FloatArray, Frame, Measurement, Phase, Why
 from talc.models import ModelSet
 from talc.names import THERMAL_ERRORS
 from talc.settings import ControlSettings, TalcSettings, TrainingSettings
@@ -246,6 +246,7 @@ def test_the_uncertainty_policy_asks_when_the_interval_nears_the_limit() -> None
 def test_the_novelty_policy_asks_when_inputs_leave_training_and_at_the_longest_interval() -> None:
     familiar = wanted(policy("novelty"), 40)
     assert familiar.index(Why.INTERVAL) == 28  # 30 steps after the last measurement, asked one step ahead
+    assert set(familiar[28:]) == {Why.INTERVAL}, "until it comes"
     assert Why.NOVELTY not in familiar
     strange = wanted(policy("novelty"), 40, warm=9.0)
     assert strange.index(Why.NOVELTY) == 1  # not sooner than 3 steps after the last measurement
@@ -274,3 +275,119 @@ def test_a_restart_from_a_saved_state_decides_as_no_restart() -> None:
 def whole_settings() -> TalcSettings:
     control = ControlSettings(calibration_steps=CALIBRATION, measurement_interval_steps=4, no_good_measurements=3)
     return TalcSettings(method="models", control=control)
+
+
+def kinds(events: tuple[Event, ...]) -> list[EventKind]:
+    return [event.kind for event in events]
+
+
+def test_a_change_of_phase_is_an_event_and_no_other_training_is() -> None:
+    c = controller()
+    calibrate(c)
+    outside = c.step(frame(CALIBRATION, measured=20.0))
+    assert [e.text for e in outside.events if e.kind is EventKind.PHASE_CHANGED] == ["compensation -> no_good"]
+    after = [c.step(frame(CALIBRATION + 1 + i, measured=20.0)) for i in range(4)]
+    assert [d.measure for d in after] == [Why.NO_GOOD, Why.NO_GOOD, None, None], "none while a training is in progress"
+    found = c.adopt(models(CALIBRATION + 4))
+    assert [e.text for e in found if e.kind is EventKind.PHASE_CHANGED] == ["no_good -> compensation"]
+    assert EventKind.PHASE_CHANGED not in kinds(c.adopt(models(CALIBRATION + 4)))
+
+
+def test_after_a_training_without_a_model_the_measurements_count_anew() -> None:
+    c = controller()
+    for k in range(CALIBRATION):
+        c.step(frame(k, measured=2.0))
+    c.adopt(models(CALIBRATION - 1, only=()))
+    jobs = [c.step(frame(k, measured=2.0)).training for k in range(CALIBRATION, 2 * CALIBRATION)]
+    assert next(i for i, job in enumerate(jobs) if job is not None) + 1 == 9  # 0.75 of twelve
+
+
+def test_a_training_gets_the_last_rows_of_its_window() -> None:
+    training = TrainingSettings(window_steps=CALIBRATION)
+    c = Controller(INPUTS, replace(whole_settings(), training=training))
+    calibrate(c)
+    steps = range(CALIBRATION, CALIBRATION + 8)
+    jobs = [c.step(frame(k, warm=float(k), measured=90.0)).training for k in steps]
+    job = next(job for job in jobs if job is not None)
+    assert len(c.state().inputs) > CALIBRATION
+    assert job.inputs.shape == job.valid.shape == (CALIBRATION, 2)
+    assert job.measured.shape == (CALIBRATION, 9)
+    asked = job.k - CALIBRATION + 1  # rows of this series; the others are the calibration's
+    assert job.inputs[-asked:, 0].tolist() == [float(k) for k in range(CALIBRATION, job.k + 1)]
+
+
+def test_through_a_gap_the_models_run_as_they_would_on_held_inputs() -> None:
+    gap, held = controller(), controller()
+    for c in (gap, held):
+        calibrate(c)
+        c.step(frame(CALIBRATION, warm=5.0))  # from here on they approach 10
+    for k in range(CALIBRATION + 1, CALIBRATION + 3):
+        held.step(frame(k, warm=np.nan))
+    a, b = (c.step(frame(CALIBRATION + 3, warm=5.0)) for c in (gap, held))
+    np.testing.assert_array_equal(a.predicted, b.predicted)
+    assert 2.0 < a.predicted[0] < 10.0
+    np.testing.assert_array_equal(gap.state().inputs, held.state().inputs)
+
+
+@pytest.mark.parametrize("k", [3, 1000, 70000])
+def test_an_index_that_is_not_above_the_last_one_is_refused(k: int) -> None:
+    c = controller()
+    c.step(frame(70000))
+    with pytest.raises(ValueError, match=f"k = {k}: expected more than 70000, the last frame's"):
+        c.step(frame(int(str(k))))
+
+
+def test_the_method_models_explains_and_forecasts_nothing() -> None:
+    c = controller()
+    assert (c.explain(), c.weights(), c.reasons(), c.forecast([1])) == (None, None, None, None)
+    with pytest.raises(ValueError, match="makes no forecasts"):
+        c.along(np.zeros((1, 2)), [1])
+
+
+def test_a_state_of_the_other_method_is_refused() -> None:
+    learner = TalcSettings(method="learner")
+    for state, other in (
+        (controller().state(), learner),
+        (Controller(INPUTS, learner).state(), TalcSettings(method="models")),
+    ):
+        with pytest.raises(ValueError, match="the state is of the other method"):
+            Controller.restore(state, other)
+
+
+def test_the_learner_s_record_does_not_grow() -> None:
+    c = Controller(INPUTS, TalcSettings(method="learner"))
+    for k in range(20):
+        c.step(frame(k, measured=2.0))
+    assert len(c.state().inputs) <= 2
+    with pytest.raises(ValueError, match="takes no models"):
+        c.adopt(models(19))
+
+
+def test_with_fewer_measurements_asked_for_after_a_restart_the_training_begins_at_the_next() -> None:
+    c = controller()
+    calibrate(c)
+    for k in range(CALIBRATION, CALIBRATION + 3):
+        c.step(frame(k, measured=20.0))
+    few = replace(whole_settings().control, no_good_measurements=1)
+    again = Controller.restore(c.state(), replace(whole_settings(), control=few))
+    assert again.step(frame(CALIBRATION + 3, measured=20.0)).training is not None
+
+
+def test_after_a_pause_of_unknown_length_a_measurement_is_due_by_the_first_step() -> None:
+    control = replace(whole_settings().control, measurement_interval_steps=20)
+    c = Controller(INPUTS, replace(whole_settings(), control=control))
+    calibrate(c)
+    asked = [c.step(replace(frame(k), pause_unknown=k == CALIBRATION)).measure for k in range(CALIBRATION, 22)]
+    assert [CALIBRATION + i for i, why in enumerate(asked) if why is Why.INTERVAL] == [19, 20, 21]
+
+
+@pytest.mark.parametrize(("acl", "limits"), [("fixed", (7.0, 8.0)), ("training", (4.0, 4.0)), ("adaptive", (3.0, 3.0))])
+def test_the_limits_are_those_of_the_setting(acl: str, limits: tuple[float, float]) -> None:
+    """limits: of an error in µm, and of one in µm/m"""
+    control = replace(whole_settings().control, acl=acl, acl_fixed_um=7.0, acl_fixed_um_per_m=8.0)  # type: ignore[arg-type]
+    c = Controller(INPUTS, replace(whole_settings(), control=control))
+    calibrate(c)
+    known = tuple(replace(model(e, 3.0), training_limit=4.0) for e in THERMAL_ERRORS)
+    c.adopt(replace(models(CALIBRATION), models=known))
+    found = dict(zip(THERMAL_ERRORS, c.step(frame(CALIBRATION)).limits, strict=True))
+    assert (found["EY0A"], found["EA0C"]) == limits
