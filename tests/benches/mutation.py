@@ -47,7 +47,9 @@ _STORE = tuple(
     f"tests/gateway/storage/test_{name}.py"
     for name in ("store", "store_faults", "retention", "gathering", "deleted", "linked_file", "damage", "migration")
 )
-_CONTROLLER = tuple(f"tests/talc/{name}.py" for name in ("test_control", "test_record", "learner/test_course"))
+_CONTROLLER = tuple(
+    f"tests/talc/{name}.py" for name in ("test_control", "test_control_parts", "test_record", "learner/test_course")
+)
 MODULES: Mapping[str, Sequence[str]] = {
     "gateway.nc.slew": (f"{_NC}test_slew.py", f"{_NC}test_nine_errors.py"),
     "gateway.nc.target": (f"{_NC}test_target.py",),
