@@ -45,7 +45,17 @@ _LINK = (
 )  # fmt: skip
 _STORE = tuple(
     f"tests/gateway/storage/test_{name}.py"
-    for name in ("store", "store_faults", "retention", "gathering", "deleted", "linked_file", "damage", "migration")
+    for name in (
+        "store",
+        "store_faults",
+        "retention",
+        "gathering",
+        "deleted",
+        "linked_file",
+        "damage",
+        "migration",
+        "known_rows",
+    )
 )
 _CONTROLLER = tuple(
     f"tests/talc/{name}.py" for name in ("test_control", "test_control_parts", "test_record", "learner/test_course")
@@ -62,7 +72,7 @@ MODULES: Mapping[str, Sequence[str]] = {
     "gateway.nc.boundary": (f"{_NC}test_boundary.py",),
     "gateway.nc.writer": (*_LINK, f"{_NC}test_nine_errors.py", f"{_NC}test_form_changes.py"),
     "gateway.nc.link": (*_LINK, f"{_NC}test_nine_errors.py", f"{_NC}test_driver_bugs.py"),
-    "gateway.storage.store": _STORE,
+    "gateway.storage.store": (*_STORE, "tests/gateway/past/test_earlier_run.py"),
     "gateway.storage.waiting": _STORE,
     "gateway.storage.writer": _STORE,
     "gateway.storage.rows": (*_STORE, "tests/gateway/past/test_restart.py", "tests/gateway/past/test_earlier_run.py"),
