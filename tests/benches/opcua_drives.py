@@ -63,8 +63,11 @@ class Drives:
     def node(self, name: str) -> NodeId:
         return NodeId(String(name), Int16(self.index))
 
-    async def set(self, name: str, value: object, status: int = 0, age_s: float = 0.0) -> None:
-        ago = datetime.now(UTC) - timedelta(seconds=age_s)
-        measured = DateTime(ago.year, ago.month, ago.day, ago.hour, ago.minute, ago.second, tzinfo=UTC)
+    async def set(self, name: str, value: object, status: int = 0, age_s: float | None = 0.0) -> None:
+        """age_s: of the value; None: nothing says when it was measured"""
+        measured = None
+        if age_s is not None:
+            ago = datetime.now(UTC) - timedelta(seconds=age_s)
+            measured = DateTime(ago.year, ago.month, ago.day, ago.hour, ago.minute, ago.second, tzinfo=UTC)
         data = DataValue(Variant(value), StatusCode(UInt32(status)), measured)
         await self.server.get_node(self.node(name)).write_value(data)

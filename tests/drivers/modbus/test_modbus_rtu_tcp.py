@@ -8,7 +8,7 @@ import pytest
 
 from drivers.base import BadAnswer, ConnectError, NoAnswer, Quality, SetupError, SystemClock
 from drivers.build import make_bus, make_device
-from drivers.modbus.rtu import ModbusRtuTcpBus
+from drivers.modbus.rtu import ModbusRtuTcpBus, RtuFramedBus
 from drivers.modbus.settings import ModbusRtuTcpSettings
 from simulators.devices.modbus_servers import DeviceServer
 from simulators.devices.modbus_unit import ModbusUnit
@@ -58,6 +58,24 @@ async def test_an_answer_that_comes_in_pieces_is_put_together() -> None:
         whole = await bus.read("d", 1, TWO)
         server.spoil = lambda _, frame: [(0.01 * i, frame[i : i + 1]) for i in range(len(frame))]
         assert await bus.read("d", 1, TWO) == whole
+
+
+@pytest.mark.parametrize("kind", ["modbus_rtu_tcp", "modbus_rtu"])
+async def test_what_follows_a_damaged_piece_soon_is_waited_for(kind: str) -> None:
+    """A server sends on in pieces, further apart than a line's own. `socket://` is the same server."""
+    server = DeviceServer({1: module(5.0, 250.0)})
+    port = await server.start()
+    where = {"host": "127.0.0.1", "port": port} if kind == "modbus_rtu_tcp" else {"port": f"socket://127.0.0.1:{port}"}
+    bus = make_bus("bus1", kind, {**where, "timeout_s": TIMEOUT_S})
+    assert isinstance(bus, RtuFramedBus)
+    try:
+        await bus.connect()
+        whole = await bus.read("d", 1, TWO)
+        server.spoil = lambda _, frame: [(0.0, frame[:-1] + bytes((frame[-1] ^ 1,))), (0.06, frame)]
+        assert await bus.read("d", 1, TWO) == whole
+    finally:
+        await bus.close()
+        await server.stop()
 
 
 async def test_a_late_answer_on_a_new_connection_is_not_taken_for_the_next_one() -> None:

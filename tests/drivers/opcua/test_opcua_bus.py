@@ -140,6 +140,9 @@ async def test_values_statuses_and_nodes_that_are_not_there(tmp_path: Path) -> N
             ((quality, detail),) = told(await device.read())
             assert quality == "stale"
             assert re.fullmatch(r"the server's source measured it (89|90|91) s ago", detail), detail
+            await server.set("motor", 20.0, age_s=None)
+            unknown = "the server does not say when the value was measured; omit max_age_s"
+            assert told(await device.read()) == [("stale", unknown)]
             await server.set("motor", 20.0, age_s=-20)
             assert told(await device.read()) == [(20.0, "degC")], "two clocks are never quite the same"
             await server.set("motor", 20.0, age_s=-3600)
