@@ -4,6 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.base import NoAnswer, Refused
+from drivers.modbus.answers import BlockAnswers
 from drivers.modbus.numbers import Block
 from drivers.modbus.plan import ReadPlan, plan_blocks
 
@@ -89,3 +90,30 @@ def test_every_place_is_asked_for_or_left_out_and_never_both(
             )
             assert asked != ((function, address, width) in plan.lost)
         assert plan.requests, "one request is always left"
+
+
+def test_a_miss_with_the_full_time_counts_twice_and_an_answer_ends_the_count() -> None:
+    plan = ReadPlan([(3, 0, 1), (4, 0, 1)], 125, 8, silence)
+    request = plan.requests[0]
+    assert [plan.fell_silent(request, 0.0, hurried=True) for _ in range(6)] == [False] * 6
+    plan.answered(request)
+    assert [plan.fell_silent(request, 0.0, hurried=False) for _ in range(4)] == [False] * 3 + [True]
+
+
+def test_the_only_request_is_never_left_out() -> None:
+    plan = ReadPlan([(3, 0, 1)], 125, 8, silence)
+    assert not any(plan.fell_silent(plan.requests[0], 0.0, hurried=False) for _ in range(9))
+
+
+def test_what_was_answered_too_early_is_asked_for_again() -> None:
+    """A status that comes after its value cannot say that the value was valid."""
+    status, value = Block(3, 0, 1), Block(4, 0, 1)
+    answers = BlockAnswers()
+    for _ in range(3):
+        assert answers.next_of([status, value], in_order=True) == status
+        answers.missed(status)
+    assert answers.next_of([status, value], in_order=True) == value, "does the unit answer at all?"
+    answers.add(value, (5,))
+    assert answers.next_of([status, value], in_order=True) == status
+    answers.add(status, (0,), later=[value])
+    assert answers.next_of([status, value], in_order=True) == value

@@ -3,12 +3,14 @@
 from collections.abc import AsyncIterator, Iterator, Mapping, Sequence
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
+from math import inf
 from pathlib import Path
 
 import pytest
 
 from drivers.base import AsksLater, Driver, DriverError, NoAnswer, Quality, Reading
 from drivers.build import make_bus, make_device
+from drivers.modbus.bus import ModbusBus
 from simulators.devices import RtuLine, TcpHost
 from tests.benches.manual_clock import ManualClock
 
@@ -81,9 +83,9 @@ VALUES = {"a0": 0.0, "b0": 100.0, "b1": 101.0, "b2": 102.0, "b3": 103.0, "c0": 2
 
 
 @asynccontextmanager
-async def reading(
+async def wired(
     unit: MutedUnit, folder: Path, kind: str, text: str = THREE, channels: Mapping[str, int] = CHANNELS
-) -> AsyncIterator[tuple[Driver, ManualClock]]:
+) -> AsyncIterator[tuple[Driver, ManualClock, ModbusBus]]:
     path = folder / "words.toml"
     path.write_text(HEAD + text, encoding="utf-8")
     server: RtuLine | TcpHost
@@ -96,13 +98,22 @@ async def reading(
     server.spoil = unit.spoil
     clock = ManualClock()
     bus = make_bus("bus1", kind, {**options, "timeout_s": 0.1})
+    assert isinstance(bus, ModbusBus)
     driver = make_device("words", bus, str(path), 1, channels, {}, clock)
     try:
         await bus.connect()
-        yield driver, clock
+        yield driver, clock, bus
     finally:
         await bus.close()
         await server.stop()
+
+
+@asynccontextmanager
+async def reading(
+    unit: MutedUnit, folder: Path, kind: str, text: str = THREE, channels: Mapping[str, int] = CHANNELS
+) -> AsyncIterator[tuple[Driver, ManualClock]]:
+    async with wired(unit, folder, kind, text, channels) as (driver, clock, _):
+        yield driver, clock
 
 
 async def connected(driver: Driver) -> None:
@@ -269,6 +280,8 @@ async def test_a_unit_that_is_silent_for_everything_is_no_unit_with_a_silent_add
         unit.silent = True
         with pytest.raises(NoAnswer, match="did not answer within"):
             await read(driver)
+        assert isinstance(driver, AsksLater)
+        assert not driver.asks_later, "it is the unit that is silent"
         unit.silent = False
         assert good(await read(driver)) == VALUES
 
@@ -284,3 +297,41 @@ async def test_a_unit_that_returns_needs_one_miss_to_know_its_silent_address(kin
         unit.asked.clear()
         assert good(await read(driver)) == without("b0", "b1", "b2", "b3")
         assert unit.asked_for((4, 100)) <= 2
+
+
+ALIKE = "".join(f'[[block]]\nfunction = 4\naddress = {a}\nchannels = 2\ntype = "uint16"\n' for a in (0, 100))
+
+
+@KINDS
+async def test_blocks_whose_answers_look_alike(kind: str, tmp_path: Path) -> None:
+    """Usually one waits for the late answer of the other; not for ever."""
+    unit = MutedUnit({(4, 0)})
+    async with reading(unit, tmp_path, kind, ALIKE, {"a0": 0, "a1": 1, "b0": 2, "b1": 3}) as (driver, _):
+        await connected(driver)
+        assert good(await read(driver)) == {"b0": 100.0, "b1": 101.0}
+
+
+@KINDS
+async def test_an_address_that_is_refused_instead_is_not_silent_any_more(kind: str, tmp_path: Path) -> None:
+    unit = MutedUnit({(4, 0)})
+    async with reading(unit, tmp_path, kind) as (driver, clock):
+        await connected(driver)
+        await read(driver)
+        unit.mute, unit.lacks = set(), {(4, 0)}
+        await ask_later(driver, clock, 1)
+        assert "exception 2" in (await read(driver))["a0"].detail
+
+
+async def test_what_there_was_no_time_to_ask_is_not_silent(tmp_path: Path) -> None:
+    unit = MutedUnit({(4, 200)})
+    async with wired(unit, tmp_path, "modbus_rtu") as (driver, _, bus):
+        await connected(driver)
+        with pytest.raises(NoAnswer):  # the others are answered
+            await driver.read()
+        unit.mute.clear()
+        bus.limit(0.0)
+        for _ in range(ASKS):
+            with pytest.raises(NoAnswer, match="no time was left"):
+                await driver.read(again=True)
+        bus.limit(inf)
+        assert good({one.channel: one for one in await driver.read(again=True)}) == VALUES
