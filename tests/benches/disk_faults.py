@@ -39,4 +39,6 @@ class LifeVerdict:
     """Rows of which a stop said that they were not stored."""
     unstored: int = 0
     """Steps that ended while nothing could be stored."""
+    states_seen: int = 0
+    """How often nothing could be stored while there was something to correct."""
     wrong: list[str] = field(default_factory=list)

@@ -65,7 +65,7 @@ SURFACES: Mapping[str, Example] = {
 }
 
 
-def _tried(name: str, seconds: float, most: int | None, seed: int, say: Callable[[str], None]) -> bool:
+def fuzzed(name: str, seconds: float, most: int | None, seed: int, say: Callable[[str], None]) -> bool:
     """Whether all examples of a surface ended well. most: so many examples, however long they take."""
     wrong, examples, end_s = dict[str, list[int]](), 0, time.process_time() + seconds
     with tempfile.TemporaryDirectory() as outer:
@@ -98,7 +98,7 @@ def _tried(name: str, seconds: float, most: int | None, seed: int, say: Callable
 def main(surfaces: Sequence[str], seconds: float, examples: int | None, seed: int) -> None:
     """Try SURFACES, or all of them. Exit code 1: something raised what it should not."""
     logging.disable(logging.CRITICAL)
-    well = [_tried(name, seconds, examples, seed, click.echo) for name in surfaces or SURFACES]
+    well = [fuzzed(name, seconds, examples, seed, click.echo) for name in surfaces or SURFACES]
     sys.exit(0 if all(well) else 1)
 
 

@@ -5,8 +5,10 @@ import pickle
 import struct
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Any
 
 from simulators.nc.nck import Nck
+from simulators.nc.watchdog import Logged
 
 _HEAD = struct.Struct("=QQ")
 
@@ -15,7 +17,7 @@ _HEAD = struct.Struct("=QQ")
 class WhatOutlives:
     """What the gateway's death leaves: its control, and what the gateway had said."""
 
-    nck: Nck
+    nck: "KeptNck"
     now_s: float = 0.0
     decided: list[int] = field(default_factory=list)
     """Grid indices of the steps that were decided."""
@@ -54,11 +56,21 @@ class KeptNck(Nck):
     """Tells whenever a gateway has changed it."""
 
     changed: Callable[[], None] = staticmethod(lambda: None)
+    moved_in_cycle = 0
+    """How often a gateway has changed an offset while the control probed."""
+
+    def __getstate__(self) -> dict[str, object]:
+        """The log in plain tuples: it is pickled at each change."""
+        return self.__dict__ | {"log": [(one.time_s, one.values_mm, one.ramped) for one in self.log]}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state | {"log": [Logged(*one) for one in state["log"]]})
 
     def write_r(self, number: int, value: float, now_s: float) -> None:
         super().write_r(number, value, now_s)
         KeptNck.changed()
 
     def write_k0(self, axis: int, value_mm: float, now_s: float) -> None:
+        self.moved_in_cycle += self.cycle.started_s is not None and value_mm != self.k0_mm[axis]
         super().write_k0(axis, value_mm, now_s)
         KeptNck.changed()

@@ -8,6 +8,7 @@ import pytest
 
 from tests.benches.death import PHASES
 from tests.benches.kills import WRITING
+from tests.benches.planted_for_kills import PLANTED
 
 KILLS = {WRITING: 6, **dict.fromkeys(PHASES, 2)}
 
@@ -26,6 +27,24 @@ def test_whatever_it_does_when_it_is_killed_the_next_one_goes_on() -> None:
     assert done.returncode == 0, done.stdout
     rows = [line.strip("| ").split(" | ") for line in done.stdout.splitlines() if line.startswith("| ")]
     assert {name: int(killed) for name, killed, _ in rows[1:]} == KILLS
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("defect", PLANTED)
+def test_a_defect_that_only_a_kill_in_one_phase_shows_is_found(defect: str) -> None:
+    phase, _ = PLANTED[defect]
+    count = "100" if phase == "start" else "40"
+    command = [sys.executable, "-m", "tests.benches.kills", "--writing", count, "--phase", count, "--only", phase]
+    done = subprocess.run(
+        [*command, "--planted", defect],
+        cwd=Path(__file__).parents[2],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 1, done.stdout
+    assert f"| {phase} | {count} |" in done.stdout
 
 
 @pytest.mark.slow

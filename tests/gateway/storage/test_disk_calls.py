@@ -1,11 +1,13 @@
 """Whatever call of a gateway's life the disk refuses: no step is lost untold, and it recovers without a person."""
 
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 
 from tests.benches.disk_calls import LivesProcess
 from tests.benches.disk_faults import FAULTS
+from tests.benches.planted_for_disks import PLANTED
 
 pytestmark = pytest.mark.slow
 _LIVES = 15
@@ -45,3 +47,14 @@ def test_a_synchronisation_that_hangs_changes_nothing(process: LivesProcess) -> 
     assert verdict.refused == 1
     assert verdict.wrong == []
     assert verdict.told_lost == verdict.not_started == 0
+
+
+@pytest.mark.parametrize("defect", PLANTED)
+def test_a_planted_defect_is_found(defect: str, tmp_path: Path) -> None:
+    with LivesProcess(tmp_path, defect) as process:
+        whole = process.life()
+        assert whole.wrong == [], "on a disk that works nobody notices it"
+        full = next(number for number, fault in enumerate(FAULTS) if fault.name == "ENOSPC, lasting")
+        begins = whole.calls.index("r")  # in the last start, which mends
+        at = [480, 530, *range(begins + 20, begins + 220, 50), 880]
+        assert any(process.life(full, call).wrong for call in at)
