@@ -113,7 +113,9 @@ def run_recording(request: Request) -> None:
     if request.calibration_min is not None:
         min_apart = sections.talc.control.calibration_interval_steps * recording.step_s / 60.0
         if abs(min_apart - request.calibration_min) > 0.01 * request.calibration_min:
-            console.print(f"Calibration is measured every {min_apart:g} min: a number of steps", soft_wrap=True)
+            instead = f"{min_apart:g} min instead of {request.calibration_min:g}"
+            steps = f"whole steps of {recording.step_s:g} s"
+            console.print(f"Calibration is measured every {instead}: in {steps}", soft_wrap=True)
     with Progress(console=console, transient=True, disable=not console.is_terminal) as bar:
         task = bar.add_task("replaying", total=len(recording.k))
         data = rehearse_recording(

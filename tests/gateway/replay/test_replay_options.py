@@ -290,8 +290,8 @@ def test_the_calibration_interval_is_of_the_trained_models(tmp_path: Path) -> No
     assert "--calibration-interval is for errors measured less often" in run(path, "--config", config).output
     assert "expected a finite number" in run(path, "--config", config, "--calibration-interval", "nan").output
     rounded = run(path, "--config", config, "--calibration-interval", 7).output
-    assert "measured every 5 min: a number of steps" in rounded
+    assert "measured every 5 min instead of 7: in whole steps of 300 s" in rounded
     answer = run(path, "--config", config, "--calibration-interval", 30)
     assert answer.exit_code == 0, answer.output
-    assert "a number of steps" not in answer.output
+    assert "whole steps" not in answer.output
     assert "288 steps of 300 s, 24.0 h, measured each 6 steps" in " ".join(answer.output.split())
