@@ -113,7 +113,8 @@ def summary(data: ReportData) -> Summary:
         course=course,
         hours=total_s / 3600,
         begin_hours=begin_s / 3600,
-        productivity=productivity(after, CYCLE_S, total_s - begin_s),
+        # Cycles of a rehearsal are shorter than a cycle counts.
+        productivity=max(productivity(after, CYCLE_S, total_s - begin_s), 0.0),
         measurements=after,
         state_updates=data.count(EventKind.STATE_UPDATE),
         model_updates=sum(a.after_k >= data.k[first] for a in data.models),

@@ -112,7 +112,8 @@
       ...of("y", (p) => ({ right: `calc(100% - ${left - 6}px)`, top: top + p + "px" }), (v) => String(+v.toFixed(6)).replace("-", "−")),
     );
   };
-  const marks = (scale) => (u, values) => { (u.marks ??= {})[scale] = values.filter((v) => v != null); return values.map(() => ""); };
+  const marked = (scale) => (v) => v != null && (scale !== "x" || v % 60 === 0); // times are written without seconds
+  const marks = (scale) => (u, values) => { (u.marks ??= {})[scale] = values.filter(marked(scale)); return values.map(() => ""); };
 
   const line = ({ label, ink, kind }, unit) => ({
     label, stroke: colour(ink), width: 1.4,

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from playwright.sync_api import CDPSession, Page, expect, sync_playwright
 
@@ -99,6 +100,16 @@ def test_two_fingers_stretch_the_time_of_every_chart_and_one_moves_it(page: Page
 def test_nothing_is_wider_than_a_phone(page: Page) -> None:
     assert page.evaluate("document.documentElement.scrollWidth") <= WIDTH
     assert page.evaluate("getComputedStyle(document.querySelector('.touch')).display") == "inline"
+
+
+@pytest.mark.parametrize("run", [replace(small_run(24), step_s=10.0, compensation_s=10.0 * np.arange(24.0))])
+def test_no_minute_of_a_short_run_is_marked_twice(page: Page) -> None:
+    """Four minutes of a rehearsal: half minutes would have the same text."""
+    page.set_viewport_size({"width": 1280, "height": HEIGHT})
+    page.reload()
+    whole = marks(page, 1)
+    assert len(whole) >= 2
+    assert len(set(whole)) == len(whole)
 
 
 @pytest.mark.parametrize("run", [replace(small_run(288, start=0.0), origin_s=0.0)])

@@ -253,6 +253,16 @@ def test_a_trained_model_s_weights_are_its_equation_in_physical_units(tmp_path: 
     np.testing.assert_allclose(y[25:], wanted[25:], rtol=1e-6)
 
 
+def test_the_table_says_before_each_measurement_that_it_is_wanted(tmp_path: Path) -> None:
+    out = tmp_path / "steps.csv"
+    assert run(table(tmp_path, "time,t1,t2,lift", rows=120), "--error", "lift=lift", "--out", out).exit_code == 0
+    rows = written(out)
+    used = [k for k, row in enumerate(rows) if row["lift_measured"]]
+    assert used == [0, *(k + 1 for k, row in enumerate(rows[:-1]) if row["wanted"])]
+    assert 3 <= len(used) < 60, used
+    assert {row["wanted"] for row in rows} <= {"", "interval", "uncertainty"}
+
+
 def test_the_table_needs_a_known_suffix_and_overwrites_no_source(tmp_path: Path) -> None:
     path = table(tmp_path, "time,t1,t2,EX0C")
     assert "expected a name that ends in .csv or .parquet" in run(path, "--out", tmp_path / "steps.xlsx").output
@@ -295,3 +305,5 @@ def test_the_calibration_interval_is_of_the_trained_models(tmp_path: Path) -> No
     assert answer.exit_code == 0, answer.output
     assert "whole steps" not in answer.output
     assert "288 steps of 300 s, 24.0 h, measured each 6 steps" in " ".join(answer.output.split())
+    sparse = run(path, "--config", config, "--calibration-interval", 180)
+    assert "432 steps of 300 s, 36.0 h, measured each 36 steps" in " ".join(sparse.output.split()), "12 measurements"

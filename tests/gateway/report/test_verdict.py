@@ -100,3 +100,10 @@ def test_a_change_is_reported_in_words_that_mean_something(
 def test_nothing_is_promised_before_corrections_began() -> None:
     run = small_run()
     assert told(replace(run, phases=(type(run.phases[0]).CALIBRATION,) * 48)).startswith("Nothing to judge yet")
+
+
+def test_cycles_of_a_rehearsal_leave_no_less_than_nothing() -> None:
+    """They are shorter than the two minutes that a cycle counts."""
+    run = small_run()
+    assert summary(run).productivity == pytest.approx(60.0, abs=2.0)
+    assert summary(replace(run, step_s=10.0)).productivity == 0.0
