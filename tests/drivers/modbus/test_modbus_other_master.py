@@ -14,8 +14,10 @@ from pymodbus.pdu.register_message import (
 )
 
 from drivers.base import DriverError
+from drivers.modbus.frames import rtu_request
 from drivers.modbus.numbers import Block
 from drivers.modbus.rtu import ModbusRtuBus
+from drivers.modbus.strangers import Strangers
 from tests.benches.rtu_talk import TWO, RtuPeer, honest, line, registers
 
 pytestmark = pytest.mark.simulated_time
@@ -108,3 +110,15 @@ async def test_our_values_stay_right() -> None:
         peer.reply = lambda request: ANSWER + honest(request)
         assert [await bus.read("rtd1", OURS, Block(4, 0, 2)) for _ in range(4)] == [(100, 101)] * 4
         assert bus.other_master() != ""
+
+
+def test_requests_that_come_back_are_our_own() -> None:
+    """Local echo that arrives late, or through a repeater."""
+    strangers, ours, other = Strangers(), Block(4, 0, 6), Block(4, 1, 6)
+    strangers.asked(1, ours)
+    for at_s in range(5):
+        strangers.note(rtu_request(1, ours), float(at_s))
+    assert strangers.evidence(5.0) == ""
+    for at_s in range(5):
+        strangers.note(rtu_request(1, other), float(at_s))
+    assert "5 frames in the last minute are not ours" in strangers.evidence(5.0)
