@@ -17,7 +17,7 @@ AXES = LINEAR_AXES + ROTARY_AXES
 ERRORS: Final = 9
 """Number of thermal errors."""
 FARTHEST_MM: Final = 1e5
-"""No linear axis is longer: a position beyond is none."""
+"""No linear axis is longer; what lies beyond is not a position."""
 LARGEST_NUMBER: Final = 2**31 - 1
 """Largest request or owner number that a control stores exactly, both as an integer and as a floating-point number."""
 

@@ -63,7 +63,7 @@ def load_progress(path: Path) -> CollectProgress:
     except FileNotFoundError:
         return CollectProgress()
     except msgspec.DecodeError as error:
-        raise ValueError(f"{path}: {error}; restore it from a backup with all of its folder") from error
+        raise ValueError(f"{path}: {error}; restore it and the whole folder from one backup") from error
 
 
 def save_progress(path: Path, progress: CollectProgress) -> None:

@@ -39,7 +39,7 @@ OLD_S = 900.0
 """An estimate older than this is no longer shown as that of now, as the compensation no longer uses it by default."""
 _STEPS_MISSED = 3.0
 SILENT_S = 60.0
-"""A gateway that runs says how it is every 10 s."""
+"""A running gateway reports its state every 10 s."""
 _LARGEST = 1e6
 """µm or µm/m. What exceeds it is no thermal error and no offset of a machine: it counts as unknown."""
 

@@ -183,7 +183,7 @@ def _chunk(places: list[int], rows: list[list[str]]) -> Chunk:
 
 
 def _unreadable(why: object) -> str:
-    return f'cannot be split into cells: is there a quote (") that is opened but not closed? ({why})'
+    return f'cannot be split into cells: is a quote (") opened but not closed? ({why})'
 
 
 def _encoding_of(path: Path) -> str:

@@ -1,5 +1,6 @@
 """What the system says of processes under test: their children, and what they hold open."""
 
+import os
 from contextlib import suppress
 from pathlib import Path
 
@@ -18,9 +19,9 @@ def children(of: int) -> list[int]:
 def open_links() -> list[str]:
     """What this process holds open: files, sockets, terminals. Other threads may close them meanwhile."""
     found = []
-    for link in Path("/proc/self/fd").iterdir():
+    for number in os.listdir("/proc/self/fd"):  # noqa: PTH208 - twice a test: paths would double its time
         with suppress(FileNotFoundError):  # always so for the list itself
-            found.append(str(link.readlink()))
+            found.append(os.readlink(f"/proc/self/fd/{number}"))  # noqa: PTH115
     return found
 
 
