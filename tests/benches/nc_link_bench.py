@@ -2,7 +2,7 @@
 
 import asyncio
 import math
-from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
+from collections.abc import AsyncIterator, Awaitable, Callable, Mapping, Sequence
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -195,12 +195,17 @@ class LinkBench:
         self.steps: list[Write] = []
         self.disk_full = False
         self.notices: list[str] = []
+        self.states: list[Mapping[str, float]] = []
         self.link = NcLink(
             self.control,
             self.clock,
             LinkSettings.of(config(mode, when_stale=when_stale, armed=armed, **more), Identity()),
             Earlier(first_number=41, abandoned=abandoned, measured_s=measured, paused=paused, disarmed=disarmed),
-            Listeners(written=self.store, notify=lambda notice: self.notices.append(notice.text)),
+            Listeners(
+                states=lambda states, _: self.states.append(states),
+                written=self.store,
+                notify=lambda notice: self.notices.append(notice.text),
+            ),
         )
 
     def store(self, write: Write) -> None:

@@ -1,7 +1,9 @@
 """A control that cannot be reached, again and again: each cause is reported once, and not for ever."""
 
+from dataclasses import replace
+
 from gateway.nc import still_wrong
-from tests.benches.nc_link_bench import LinkBench, decision
+from tests.benches.nc_link_bench import LinkBench, answer_wrongly, decision
 
 
 async def test_each_new_cause_while_it_is_not_connected_is_reported_once() -> None:
@@ -34,3 +36,30 @@ async def test_an_intermittent_line_is_not_reported_for_ever() -> None:
         bench.control.absent = False
         await bench.clock.run_until(1200.0)
     assert bench.notices[7:] == ["NC: connected again"]
+
+
+async def test_a_control_that_stays_away_is_tried_ever_less_often() -> None:
+    bench = LinkBench("monitor")
+    bench.control.absent = True
+    async with bench.running():
+        await bench.clock.run_until(600.0)
+        tried = bench.control.closed
+        await bench.clock.run_until(900.0)
+    assert tried < 60
+    assert 5 <= bench.control.closed - tried < 30
+
+
+async def test_the_states_of_a_control_whose_values_are_frozen_are_passed_on_no_more() -> None:
+    bench = LinkBench("monitor", frozen_after_s=20.0)
+    async with bench.running():
+        await bench.clock.run_until(5.0)
+        assert bench.states
+        assert set(bench.states[-1]) == {"coolant", "spindle_speed"}
+        repair = answer_wrongly(bench, "snapshot", lambda s: replace(s, states=dict(s.states) | {"speed_X": 500.0}))
+        await bench.clock.run_until(40.0)
+        good = len(bench.states)
+        await bench.clock.run_until(60.0)
+        assert len(bench.states) == good
+        repair()
+        await bench.clock.run_until(70.0)
+        assert len(bench.states) >= good + 9
