@@ -43,6 +43,7 @@ async def test_armed_it_ramps_from_what_is_in_force_and_never_steps() -> None:
     async with bench.running():
         bench.link.follow(decision(4.0))
         await bench.clock.run_until(20.0)
+    assert bench.steps[-1].k == 5, "of the decision"
     before = np.array([3.0, 0.0, -5.0])
     for _, offsets in bench.control.writes:
         assert (np.abs(np.array(offsets) - before) <= 1.0 + 1e-9).all()
