@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime, timedelta
@@ -88,6 +89,20 @@ async def test_by_mutual_tls_a_reader_of_the_plant_gets_in_and_no_other(tmp_path
         ):
             assert f"no answer at {site.here}" in refused(site.here, access)
         assert "no answer" in refused(f"tcp/127.0.0.1:{site.port}", Access())
+
+
+@pytest.mark.slow
+async def test_a_reader_whose_certificate_ends_while_it_is_connected_is_shut_out(tmp_path: Path) -> None:
+    site, lasts = SecureSite(tmp_path), timedelta(seconds=20)
+    async with publisher(site.settings()) as gateway:
+        gateway.publish(told("while it is valid"))
+        with reader(site.here, raw(site.access("brief", lasts))) as session:
+            ends_s = time.monotonic() + lasts.total_seconds()
+            assert [b"while it is valid" in payload for payload in payloads(session)] == [True]
+            while payloads(session):
+                assert time.monotonic() < ends_s + LIMIT_S, "it still reads"
+                await asyncio.sleep(0.5)
+            assert time.monotonic() > ends_s - 2.0, "not before: a certificate ends at a whole second"
 
 
 async def test_by_tls_alone_who_believes_the_authority_gets_in(tmp_path: Path) -> None:
