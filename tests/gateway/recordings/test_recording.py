@@ -164,11 +164,11 @@ def test_errors_and_time_by_their_names(tmp_path: Path) -> None:
             lambda g: [g[0], "0001-01-01T00:00:00+05:00,20,1", *g[1:]],
             "line 2, column 'time': '0001-01-01T00:00:00+05:00' is not within the years 1900 to 2200",
         ),
-        (lambda g: [*g[:3], '900,"20,1', *g[4:]], "line 4: cannot be split into cells: is there a quote"),
+        (lambda g: [*g[:3], '900,"20,1', *g[4:]], "line 4: cannot be split into cells: is a quote"),
         (lambda g: [*g[:3], '900,20,"1', *g[4:9], '1,2,"', *g[9:]], "line 4, column 'EX0C': '1\\n1200"),
         (
             lambda g: [*g[:3], '900,"20,1', *(f"{300 * i},{'2' * 60},1" for i in range(6, 4000))],
-            "line 4: cannot be split into cells: is there a quote",
+            "line 4: cannot be split into cells: is a quote",
         ),
         (
             lambda g: [g[0], *(f"{46083 + i / 288},20,{i}" for i in range(20))],
