@@ -128,17 +128,19 @@ class PageRig:
         locale: str = "en-GB",
         trusted: bool = False,
         user: tuple[str, str] | None = None,
+        zone: str = "Europe/Zurich",
     ) -> Iterator[Page]:
         """An open page. Fails on any message in the browser's console, such as of the Content-Security-Policy.
 
         trusted: the policy does not hold, for scripts of the test
         user: name and password
+        zone: the browser's time zone
         """
         context: BrowserContext = self._browser.new_context(
             viewport={"width": width, "height": height},
             color_scheme="dark" if dark else "light",
             locale=locale,
-            timezone_id="Europe/Zurich",
+            timezone_id=zone,
             bypass_csp=trusted,
             http_credentials=None if user is None else {"username": user[0], "password": user[1], "send": "always"},
         )

@@ -2,6 +2,7 @@
 
 import json
 import re
+from datetime import UTC, datetime
 from pathlib import Path
 
 import pytest
@@ -19,9 +20,16 @@ PROBLEM = "bus can1, device fluids: node 5: no answer within 0.5 s (check power,
 expect.set_options(timeout=LIMIT_MS)
 
 
+def zone_at(hour: int) -> str:
+    """Where it is that hour now."""
+    east = (hour - datetime.now(UTC).hour + 12) % 24 - 12
+    return f"Etc/GMT{-east:+d}" if east else "Etc/GMT"
+
+
+@pytest.mark.parametrize("hour", [0, 12], ids=["after midnight, as times of the day before have a date", "noon"])
 @pytest.mark.parametrize(("language", "left_out"), [("en", "{} earlier lines"), ("de", "{} frühere Zeilen")])
 def test_the_page_prints_whole_and_says_how_many_lines_it_leaves_out(
-    tmp_path: Path, language: str, left_out: str
+    tmp_path: Path, language: str, left_out: str, hour: int
 ) -> None:
     settings = tmp_path / "web.toml"
     settings.write_text(MILL_SETTINGS, encoding="utf-8")
@@ -29,7 +37,7 @@ def test_the_page_prints_whole_and_says_how_many_lines_it_leaves_out(
         gateway = played_mill(rig, settings)
         for n in range(EVENTS):
             gateway.say("event " + json.dumps({"kind": "problem", "text": f"{PROBLEM}, {n + 1}"}))
-        with rig.page(f"/machine/mill?lang={language}", dark=True, locale=f"{language}-CH") as page:
+        with rig.page(f"/machine/mill?lang={language}", dark=True, locale=f"{language}-CH", zone=zone_at(hour)) as page:
             expect(page.locator("#axes .u-over")).to_have_count(3)
             expect(page.locator("#weeks tbody tr").first).to_be_attached()
             expect(page.locator("#sensitivity tbody tr").first).to_be_attached()
