@@ -96,8 +96,8 @@ async def test_a_reader_whose_certificate_ends_while_it_is_connected_is_shut_out
     site, lasts = SecureSite(tmp_path), timedelta(seconds=20)
     async with publisher(site.settings()) as gateway:
         gateway.publish(told("while it is valid"))
+        ends_s = time.monotonic() + lasts.total_seconds()
         with reader(site.here, raw(site.access("brief", lasts))) as session:
-            ends_s = time.monotonic() + lasts.total_seconds()
             assert [b"while it is valid" in payload for payload in payloads(session)] == [True]
             while payloads(session):
                 assert time.monotonic() < ends_s + LIMIT_S, "it still reads"
