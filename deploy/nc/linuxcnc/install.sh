@@ -2,7 +2,7 @@
 # Installs the real-time component talc_errors for the LinuxCNC that is installed here. As root.
 #
 # Compiles it, or, where halcompile is missing, takes the one that the Debian package brings in the folder `prebuilt`.
-# That one is only for the LinuxCNC that it was compiled with. DESTDIR: installs below this folder instead of /.
+# That one is only for the LinuxCNC that it was compiled with; DESTDIR installs it below this folder instead of /.
 set -eu
 cd "$(dirname "$0")"
 if command -v halcompile >/dev/null; then
