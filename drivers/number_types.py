@@ -1,5 +1,6 @@
-"""Types of numbers that a device sends as bytes, by the names that profiles use."""
+"""Numbers that a device sends: as bytes, by the names of types that profiles use, and as text."""
 
+import re
 from collections.abc import Mapping
 from typing import Final, Literal, get_args
 
@@ -11,6 +12,8 @@ ByteNumber = Literal[
 ]
 BYTE_FORMATS: Final[Mapping[ByteNumber, str]] = dict(zip(get_args(ByteNumber), "?bhiqBHIQfd", strict=True))
 """As `struct` names them."""
+WRITTEN_NUMBER: Final = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
+"""As devices write one; Python's `float` also takes 1_000, other scripts' digits and words."""
 
 
 def raw_number(kind: ByteNumber, name: str) -> RawNumber:

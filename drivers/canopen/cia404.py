@@ -18,6 +18,7 @@ DECIMAL_DIGITS = 0x6132
 STATUS = 0x6150
 
 _CIA_404 = 404
+_MOST_DIGITS = 9
 
 
 class Cia404Device:
@@ -137,7 +138,13 @@ class Cia404Device:
                 channel,
                 f"set object 6131:{number + 1:02X} to 0x{self._profile.unit_code:08X}",
             )
-        return Scaling(scale=10.0 ** -int.from_bytes(digits[:1], "little", signed=True))
+        if (places := int.from_bytes(digits, "little")) > _MOST_DIGITS:
+            raise self._reader.wrong(
+                f"{places} decimal digits at input {number}: a 32-bit value has at most {_MOST_DIGITS}",
+                channel,
+                f"set object 6132:{number + 1:02X} to the digits of the process value",
+            )
+        return Scaling(scale=10.0**-places)
 
     def _value(self, number: int, value: bytes, status: int) -> float | Fault:
         if status:

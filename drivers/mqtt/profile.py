@@ -2,7 +2,6 @@
 
 import json
 import math
-import re
 from datetime import UTC, datetime
 from typing import Annotated, ClassVar, Literal
 
@@ -10,13 +9,12 @@ from pydantic import Field
 
 from drivers.base import Quality
 from drivers.faults import Fault
+from drivers.number_types import WRITTEN_NUMBER
 from drivers.profile import DeviceProfile, LinearValue
 from drivers.section import NotEmpty, Positive, matching
 
 TimeUnit = Literal["s", "ms", "us", "ns"]
 _PER_SECOND: dict[TimeUnit, float] = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}
-_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
-"""As devices write one; Python's `float` also takes 1_000 and words."""
 MOST_BYTES = 65_536
 """Of a payload."""
 
@@ -87,7 +85,7 @@ def _at(content: object, path: str | None) -> object:
 
 def instant_in(found: object, unit: TimeUnit) -> datetime | None:
     """An instant, UTC: ISO 8601 (without offset UTC), or a number of `unit` since 1970, also written as text."""
-    if isinstance(found, str) and _NUMBER.fullmatch(found.strip()):
+    if isinstance(found, str) and WRITTEN_NUMBER.fullmatch(found.strip()):
         found = float(found)
     try:
         if isinstance(found, str):
@@ -103,7 +101,7 @@ def instant_in(found: object, unit: TimeUnit) -> datetime | None:
 def number_in(found: object) -> float | None:
     """A finite number; also one that is written as text, as some devices send it."""
     if isinstance(found, str):
-        if not _NUMBER.fullmatch(found.strip()):
+        if not WRITTEN_NUMBER.fullmatch(found.strip()):
             return None
         found = float(found)
     if isinstance(found, bool) or not isinstance(found, int | float):

@@ -83,7 +83,7 @@ class MtConnectControl(OnlyRead):
         text = told[item]
         if text in SWITCHED and name not in POSITION_UNITS and name not in SPEED_UNITS:
             return SWITCHED[text]
-        return number(item, text) * self._factors[name]
+        return number(item, text, self._factors[name])
 
     def _tool(self, text: str) -> int | None:
         """MTConnect's tool numbers are text; only whole ones are reported."""

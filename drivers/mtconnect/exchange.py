@@ -24,7 +24,7 @@ async def ask_agent(url: str, machine: str, request: str, timeout_s: float) -> b
             status, body = await asyncio.to_thread(exchange.run, timeout_s)
     except TimeoutError as error:
         raise NoAnswer(f"{url}: no answer to {request} within {timeout_s:g} s", device="nc") from error
-    except (OSError, http.client.HTTPException) as error:
+    except (OSError, http.client.HTTPException, ValueError, OverflowError) as error:  # ValueError: of a chunk's size
         raise ConnectError(f"{url}: {str(error) or type(error).__name__}", device="nc") from error
     finally:
         exchange.hang_up()

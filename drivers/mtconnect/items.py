@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from drivers.base import BadAnswer, WrongDevice
 from drivers.mtconnect.settings import MtConnectSettings
 from drivers.nc import LINEAR_AXES, ROTARY_AXES
+from drivers.number_types import WRITTEN_NUMBER
 
 _MM = {"MILLIMETER": 1.0}
 _DEGREES = {"DEGREE": 1.0}
@@ -67,12 +68,9 @@ def _factor(where: str, item: str, about: Mapping[str, str], units: Mapping[str,
     return units[unit]
 
 
-def number(item: str, text: str) -> float:
-    """What an agent reports of a data item. Raises BadAnswer: not a finite number."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
+def number(item: str, text: str, factor: float) -> float:
+    """What an agent reports of a data item, in the gateway's unit. Raises BadAnswer: not a finite number."""
+    value = float(text) * factor if WRITTEN_NUMBER.fullmatch(text.strip()) else math.nan
     if not math.isfinite(value):
         raise BadAnswer(f"{item} = {text[:40]!r}: expected a number", device="nc")
     return value

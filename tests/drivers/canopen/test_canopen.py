@@ -66,6 +66,14 @@ async def test_values_of_16_bits_are_read_when_a_profile_says_so(
         assert [r.value for r in await driver.read()] == pytest.approx([20.0, temperature])
 
 
+@pytest.mark.parametrize("digits", [10, 0x7F, 0x80, 0xFF])
+async def test_decimal_digits_that_no_value_of_32_bits_has_are_refused(digits: int) -> None:
+    """0xFF is what an erased memory holds; read as -1 it made 235.0 of 23.5."""
+    async with bench(Cia404Node(5, lambda: TEMPERATURES, inputs=2, digits=digits)) as (_, driver):
+        with pytest.raises(WrongDevice, match=f"{digits} decimal digits at input 0: a 32-bit value has at most 9"):
+            await driver.connect()
+
+
 async def test_sensors_are_checked_again_after_the_node_started_anew(node: Cia404Node) -> None:
     async with bench(node) as (adapter, driver):
         await driver.connect()

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 from drivers.base import BadAnswer, ConnectError, DriverError, NoAnswer, Refused, SetupError, SystemClock, WrongDevice
 from drivers.mtconnect import MtConnectSettings, make_mtconnect
+from drivers.mtconnect.items import number
 from drivers.nc import NumericalControl, OperatingMode, ProgramState, WatchdogTerms
 from drivers.problems import settings_of
 from tests.benches.mtconnect_agent import mtconnect_agent
@@ -167,8 +168,14 @@ async def test_what_no_agent_should_answer_is_a_bad_answer(answer: bytes, says: 
             await control(url).connect()
 
 
-async def test_a_server_that_does_not_speak_http_is_no_connection() -> None:
-    async with answering(b"SSH-2.0-OpenSSH_9.2\r\n") as url:
+CHUNKED = b"HTTP/1.1 200 OK\r\nTransfer-Encoding: chunked\r\n\r\n"
+
+
+@pytest.mark.parametrize(
+    "answer", [b"SSH-2.0-OpenSSH_9.2\r\n", CHUNKED + b"-5\r\n", CHUNKED + b"7fffffffffffffffffff\r\n"]
+)
+async def test_a_server_that_does_not_speak_http_is_no_connection(answer: bytes) -> None:
+    async with answering(answer) as url:
         with pytest.raises(ConnectError, match=url):
             await control(url).connect()
 
@@ -201,6 +208,18 @@ async def test_an_agent_that_sends_byte_by_byte_is_hung_up_on() -> None:
             await control(f"http://127.0.0.1:{port}", timeout_s=0.3).connect()
         async with asyncio.timeout(LIMIT_S):
             await gone.wait()
+
+
+@pytest.mark.parametrize("text", ["1_000", "١٢", "1e999", "nan", "infinity", "0x10", "1 2"])
+def test_what_only_python_takes_for_a_number_is_none(text: str) -> None:
+    with pytest.raises(BadAnswer, match=r"Xpos = .*: expected a number"):
+        number("Xpos", text, 1.0)
+
+
+def test_a_number_is_finite_in_the_gateways_unit_too() -> None:
+    assert number("Srpm", " 2.5e1 ", 60.0) == 1500.0
+    with pytest.raises(BadAnswer, match="Srpm = '1e308': expected a number"):
+        number("Srpm", "1e308", 60.0)
 
 
 ITEMS = "".join(
