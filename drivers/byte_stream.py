@@ -309,7 +309,7 @@ class TcpStream:
                 bus=self._bus,
                 hint="check power, cable and address",
             ) from error
-        except OSError as error:
+        except (OSError, UnicodeError) as error:  # UnicodeError: of a name that no host can have
             raise ConnectError(
                 f"cannot connect to {self._host}:{self._tcp_port}: {error}", bus=self._bus, hint="check host and port"
             ) from error

@@ -56,6 +56,8 @@ def wrong(what: str, *at: str | int) -> PydanticCustomError:
 
 def beside_the_file(path: Path, info: ValidationInfo) -> Path:
     """A relative path starts at the file's folder (`folder` of the context), not at the working directory."""
+    if "\0" in str(path):
+        raise ValueError(f"{str(path)!r}: no path contains a null character")
     folder = info.context.get("folder") if isinstance(info.context, dict) else None
     return path if folder is None or path.is_absolute() else Path(folder) / path
 
@@ -92,9 +94,14 @@ def _serial_port(name: str, info: ValidationInfo) -> str:
     return name
 
 
-def _host(text: str) -> str:
-    """A name or an address: neither a URL nor with a port."""
-    if _NAME.fullmatch(text) is None:
+def host_name(text: str) -> str:
+    """A name or an address: neither a URL nor with a port. Raises ValueError."""
+    try:
+        text.encode("idna")  # as whatever looks it up: no part of it is empty or longer than 63 characters
+        named = _NAME.fullmatch(text) is not None and bool(text.strip("."))
+    except UnicodeError:
+        named = False
+    if not named:
         try:
             ip_address(text)
         except ValueError:
@@ -106,7 +113,7 @@ def _host(text: str) -> str:
 
 FilePath = Annotated[Path, AfterValidator(beside_the_file)]
 NotEmpty = Annotated[str, Field(min_length=1)]
-HostName = Annotated[NotEmpty, AfterValidator(_host)]
+HostName = Annotated[NotEmpty, AfterValidator(host_name)]
 """Name or address of a host."""
 SerialPort = Annotated[NotEmpty, AfterValidator(_serial_port)]
 Port = Annotated[int, Field(ge=1, le=65535)]

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import click
 
 from drivers.agent import DEFAULT_PORT
+from drivers.section import host_name
 from gateway.cli.arguments import FiniteNumber
 from gateway.cli.exits import EXIT_WORLD
 from gateway.cli.terminal import printable
@@ -53,6 +54,10 @@ def agent_test(
 
     if unknown := sorted(set(only) - {clause.name for clause in CLAUSES}):
         raise click.UsageError(f"--only {unknown[0]}: {suggestion(unknown[0], (clause.name for clause in CLAUSES))}")
+    try:
+        host_name(host)
+    except ValueError as error:
+        raise click.BadParameter(str(error), param_hint="HOST") from None
     allowed = frozenset([Moves.OFFSETS] * offsets + [Moves.CYCLE] * cycle)
     target = AgentUnderTest(host, port, key_file.read_bytes().strip(), timeout)
     try:

@@ -18,6 +18,7 @@ from drivers.canopen import CanOpenSettings
 from drivers.modbus import ModbusRtuTcpBus
 from drivers.problems import read_settings
 from drivers.recognition import describe
+from drivers.section import host_name
 from gateway.cli.arguments import LIMIT_S, FiniteNumber
 from gateway.cli.signals import stop_on_signals
 from gateway.cli.terminal import terminal
@@ -82,6 +83,10 @@ class Host(click.ParamType[tuple[str, int | None]]):
         host, colon, port = str(value).rpartition(":") if str(value).count(":") == 1 else (str(value), "", "")
         if not host or (colon and not (port.isdecimal() and 0 < int(port) < 65536)):
             self.fail(f"{value!r}: expected a host, or host:port", param, ctx)
+        try:
+            host_name(host)
+        except ValueError as error:
+            self.fail(str(error), param, ctx)
         return host, int(port) if colon else None
 
 

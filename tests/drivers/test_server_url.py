@@ -39,6 +39,7 @@ def test_a_url_names_host_and_port(url: str, encrypted: bool, host: str, port: i
         ({"url": "https://user:secret@plant.example"}, "expected https://HOST:PORT"),
         ({"url": "https://plant.example:0"}, "expected a port of 1 to 65535"),
         ({"url": "https://plant.example:65536"}, "expected a port of 1 to 65535"),
+        ({"url": "https://192.168.0..30"}, "'192.168.0..30': expected the name or address of a host"),
         ({"url": "http://plant.example"}, "expected https://, or a loopback address, or allow_unencrypted = true"),
         ({"url": "http://127.0.0.1", "authority": "ca.pem"}, "has no effect without TLS: write https:// in url"),
     ],

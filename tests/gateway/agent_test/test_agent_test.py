@@ -260,6 +260,18 @@ def test_a_clause_that_does_not_exist_is_named_with_the_nearest(tmp_path: Path) 
     assert "did you mean 'notices-silence'?" in done.output
 
 
+@pytest.mark.parametrize("command", [("agent-test", "--key-file", "key"), ("scan", "tcp"), ("inspect", "registers")])
+def test_a_name_that_no_host_can_have_is_refused(
+    command: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "key").write_bytes(KEY)
+    span = ("0-3",) if command[0] == "inspect" else ()
+    done = CliRunner().invoke(main, [*command, "192.168.0..30", *span])
+    assert done.exit_code == 2
+    assert "'192.168.0..30': expected the name or address of a host" in done.output
+
+
 def test_the_reference_agent_is_less_than_150_lines_of_code_and_needs_the_standard_library_alone() -> None:
     lines = FILE.read_text(encoding="utf-8").splitlines()
     assert len([line for line in lines if line.strip()]) <= 150

@@ -123,7 +123,8 @@ port = 502
 
 
 @pytest.mark.parametrize("kind", ["modbus_tcp", "modbus_rtu_tcp", "me_ethernet"])
-@pytest.mark.parametrize("host", ["http://10.0.0.9", "10.0.0.9:502", "adam.plant:502", "adam/1", "adam 1", "[fe80::9]"])
+@pytest.mark.parametrize("host", ["http://10.0.0.9", "10.0.0.9:502", "adam.plant:502", "adam/1", "adam 1", "[fe80::9]",
+                                  "192.168.0..30", "..", "." , "a" * 64 + ".plant"])  # fmt: skip
 def test_a_host_with_protocol_or_port_is_refused(kind: str, host: str, tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="without protocol; its port is a field of its own"):
         loaded(tmp_path, TEXT + HOST.format(kind, host))
@@ -132,3 +133,17 @@ def test_a_host_with_protocol_or_port_is_refused(kind: str, host: str, tmp_path:
 @pytest.mark.parametrize("host", ["10.0.0.9", "adam", "adam-6015.plant", "fe80::9", "fe80::9%eth0", "prüfstand", "a_1"])
 def test_names_and_addresses_of_hosts_are_taken(host: str, tmp_path: Path) -> None:
     assert loaded(tmp_path, TEXT + HOST.format("modbus_tcp", host)).buses[-1].place == f"{host}:502"
+
+
+@pytest.mark.parametrize(
+    ("given", "nul"),
+    [
+        ('port = "line"', 'port = "li\\u0000ne"'),
+        ('profile = "icpdas_m7015"', 'profile = "./x\\u0000y.toml"'),
+        ("[machine]", '[storage]\npath = "x\\u0000y"\n[machine]'),
+    ],
+)
+def test_a_path_with_a_null_character_is_refused(given: str, nul: str, tmp_path: Path) -> None:
+    assert TEXT.count(given) == 1
+    with pytest.raises(ConfigError, match="no path contains a null character"):
+        loaded(tmp_path, TEXT.replace(given, nul))
