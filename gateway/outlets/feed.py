@@ -138,6 +138,10 @@ class Feed:
             self._refusal = str(error)
         except OutletError as error:
             return self._gone(batch, error, now_s)
+        except Exception as error:  # of a library or of the outlet itself: the outlet's fault, not the end of its feed
+            if (unexpected := f"unexpected {type(error).__name__}: {error}") != self._problem:
+                log.exception("%s: please report this", self._settings.name)
+            return self._gone(batch, OutletError(unexpected), now_s)
         self._back(now_s)
         return self._due_s(now_s)
 

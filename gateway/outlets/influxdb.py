@@ -1,11 +1,14 @@
 """Outlet to InfluxDB, or to what takes its line protocol by HTTP."""
 
 import json
+import socket
 import ssl
 from base64 import b64encode
-from collections.abc import Sequence
-from http.client import HTTPConnection, HTTPException, HTTPResponse, HTTPSConnection
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from http.client import HTTPConnection, HTTPException, HTTPResponse, HTTPSConnection, IncompleteRead
 from pathlib import Path
+from threading import Timer
 from typing import ClassVar, Literal, Self
 from urllib.parse import urlencode
 
@@ -18,6 +21,8 @@ from gateway.outlets.line_protocol import WRITTEN, lines
 from gateway.outlets.outlet import OutletError, OutletMessage, OutletSettings, Unacceptable
 
 _MOST_SHOWN = 300
+_MOST_BYTES = 65_536
+"""Of an answer."""
 
 
 class InfluxDbSettings(OutletSettings, UrlServer):
@@ -107,7 +112,7 @@ class InfluxDbOutlet:
             return
         try:
             answer, said = self._posted(body.encode())
-        except (OSError, HTTPException) as error:
+        except (OSError, HTTPException, ValueError, OverflowError) as error:  # the last two: absurd sizes in an answer
             self.close()
             raise OutletError(f"{self._settings.url}: {str(error) or type(error).__name__}") from error
         if answer.status // 100 == 2:
@@ -141,9 +146,43 @@ class InfluxDbOutlet:
                 self._connection = HTTPSConnection(host, port, timeout=limit_s, context=self._tls)
             else:
                 self._connection = HTTPConnection(host, port, timeout=limit_s)
-        self._connection.request("POST", self._path, body, self._headers)
-        answer = self._connection.getresponse()
-        return answer, answer.read()
+        connection = self._connection
+        if connection.sock is None:
+            connection.connect()
+        with _hung_up_after(self._settings.timeout_s, connection.sock):
+            connection.request("POST", self._path, body, self._headers)
+            with connection.getresponse() as answer:
+                said = answer.read(_MOST_BYTES + 1)
+        if len(said) > _MOST_BYTES:
+            raise ValueError(f"an answer of more than {_MOST_BYTES} bytes")
+        if answer.length:
+            raise IncompleteRead(said, answer.length)
+        return answer, said
+
+
+@contextmanager
+def _hung_up_after(limit_s: float, line: socket.socket) -> Iterator[None]:
+    """Give up what is asked within: a server that sends a byte a second would keep it for ever. Raises TimeoutError."""
+    late = False
+
+    def hang_up() -> None:
+        nonlocal late
+        late = True
+        with suppress(OSError):  # it has ended
+            socket.socket.shutdown(line, socket.SHUT_RDWR)  # that of a TLS socket is not for another thread
+
+    timer = Timer(limit_s, hang_up)
+    timer.daemon = True
+    timer.start()
+    try:
+        yield
+    except (OSError, HTTPException, ValueError):
+        if not late:
+            raise
+    finally:
+        timer.cancel()
+    if late:
+        raise TimeoutError(f"no complete answer within {limit_s:g} s")
 
 
 def _explained(said: bytes) -> str:
@@ -151,7 +190,7 @@ def _explained(said: bytes) -> str:
     text = said.decode(errors="replace").strip()
     try:
         found = json.loads(text)
-    except ValueError:
+    except (ValueError, RecursionError):
         pass
     else:
         if isinstance(found, dict):

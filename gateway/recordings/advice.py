@@ -47,7 +47,10 @@ def advice_on(lines: Iterable[str], layout: TextLayout) -> str:
 
 
 def _cells(line: str, separator: str) -> list[str]:
-    cells = next(csv.reader([line], delimiter=separator, skipinitialspace=separator == " "), [])
+    try:
+        cells = next(csv.reader([line], delimiter=separator, skipinitialspace=separator == " "), [])
+    except csv.Error:  # a cell of more than 131,072 characters: not of a table's first lines
+        return []
     return [cell.strip() for cell in cells]
 
 

@@ -63,6 +63,9 @@ ANSWERS: Final[Mapping[str, type[Struct]]] = {
 }
 """Type of what queries are answered with, by kind of key; `error`: every error reply. And what a command is made of."""
 
+_UNDECODABLE = (msgspec.DecodeError, RecursionError)
+"""The second: of brackets within brackets, also in a field that this version does not know."""
+
 _ENCODER = msgspec.json.Encoder()
 _REFUSAL_DECODER = msgspec.json.Decoder(QueryRefused)
 _DECODERS = {kind: msgspec.json.Decoder(type_) for kind, type_ in TYPES.items()}
@@ -87,7 +90,7 @@ def decode_answer(answer: type[_Answer], payload: bytes) -> _Answer:
     """The answer to a query. Raises ValueError naming type and field if the payload does not fit."""
     try:
         return msgspec.json.decode(payload, type=answer)
-    except msgspec.DecodeError as error:
+    except _UNDECODABLE as error:
         raise ValueError(f"{answer.__name__}: {error}") from error
 
 
@@ -95,7 +98,7 @@ def decode_refusal(payload: bytes) -> str:
     """What an error reply says; the payload itself, if it is of another program."""
     try:
         return _REFUSAL_DECODER.decode(payload).error
-    except msgspec.DecodeError:
+    except _UNDECODABLE:
         return payload.decode(errors="replace")
 
 
@@ -109,5 +112,5 @@ def decode(suffix: str, payload: bytes) -> Published | None:
         return None
     try:
         return decoder.decode(payload)
-    except msgspec.DecodeError as error:
+    except _UNDECODABLE as error:
         raise ValueError(f"payload of {suffix}: {error}") from error

@@ -94,6 +94,20 @@ def test_what_the_other_side_will_never_take_does_not_stop_the_rest(caplog: pyte
     assert [r.message for r in caplog.records] == ["plant: 1 messages are not accepted and were dropped: unparsable"]
 
 
+def test_an_error_that_no_outlet_should_raise_ends_no_feed_and_loses_nothing(caplog: pytest.LogCaptureFixture) -> None:
+    outlet = FailingOutlet()
+    feed = Feed(settings(), outlet)
+    feed.put(reading(1), 0.0)
+    outlet.failing = RecursionError("too deep")
+    assert feed.turn(0.0) == 1.0
+    assert feed.turn(1.0) == 3.0
+    assert (feed.problem, feed.waiting) == ("unexpected RecursionError: too deep", 1)
+    assert [record.message for record in caplog.records if record.exc_info] == ["plant: please report this"]
+    outlet.failing = None
+    feed.turn(3.0)
+    assert ([numbers(batch) for batch in outlet.sent], feed.problem) == ([[1]], "")
+
+
 def test_only_the_wanted_kinds_and_readings_not_too_often_are_passed_on() -> None:
     outlet = FailingOutlet()
     feed = Feed(settings(kinds=["reading", "event"], reading_every_s=10.0), outlet)

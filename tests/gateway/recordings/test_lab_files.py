@@ -87,6 +87,12 @@ def test_excel_s_own_first_line_and_a_separator_at_each_end(tmp_path: Path) -> N
     assert "line 6: 4 cells; the heading has 3; --skip 6 leaves the line out" in refusal(written(tmp_path, text))
 
 
+def test_an_enormous_cell_among_the_lines_is_reported_with_its_place(tmp_path: Path) -> None:
+    text = lines("time,t1,EZ0T")
+    text[5] = '"' + 200_000 * "x" + '",1,2'
+    assert "line 6: cannot be split into cells" in refusal(written(tmp_path, text))
+
+
 def test_a_block_of_settings_and_a_row_of_units_are_seen_and_skipped(tmp_path: Path) -> None:
     table = lines("X_Value\tfront\tdisp_Z", separator="\t")
     table.insert(1, "s\tdegC\tum")

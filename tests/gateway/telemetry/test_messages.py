@@ -26,7 +26,19 @@ from gateway.events import (
     SensorsJudged,
 )
 from gateway.probing import Outlook
-from gateway.telemetry import TYPES, Composer, DecisionMessage, Dropped, ReadingMessage, decode, encode, schemas
+from gateway.telemetry import (
+    TYPES,
+    Composer,
+    DecisionMessage,
+    Dropped,
+    HistoryPage,
+    ReadingMessage,
+    decode,
+    decode_answer,
+    decode_refusal,
+    encode,
+    schemas,
+)
 from talc.frame import Decision
 from talc.learner import Forecast, Misses, PlannedForecast
 from talc.names import THERMAL_ERRORS
@@ -187,3 +199,13 @@ def test_a_payload_that_is_invalid_is_an_error_with_key_and_field(change: Callab
 def test_the_committed_schemas_are_those_of_the_types() -> None:
     committed = {path.name.split(".")[0]: path.read_text(encoding="utf-8") for path in SCHEMAS.glob("*.schema.json")}
     assert committed == schemas(), "renew them: python -m gateway.telemetry docs/telemetry"
+
+
+@pytest.mark.parametrize("deep", [b"[" * 100_000, b"[" * 100_000 + b"]" * 100_000])
+def test_brackets_within_brackets_in_an_unknown_field_are_an_invalid_payload(deep: bytes) -> None:
+    event = next(line.partition(" ")[2] for line in PUBLISHED if line.startswith("event"))
+    with pytest.raises(ValueError, match="payload of event: "):
+        decode("event", event.encode()[:-1] + b',"unknown":' + deep + b"}")
+    with pytest.raises(ValueError, match="HistoryPage: "):
+        decode_answer(HistoryPage, b'{"unknown":' + deep + b"}")
+    assert decode_refusal(b'{"unknown":' + deep).startswith('{"unknown":[[[')
