@@ -156,13 +156,17 @@ class ScriptedControl:
             self.hangs, self.in_force = "", (0.0, 0.0, 1.0)
 
 
-def config(mode: str, *, when_stale: str = "zero", armed: bool = True, **more: float) -> GatewayConfig:
+def config(
+    mode: str, *, when_stale: str = "zero", armed: bool = True, shipped: bool = False, **more: float
+) -> GatewayConfig:
+    """shipped: no time of the compensation is set, as in a new configuration."""
+    stale = {} if shipped else {"stale_after_s": 60.0}
     return validate(
         {
             "machine": {"name": "mill"},
             "nc": {"kind": "sinumerik", "url": "opc.tcp://127.0.0.1:4840", "security": "none", "period_s": 1.0},
             "probing": {"armed": armed, "poll_s": 1.0},
-            "compensation": {"mode": mode, "when_stale": when_stale, "stale_after_s": 60.0} | more,
+            "compensation": {"mode": mode, "when_stale": when_stale} | stale | more,
         }
     )
 
@@ -184,6 +188,7 @@ class LinkBench:
         *,
         when_stale: str = "zero",
         armed: bool = True,
+        shipped: bool = False,
         abandoned: int | None = None,
         measured: Sequence[float] | None = None,
         paused: Pause | None = None,
@@ -199,7 +204,7 @@ class LinkBench:
         self.link = NcLink(
             self.control,
             self.clock,
-            LinkSettings.of(config(mode, when_stale=when_stale, armed=armed, **more), Identity()),
+            LinkSettings.of(config(mode, when_stale=when_stale, armed=armed, shipped=shipped, **more), Identity()),
             Earlier(first_number=41, abandoned=abandoned, measured_s=measured, paused=paused, disarmed=disarmed),
             Listeners(
                 states=lambda states, _: self.states.append(states),

@@ -10,7 +10,8 @@ HEAD = """# Faults
 
 This page shows what each fault of a sensor, a device or a wire looks like, and what to do about it. It is generated
 from the table of the tests. They play each row over a real wire (pseudo-terminal, TCP, serial CAN adapter, UDP
-multicast), with the gateway's acquisition on the other end. Each time they check that
+multicast), with the gateway's acquisition on the other end, at a period of 0.4 s and with `retry_max_periods = 2` (by
+default 1 s and 60: a bus that was away for long is then back up to 60 periods later). Each time they check that
 
 - the channel's quality changes within two periods, and the reading says why, in the words of the last column;
 - no earlier value is shown as good in the meantime;
