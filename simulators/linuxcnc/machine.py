@@ -54,8 +54,9 @@ _MOTION_ANSWERS_S = 30.0
 class LinuxCncMachine:
     """What the operator can do at the control."""
 
-    def __init__(self, process: asyncio.subprocess.Process) -> None:
-        self.process = process
+    def __init__(self, process: asyncio.subprocess.Process, answers: asyncio.StreamReader, said: Path) -> None:
+        """said: the file with what LinuxCNC's programs write."""
+        self.process, self._answers, self._said = process, answers, said
 
     async def ask(self, verb: str, *arguments: str | float | list[float]) -> Any:
         """Run a command. Raises RuntimeError with the control's message."""
@@ -72,17 +73,13 @@ class LinuxCncMachine:
         return float(await self.ask("hal", kind, name))
 
     async def line(self, timeout_s: float) -> dict[str, Any]:
-        """The operator's next line; LinuxCNC's other output is skipped. Raises ConnectionError with it when it ends."""
-        if self.process.stdout is None:
-            raise RuntimeError("LinuxCNC's process has no pipes")
-        said = []
+        """The operator's next line. Raises ConnectionError with what LinuxCNC wrote when it ends."""
         async with asyncio.timeout(timeout_s):
-            while line := await self.process.stdout.readline():
-                if line.startswith(b"{"):
-                    answer: dict[str, Any] = json.loads(line)
-                    return answer
-                said.append(line.decode(errors="replace"))
-        raise ConnectionError(f"LinuxCNC has ended:\n{''.join(said)}")
+            line = await self._answers.readline()
+        if not line:
+            raise ConnectionError(f"LinuxCNC has ended:\n{self._said.read_text(errors='replace')}")
+        answer: dict[str, Any] = json.loads(line)
+        return answer
 
 
 def missing() -> str | None:
@@ -139,31 +136,47 @@ async def machine(
         environment["RTAPI_UID"] = str(_REAL_TIME_USER)
     if agent is not None:
         environment["TALC_AGENT_FD"] = str(agent.fileno())
-    process = await asyncio.create_subprocess_exec(
-        "unshare",
-        *(() if root else _AS_ORDINARY_USER),
-        *_NAMESPACES,
-        *("sh", "-c", _START, "sh", str(folder)),
-        stdin=asyncio.subprocess.PIPE,
-        stdout=asyncio.subprocess.PIPE,
-        stderr=asyncio.subprocess.STDOUT,
-        env=environment,
-        pass_fds=() if agent is None else (agent.fileno(),),
-        limit=_LONGEST_ANSWER,
-    )
+    said = folder / "said.txt"
+    reading, writing = os.pipe()
+    environment["TALC_SCREEN_FD"] = str(writing)
     try:
-        it = LinuxCncMachine(process)
-        await it.line(_BOOT_S)
-        yield it
+        with said.open("wb") as output:
+            process = await asyncio.create_subprocess_exec(
+                "unshare",
+                *(() if root else _AS_ORDINARY_USER),
+                *_NAMESPACES,
+                *("sh", "-c", _START, "sh", str(folder)),
+                stdin=asyncio.subprocess.PIPE,
+                stdout=output,
+                stderr=asyncio.subprocess.STDOUT,
+                env=environment,
+                pass_fds=(writing,) if agent is None else (writing, agent.fileno()),
+            )
     finally:
-        if process.stdin is not None:
-            process.stdin.close()
+        os.close(writing)
+    answers = asyncio.StreamReader(limit=_LONGEST_ANSWER)
+    with open(reading, "rb") as pipe:
+        transport, _ = await asyncio.get_running_loop().connect_read_pipe(
+            lambda: asyncio.StreamReaderProtocol(answers), pipe
+        )
         try:
-            async with asyncio.timeout(_STOP_S):
-                await process.communicate()
-        except TimeoutError:
-            process.kill()  # this process alone: the kernel ends its namespace with it
+            it = LinuxCncMachine(process, answers, said)
+            await it.line(_BOOT_S)
+            yield it
+        finally:
+            await _end(process)
+            transport.close()
+
+
+async def _end(process: asyncio.subprocess.Process) -> None:
+    if process.stdin is not None:
+        process.stdin.close()
+    try:
+        async with asyncio.timeout(_STOP_S):
             await process.wait()
+    except TimeoutError:
+        process.kill()  # this process alone: the kernel ends its namespace with it
+        await process.wait()
 
 
 def _with(changed: Mapping[str, object], ini: str) -> str:

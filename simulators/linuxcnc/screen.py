@@ -1,7 +1,8 @@
 #!/usr/bin/python3
-"""The operator of LinuxCNC, started by it as its screen: commands on standard input, answers on standard output.
+"""The operator of LinuxCNC, started by it as its screen: commands on standard input, answers through TALC_SCREEN_FD.
 
-One JSON object per line. Runs under the system's Python, which has LinuxCNC's modules; its end shuts LinuxCNC down.
+One JSON object per line. LinuxCNC's programs write to the standard output of all at any moment, so answers have a pipe
+of their own. Runs under the system's Python, which has LinuxCNC's modules; its end shuts LinuxCNC down.
 """
 
 import json
@@ -259,14 +260,15 @@ VERBS = (
 def main() -> None:
     control = ControlScreen()
     verbs = {name: getattr(control, name) for name in VERBS}
-    print(json.dumps({"ready": linuxcnc.version}), flush=True)
-    for line in sys.stdin:
-        verb, *arguments = json.loads(line)
-        try:
-            answer = {"answer": verbs[verb](*arguments)}
-        except (KeyError, TypeError, RuntimeError, TimeoutError, linuxcnc.error) as error:
-            answer = {"error": repr(error)}
-        print(json.dumps(answer), flush=True)
+    with open(int(os.environ["TALC_SCREEN_FD"]), "w") as answers:
+        print(json.dumps({"ready": linuxcnc.version}), file=answers, flush=True)
+        for line in sys.stdin:
+            verb, *arguments = json.loads(line)
+            try:
+                answer = {"answer": verbs[verb](*arguments)}
+            except (KeyError, TypeError, RuntimeError, TimeoutError, linuxcnc.error) as error:
+                answer = {"error": repr(error)}
+            print(json.dumps(answer), file=answers, flush=True)
     if control.sphere is not None:
         control.sphere.stop()
 
