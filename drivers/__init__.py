@@ -11,6 +11,7 @@ __all__ = [
     "can",
     "canopen",
     "first_use",
+    "hang_up",
     "linuxcnc",
     "micro_epsilon",
     "modbus",

@@ -244,10 +244,11 @@ class _SettingsCheck:
 
     def _cia404(self, profile: Cia404Profile, options: Mapping[str, object]) -> Cia404Options:
         chosen = read_settings(Cia404Options, options, bus=self.bus, device=self.device)
-        if chosen.vendor not in profile.vendors:
+        if chosen.vendor is not None and chosen.vendor not in profile.vendors:
+            known = ", ".join(profile.vendors)
             raise self._error(
                 f"vendor = {chosen.vendor!r} is not in profile {profile.name}",
-                hint=f"it has {', '.join(profile.vendors)}",
+                hint=f"it has {known}" if known else "it has no [vendor] section: leave this option out",
             )
         return chosen
 

@@ -273,6 +273,16 @@ class FollowsErrors(NumericalControl, Protocol):
 
 
 @runtime_checkable
+class ForgetsWrites(Protocol):
+    """A control that refuses what reaches it too late."""
+
+    @property
+    def late_write_s(self) -> float:
+        """For so long a write without an answer may still take effect, s. Known once connected."""
+        ...
+
+
+@runtime_checkable
 class TriesWriting(Protocol):
     """A control on which it can be tried whether this gateway may write, without changing anything."""
 

@@ -58,7 +58,7 @@ def toml_data(text: str) -> dict[str, object]:
         data = tomllib.loads(text)
         repr(data)  # an integer of thousands of digits cannot be written
     except RecursionError:
-        raise ValueError("too many brackets within brackets") from None
+        raise ValueError("brackets are nested too deeply") from None
     return data
 
 

@@ -110,7 +110,7 @@ def _bytes(name: str) -> bytes:
 
 def _decoded(name: str, content: bytes) -> str:
     try:
-        return _one_line_end(content.decode("utf-8"))
+        return _one_line_end(content.decode("utf-8-sig"))  # editors of Windows begin a file with a mark
     except UnicodeDecodeError as error:
         raise SetupError(f"profile {name}: cannot be read: {error}", hint="give the path of a TOML file") from error
 

@@ -36,14 +36,14 @@ class ReadingMaker:
         utc, monotonic_s = self.clock.utc(), self.clock.monotonic()
         readings = []
         for channel, value in values.items():
+            if ages_s is None:
+                measured, measured_s = utc, monotonic_s
+            else:
+                measured, measured_s = utc - timedelta(seconds=ages_s[channel]), monotonic_s - ages_s[channel]
             if not isinstance(value, Fault) and not isfinite(value):
                 value = Fault(Quality.SENSOR_FAULT, f"the reading gives {value}, which is not a finite number")
             number, quality, detail = (
                 (nan, value.quality, value.detail) if isinstance(value, Fault) else (value, Quality.GOOD, "")
             )
-            age_s = 0.0 if ages_s is None else ages_s[channel]
-            measured = utc - timedelta(seconds=age_s)
-            readings.append(
-                Reading(channel, number, self.units[channel], quality, measured, monotonic_s - age_s, detail)
-            )
+            readings.append(Reading(channel, number, self.units[channel], quality, measured, measured_s, detail))
         return readings

@@ -217,13 +217,15 @@ async def recognise_canopen(bus: CanOpenBus, node: int) -> Recognition | None:
     inputs, doubts = await _cia404_inputs(read, profile)
     known = CANOPEN_VENDORS.get(vendor or 0) or next((v for v in profile.vendors if v in name.lower()), None)
     if known is None:
-        known = next(iter(profile.vendors))
-        doubts.append(f"vendor: whose status bits (object 6150) does it use? available: {', '.join(profile.vendors)}")
+        doubts.append(
+            "vendor: whose status bits (object 6150) does it use? without this option any of them means a broken "
+            f"sensor; available: {', '.join(profile.vendors)}"
+        )
     if not inputs:
         return Recognition(
             "", (), f"{evidence}; no input has a sensor type that the profile reads", doubts=tuple(doubts)
         )
-    return Recognition(profile.name, inputs, evidence, {"vendor": known}, tuple(doubts))
+    return Recognition(profile.name, inputs, evidence, {} if known is None else {"vendor": known}, tuple(doubts))
 
 
 async def _cia404_inputs(read: "_Objects", profile: Cia404Profile) -> tuple[tuple[int, ...], list[str]]:

@@ -15,6 +15,8 @@ _REMOTE = re.compile(r"(?:rfc2217|socket)://(?:\[[0-9A-Fa-f:.]+\]|[A-Za-z0-9._-]
 _NAME = re.compile(r"[\w.-]+")
 OTHER_ENCODING = "cp1252"
 """Of a file that a profile refers to (DBC, EDS)."""
+LARGEST = 1e9
+"""Of a number without a limit of its own: 30 years in seconds."""
 WRONG = "wrong"
 """Type of the errors that `wrong` makes."""
 
@@ -58,8 +60,17 @@ def beside_the_file(path: Path, info: ValidationInfo) -> Path:
     """A relative path starts at the file's folder (`folder` of the context), not at the working directory."""
     if "\0" in str(path):
         raise ValueError(f"{str(path)!r}: no path contains a null character")
+    if not path.name:  # also an empty text, which would be the folder
+        raise ValueError(f"{str(path)!r}: expected the path of a file")
     folder = info.context.get("folder") if isinstance(info.context, dict) else None
     return path if folder is None or path.is_absolute() else Path(folder) / path
+
+
+def _believable(value: float) -> float:
+    """A thread that shall wait for longer than some 1e10 s fails instead."""
+    if value > LARGEST:
+        raise ValueError(f"{value:g}: expected at most {LARGEST:g}")
+    return value
 
 
 def matching(pattern: str, expected: str) -> AfterValidator:
@@ -118,5 +129,5 @@ HostName = Annotated[NotEmpty, AfterValidator(host_name)]
 SerialPort = Annotated[NotEmpty, AfterValidator(_serial_port)]
 Port = Annotated[int, Field(ge=1, le=65535)]
 """A TCP or UDP port."""
-Positive = Annotated[float, Field(gt=0)]
-NotNegative = Annotated[float, Field(ge=0)]
+Positive = Annotated[float, Field(gt=0), AfterValidator(_believable)]
+NotNegative = Annotated[float, Field(ge=0), AfterValidator(_believable)]

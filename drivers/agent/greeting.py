@@ -73,7 +73,7 @@ def greeting_of(answer: Json, device: str) -> Greeting:
     if isinstance(version, bool) or not isinstance(version, int) or version < 1:
         raise BadAnswer(f"version = {version!r}: expected a whole number from 1 on", device=device)
     if version > VERSION:
-        what = f"the agent speaks version {version} of the line, this gateway up to {VERSION}"
+        what = f"the agent speaks version {version} of the protocol, this gateway up to {VERSION}"
         raise WrongDevice(what, device=device, hint="update the gateway")
     can = _capabilities(answer.get("capabilities", ["probe", "shift"]), device)
     return Greeting(

@@ -36,7 +36,7 @@ class Cia404Device:
     ) -> None:
         self._device, self._bus, self._profile, self._node = device, bus, profile, node
         self._channels = dict(channels)
-        self._rules = profile.vendors[options.vendor].status
+        self._rules = () if options.vendor is None else profile.vendors[options.vendor].status
         self._maker = ReadingMaker(dict.fromkeys(channels, profile.unit), clock)
         self._scales: dict[int, Scaling] = {}
         self._absent: dict[int, Refused] = {}
@@ -155,8 +155,10 @@ class Cia404Device:
         if len(value) < (size := self._profile.value_bytes):
             what = f"object {self._profile.value_object:04X} holds {len(value)} bytes, not {size}"
             return Fault(Quality.COMM_FAULT, what)
-        scaling = self._scales[number]
-        return total(int.from_bytes(value[:size], "little", signed=True) * scaling.scale, scaling.offset)
+        raw, scaling = int.from_bytes(value[:size], "little", signed=True), self._scales[number]
+        if raw in (-(1 << 8 * size - 1), (1 << 8 * size - 1) - 1):  # what converters send that have no value, or no end
+            return Fault(Quality.OUT_OF_RANGE, f"0x{raw % (1 << 8 * size):0{2 * size}X}, the end of what it can send")
+        return total(raw * scaling.scale, scaling.offset)
 
 
 def _code(status: bytes) -> int:

@@ -79,7 +79,8 @@ class Cia404Profile(DeviceProfile):
     value: ValueObject
     sensor: Sensor
     physical_unit: PhysicalUnit | None = None
-    vendors: Mapping[str, Vendor] = Field(alias="vendor")
+    vendors: Mapping[str, Vendor] = Field(default_factory=dict, alias="vendor")
+    """May be left out: then any bit of the status means a broken sensor."""
 
     @model_validator(mode="after")
     def _fitting(self) -> Self:

@@ -29,5 +29,6 @@ class NodeOptions(Section):
 class Cia404Options(NodeOptions):
     """Options of a node that follows CiA 404."""
 
-    vendor: str
-    """Which vendor's table of status bits applies; the profile lists them."""
+    vendor: str | None = None
+    """Which vendor's table of status bits applies; the profile lists them. None: none, and any bit that is set means a
+    broken sensor."""

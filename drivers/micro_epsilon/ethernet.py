@@ -1,7 +1,8 @@
 """Micro-Epsilon controllers on Ethernet. The data port sends a stream of blocks, each with a header.
 
 Little-endian: "MEAS", order number, serial number (u32), u64 channel field (2 bits a channel), u32 status, u16 frames,
-u16 bytes per frame, u32 counter, then frames of one int32 per channel.
+u16 bytes per frame, u32 counter, then frames of one int32 per channel. The manual of the capaNCDT 6200 (6.2) says of
+the status: "Is not used", so nothing is read from it.
 """
 
 import asyncio

@@ -49,6 +49,8 @@ class ModbusBus(StreamBus, ABC):
 
     kind: str
     units: tuple[int, int]
+    has_checksum = False
+    """Whether a changed byte in a frame is noticed."""
     reopens = False
     """Whether a connection that the other side closed is opened anew for the next request, and once more when it is
     closed while that is under way: some hosts close it after each answer, or when nobody asks for a while."""
@@ -123,7 +125,7 @@ class ModbusBus(StreamBus, ABC):
         """As `_exchange`, on a connection that may have to be opened anew."""
         if self.left_s < _SHORTEST_S:
             raise NotAsked(
-                f"unit {unit}: no time was left to ask for all of it", hurried=True, bus=self._name, device=device
+                f"unit {unit}: no time was left to ask for all its values", hurried=True, bus=self._name, device=device
             )
         if self.reopens and self._wanted and not self._stream.is_open:
             await self._open()

@@ -58,6 +58,8 @@ class ModbusDevice:
         self._fault_answers = BlockAnswers()
         self._check_answers = BlockAnswers()
         """To the requests of settings and type codes."""
+        self._second_answers = BlockAnswers()
+        """To the same requests, asked once more."""
         self._check_began_s = -inf
         self._check_answered_s = -inf
         """When it last answered a check, and has not been read since."""
@@ -83,6 +85,7 @@ class ModbusDevice:
         if not again:
             self._check_began_s = now
             self._check_answers.clear()
+            self._second_answers.clear()
             self._forget()
         missed = False
         try:
@@ -271,10 +274,27 @@ class ModbusDevice:
         return NoAnswer(error.what, hurried=error.hurried, heard=error.heard, **where)
 
     async def _fetch(self, plan: ReadPlan, again: bool) -> Words:
+        """What scales or judges all later values: without checksums it must be read alike twice in a row."""
         await self._answer(plan, self._check_answers, again=again)
         if plan.is_refused:
             raise plan.error
-        return self._check_answers.words(plan.requests)
+        if self._bus.has_checksum:
+            return self._check_answers.words(plan.requests)
+        await self._answer(plan, self._second_answers, again=again)
+        if plan.is_refused:
+            raise plan.error
+        first, second = (plan.needed(a.words(plan.requests)) for a in (self._check_answers, self._second_answers))
+        if first != second:
+            self._check_answers, self._second_answers = self._second_answers, BlockAnswers()
+            (function, address), *_ = (place for place in first if first[place] != second[place])
+            raise BadAnswer(
+                f"unit {self._unit} answered function {function}, address {address} with {first[function, address]}, "
+                f"then with {second[function, address]}",
+                bus=self._bus.name,
+                device=self._device,
+                hint="this does not change by itself: is the device's line or its host disturbed?",
+            )
+        return second
 
     async def _ask(self, request: Block, *, again: bool = False) -> tuple[int, ...]:
         return await self._bus.read(self._device, self._unit, request, again=again)

@@ -3,7 +3,7 @@
 import struct
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 from drivers.readings import total
 
@@ -46,13 +46,15 @@ def as_in_manuals(address: int) -> str:
     return ""
 
 
-@dataclass(frozen=True, slots=True)
-class Block:
-    """One read request: function code 1 to 4, first address (counted from 0), count of registers or bits."""
+class Block(NamedTuple):
+    """One read request: function code 1 to 4, first address (counted from 0), count of registers or bits.
+
+    A tuple, because each request is looked up in several tables.
+    """
 
     function: int
     address: int
-    count: int
+    count: int  # type: ignore[assignment]  # instead of tuple's method, which nobody needs
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,8 +74,9 @@ class NumberFormat:
     def decode(self, registers: Sequence[int]) -> int | float:
         """The number in `registers` (as many as `self.registers`, each 0..65535)."""
         words = registers if self.word_order == "big" else tuple(reversed(registers))
-        raw = b"".join(word.to_bytes(2, self.byte_order) for word in words)
-        number: int | float = struct.unpack(">" + _FORMATS[self.type][0], raw)[0]
+        form, count = _FORMATS[self.type]
+        raw = struct.pack(f"{'>' if self.byte_order == 'big' else '<'}{count}H", *words)
+        number: int | float = struct.unpack(">" + form, raw)[0]
         return number
 
     def nearest(self, number: float) -> int | float | None:

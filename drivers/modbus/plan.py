@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import pairwise
 
 from drivers.base import DriverError, NoAnswer, Refused
+from drivers.modbus.answers import Words
 from drivers.modbus.numbers import BIT_FUNCTIONS, AddressRange, Block
 from drivers.modbus.silences import Silences
 
@@ -90,6 +91,15 @@ class ReadPlan:
             if self._unanswered
             else self.requests
         )
+
+    def needed(self, words: Words) -> Words:
+        """Of the words that the requests have read, those of the places."""
+        return {
+            (function, address): words[function, address]
+            for function, start, width in self._places
+            for address in range(start, start + width)
+            if (function, address) in words
+        }
 
     def unused(self, request: Block) -> str:
         """The addresses that the request reads and nothing needs, in words; empty: none."""

@@ -84,7 +84,7 @@ class ChannelBlock(Scaled, Judged):
         in_registers = self.function in REGISTER_FUNCTIONS
         if not in_registers and self.type != "bit":
             raise wrong(
-                f"'{self.type}' is of registers, but function {self.function} reads bits: expected 'bit'", "type"
+                f"'{self.type}' is a type of registers, but function {self.function} reads bits: expected 'bit'", "type"
             )
         if in_registers and self.type == "bit" and self.bit is None:
             raise wrong("missing; which bit of the register is the first channel?", "bit")

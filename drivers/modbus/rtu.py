@@ -53,6 +53,7 @@ class RtuFramedBus(ModbusBus):
     """
 
     units = ModbusRtuSettings.units
+    has_checksum = True
 
     def __init__(
         self, name: str, stream: ByteStream, timeout_s: float, *, local_echo: bool | None, gap_s: float, pause_s: float

@@ -17,7 +17,9 @@ if TYPE_CHECKING:
     from drivers.mqtt.connection import MqttConnection
 
 REFUSED_HINT = "check the broker's rules"
-_ASK_REFUSED_AGAIN_S = 60.0
+ASK_REFUSED_AGAIN_S = 60.0
+MOST_TOPICS = 10_000
+"""Of which messages are kept: a wildcard, or a broker that sends what nobody asked for, must not fill the memory."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +49,7 @@ class MqttBus:
         from drivers.mqtt import connection
 
         self._name, self._settings, self._tap = name, settings, tap
-        self._make = connection.MqttConnection
+        self._make, self._matches = connection.MqttConnection, connection.is_subscribed
         self._topics: set[str] = set()
         self._latest: dict[str, TopicMessage] = {}
         self._connection: MqttConnection | None = None
@@ -131,7 +133,7 @@ class MqttBus:
     async def _ask_refused_again(self) -> None:
         """Now and then: its rules may have changed."""
         connection = self._connection
-        if not self._refused or connection is None or monotonic() - self._asked_s < _ASK_REFUSED_AGAIN_S:
+        if not self._refused or connection is None or monotonic() - self._asked_s < ASK_REFUSED_AGAIN_S:
             return
         self._asked_s = monotonic()
         with suppress(DriverError):  # what is wrong with the connection shows otherwise
@@ -161,6 +163,8 @@ class MqttBus:
     def _hearing(self, loop: asyncio.AbstractEventLoop) -> Callable[[str, bytes, bool], None]:
         def hear(topic: str, payload: bytes, retained: bool) -> None:
             """Runs in the library's thread; entries are replaced whole. What is too long to be read is cut."""
+            if not self._is_wanted(topic):
+                return
             payload = payload[: MOST_BYTES + 1]
             if self._tap is not None:
                 self._tap.data(False, publish_packet(topic, payload, retained=retained))
@@ -173,6 +177,11 @@ class MqttBus:
             self._tell(loop)
 
         return hear
+
+    def _is_wanted(self, topic: str) -> bool:
+        if topic in self._latest or topic in self._topics:
+            return True
+        return len(self._latest) < MOST_TOPICS and any(self._matches(wanted, topic) for wanted in tuple(self._topics))
 
     def _tell(self, loop: asyncio.AbstractEventLoop) -> None:
         with suppress(RuntimeError):  # the loop is closed

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from paho.mqtt.client import Client, ConnectFlags, DisconnectFlags, MQTTMessage
+from paho.mqtt.client import Client, ConnectFlags, DisconnectFlags, MQTTMessage, topic_matches_sub
 from paho.mqtt.enums import CallbackAPIVersion, MQTTErrorCode, MQTTProtocolVersion
 from paho.mqtt.properties import Properties
 from paho.mqtt.reasoncodes import ReasonCode
@@ -34,6 +34,11 @@ class Publication:
     payload: bytes
     retained: bool
     """Whether the broker keeps it for subscribers that come later."""
+
+
+def is_subscribed(wanted: str, topic: str) -> bool:
+    """Whether a subscription to `wanted`, which may have wildcards, has this topic."""
+    return topic_matches_sub(wanted, topic)
 
 
 class _ReportingClient(Client):

@@ -56,10 +56,8 @@ class MqttDevice:
         if measured is None:
             age_s = monotonic() - message.arrived_s
             if message.retained:
-                text = (
-                    f"topic {topic.topic} was kept by the broker and holds no time; its age is unknown until the next"
-                )
-                return Fault(Quality.STALE, text + " message"), age_s
+                kept = f"the broker had kept this message of topic {topic.topic}, and it holds no time"
+                return Fault(Quality.STALE, f"{kept}; the age is unknown until the next message"), age_s
         else:
             age_s = (self._clock.utc() - measured).total_seconds()
         if age_s > limit_s:

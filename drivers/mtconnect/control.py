@@ -1,5 +1,7 @@
 """A control that is read by HTTP from its MTConnect agent (ANSI/MTC1.4, requests `probe` and `current`)."""
 
+import asyncio
+
 from drivers.base import BadAnswer, Clock, ConnectError
 from drivers.mtconnect.document import data_items, latest_values
 from drivers.mtconnect.exchange import ask_agent
@@ -42,7 +44,7 @@ class MtConnectControl(OnlyRead):
         self._factors = {}
         body = await self._get("probe")
         try:
-            found = data_items(body)
+            found = await asyncio.to_thread(data_items, body)
         except ValueError as error:
             raise BadAnswer(f"probe: {error}", device="nc") from error
         self._factors = factors(self._settings, found)
@@ -58,7 +60,7 @@ class MtConnectControl(OnlyRead):
             raise ConnectError("not connected", device="nc", hint="connect first")
         body, settings = await self._get("current"), self._settings
         try:
-            told = latest_values(body)
+            told = await asyncio.to_thread(latest_values, body)
         except ValueError as error:
             raise BadAnswer(f"current: {error}", device="nc") from error
         if missing := [axis for axis in AXES if settings.positions[axis] not in told]:

@@ -2,11 +2,10 @@
 
 import asyncio
 import http.client
-import socket
-from contextlib import suppress
 from urllib.parse import urlsplit
 
 from drivers.base import BadAnswer, ConnectError, NoAnswer
+from drivers.hang_up import HangUp
 from drivers.mtconnect.document import AgentError, elements
 
 MOST_BYTES = 8_000_000
@@ -27,11 +26,12 @@ async def ask_agent(url: str, machine: str, request: str, timeout_s: float) -> b
     except (OSError, http.client.HTTPException, ValueError, OverflowError) as error:  # ValueError: of a chunk's size
         raise ConnectError(f"{url}: {str(error) or type(error).__name__}", device="nc") from error
     finally:
-        exchange.hang_up()
+        exchange.hang_up.now()
     if len(body) > MOST_BYTES:
         raise BadAnswer(f"{request}: more than {MOST_BYTES} bytes", device="nc")
     if status != http.HTTPStatus.OK:
-        raise BadAnswer(f"{request}: HTTP status {status}{_why(body)}", device="nc", hint="see url and machine")
+        why = await asyncio.to_thread(_why, body)
+        raise BadAnswer(f"{request}: HTTP status {status}{why}", device="nc", hint="see url and machine")
     return body
 
 
@@ -42,29 +42,19 @@ class _Exchange:
         parts = urlsplit(url)
         self._host, self._port = parts.hostname or "", parts.port or http.client.HTTP_PORT
         self._path = parts.path.rstrip("/") + path
-        self._socket: socket.socket | None = None
-        self._hung_up = False
+        self.hang_up = HangUp()
 
     def run(self, timeout_s: float) -> tuple[int, bytes]:
         """HTTP status and body, at most one byte more than MOST_BYTES. Blocks."""
         connection = http.client.HTTPConnection(self._host, self._port, timeout=timeout_s)
         try:
             connection.connect()
-            self._socket = connection.sock
-            if self._hung_up:
-                raise TimeoutError
+            self.hang_up.take(connection.sock)
             connection.request("GET", self._path, headers={"Accept": "text/xml", "Connection": "close"})
             response = connection.getresponse()
             return response.status, response.read(MOST_BYTES + 1)
         finally:
             connection.close()
-
-    def hang_up(self) -> None:
-        """Ends a thread that still reads: an agent that sends a byte a second would keep it for ever."""
-        self._hung_up = True
-        if self._socket is not None:
-            with suppress(OSError):  # it has ended
-                self._socket.shutdown(socket.SHUT_RDWR)
 
 
 def _why(body: bytes) -> str:

@@ -1,5 +1,7 @@
 """Builds the driver of a control with an MTConnect agent, and looks at an agent for the first time."""
 
+import asyncio
+
 from drivers.base import BadAnswer, Clock
 from drivers.mtconnect.settings import MtConnectSettings
 from drivers.mtconnect.suggest import SuggestedItems, suggested_items
@@ -22,6 +24,6 @@ async def suggest_mtconnect(url: str, machine: str, timeout_s: float) -> Suggest
 
     body = await ask_agent(url, machine, "probe", timeout_s)
     try:
-        return suggested_items(body)
+        return await asyncio.to_thread(suggested_items, body)
     except ValueError as error:
         raise BadAnswer(f"probe: {error}", device="nc") from error

@@ -13,7 +13,6 @@ from asyncua.client.client import Client
 from asyncua.client.ua_client import UaClientState
 from asyncua.crypto.security_policies import SecurityPolicyBasic256Sha256
 from asyncua.ua.attribute_ids import AttributeIds
-from asyncua.ua.status_codes import StatusCodes
 from asyncua.ua.uaerrors import UaError, UaStatusCodeError
 from asyncua.ua.uatypes import DataValue, Int16, NodeId, StatusCode, String, Variant, VariantType
 
@@ -22,53 +21,16 @@ from drivers.opcua.answers import SERVER_TIME, node_id, node_value, time_in
 from drivers.opcua.certificates import application_uri, check_key, valid_certificate
 from drivers.opcua.nodes import NO_NAMESPACE, NodeName, NodeValue
 from drivers.opcua.settings import OpcUaServer, with_port
+from drivers.opcua.status_codes import CERTIFICATE, DENIED, LOST, UNKNOWN
 from drivers.opcua.subscription import Subscription
 
 # Our errors report a lost connection; a handler that the service installs still receives the library's messages.
 logging.getLogger("asyncua").addHandler(logging.NullHandler())
 
 SECURE = "set security = 'Basic256Sha256' and the certificates"
+KEPT_S = 60.0
 T = TypeVar("T")
 OpcUaNumber = float | int | bool
-
-DENIED = frozenset(
-    {
-        StatusCodes.BadUserAccessDenied,
-        StatusCodes.BadNotWritable,
-        StatusCodes.BadNotReadable,
-        StatusCodes.BadIdentityTokenInvalid,
-        StatusCodes.BadIdentityTokenRejected,
-    }
-)
-UNKNOWN = frozenset(
-    {
-        StatusCodes.BadNodeIdUnknown,
-        StatusCodes.BadNodeIdInvalid,
-        StatusCodes.BadAttributeIdInvalid,
-    }
-)
-LOST = frozenset(
-    {
-        StatusCodes.BadSessionIdInvalid,
-        StatusCodes.BadSessionClosed,
-        StatusCodes.BadSessionNotActivated,
-        StatusCodes.BadSecureChannelClosed,
-        StatusCodes.BadConnectionClosed,
-        StatusCodes.BadServerHalted,
-        StatusCodes.BadShutdown,
-    }
-)
-CERTIFICATE = frozenset(
-    {
-        StatusCodes.BadSecurityChecksFailed,
-        StatusCodes.BadSecurityPolicyRejected,
-        StatusCodes.BadSecurityModeRejected,
-        StatusCodes.BadCertificateInvalid,
-        StatusCodes.BadCertificateUntrusted,
-        StatusCodes.BadCertificateTimeInvalid,
-        StatusCodes.BadCertificateUriInvalid,
-    }
-)
 
 
 class OpcUaSession:
@@ -78,17 +40,24 @@ class OpcUaSession:
     """
 
     def __init__(
-        self, settings: OpcUaServer, device: str, rights: Mapping[str, str], namespace_uri: str | None = None
+        self,
+        settings: OpcUaServer,
+        device: str,
+        rights: Mapping[str, str],
+        namespace_uri: str | None = None,
+        kept_s: float = KEPT_S,
     ) -> None:
         """
         rights: which part of a node's name needs which right on the control; used in hints
         namespace_uri: of the nodes that are named by their path; the server must have it
+        kept_s: for so long without a request the server shall keep the session; see `kept_s`
         """
         self._settings = settings
         self._device = device
         self._rights = rights
         self._client: Client | None = None
         self._namespace_uri = namespace_uri
+        self._asked_s = self._kept_s = kept_s
         self._namespace = 0
         self._namespaces: list[str] = []
         self._nodes: dict[tuple[str, ...], list[NodeId]] = {}
@@ -114,7 +83,7 @@ class OpcUaSession:
             with_port(settings.url), timeout=settings.timeout_s, watchdog_intervall=max(settings.timeout_s, 5.0)
         )
         client.name = "talc-gateway"
-        client.session_timeout = 60_000
+        client.session_timeout = round(self._asked_s * 1e3)
         if settings.user and settings.password_file is not None:
             client.set_user(settings.user)
             client.set_password(self._password(settings.password_file))
@@ -129,7 +98,7 @@ class OpcUaSession:
         finally:
             if client.state is not UaClientState.CONNECTED:
                 await _drop(client)
-        self._client = client
+        self._client, self._kept_s = client, client.session_timeout * 1e-3  # as the server has revised it
         self._nodes.clear()
         namespaces = await self._ask(client.get_namespace_array(), "reads the namespaces") or []
         self._namespaces = namespaces
@@ -143,6 +112,15 @@ class OpcUaSession:
                 hint=f"it has {', '.join(map(str, namespaces or ['none']))}",
             )
         self._namespace = namespaces.index(wanted)
+
+    @property
+    def kept_s(self) -> float:
+        """For so long without a request the server keeps the session, as it said when it was opened last.
+
+        Then it shall end the session (OPC UA Part 4, CreateSession), and a request of it that the network holds for
+        longer is refused.
+        """
+        return self._kept_s
 
     @property
     def is_open(self) -> bool:
@@ -309,7 +287,7 @@ class OpcUaSession:
                 hint = "check user and password_file, and the control's list of OPC UA users"
                 return Refused(f"{url} refuses {who} ({_name(error)})", device=device, hint=hint)
             if error.code in CERTIFICATE and self._settings.security == "none":
-                return Refused(f"{url} does not speak in the clear ({_name(error)})", device=device, hint=SECURE)
+                return Refused(f"{url} offers no unencrypted connection ({_name(error)})", device=device, hint=SECURE)
             if error.code in CERTIFICATE:
                 hint = "check certificate, private_key and server_certificate; let the control trust our certificate"
                 return Refused(f"{url} refuses our certificate or security ({_name(error)})", device=device, hint=hint)

@@ -3,7 +3,7 @@
 import math
 from typing import Final
 
-from drivers.base import BadAnswer, Clock, Quality, Refused
+from drivers.base import BadAnswer, Clock, Quality, Refused, WrongDevice
 from drivers.nc import (
     AXES,
     NcSnapshot,
@@ -58,6 +58,7 @@ REASONS: Final = {
     5: "no safe point before the request expired",
     6: "a touch found no sphere",
     7: "the program was stopped",
+    8: "TALC_SAFE_Z on the control is lower than the sphere at one of the poses",
 }
 EMERGENCY_STOP: Final = 3000
 """Alarm while an emergency stop is pressed or not yet acknowledged."""
@@ -75,12 +76,12 @@ class Sinumerik:
     def __init__(self, settings: SinumerikSettings, clock: Clock) -> None:
         self._settings = settings
         self._clock = clock
-        self._session = OpcUaSession(settings, settings.device, RIGHTS, settings.namespace_uri)
+        self._session = OpcUaSession(settings, settings.device, RIGHTS, settings.namespace_uri, settings.session_s)
         paths = settings.nodes
         self._positions = tuple(paths.position.format(n=settings.axis_numbers[axis]) for axis in AXES)
         self._states = settings.state_sources
-        names = ("mode", "program", "tool", "probe_in_spindle", "drives_on")
-        named = {name: getattr(paths, name) for name in names}
+        names = ("mode", "program", "tool", "probe_in_spindle", "drives_on", "metric")
+        named = {name: getattr(paths, name) for name in names if name != "metric" or settings.writes or settings.asks}
         self._named = {name: path for name, path in named.items() if path}
         state_paths = (source.path for source in self._states.values())
         self._referenced = settings.linear(paths.referenced) if paths.referenced else ()
@@ -105,11 +106,17 @@ class Sinumerik:
         self._lease = tuple(settings.r(n) for n in (lease.owner, lease.beat, lease.state))
         self._leased = tuple(settings.r(n) for n in (lease.owner, lease.beat, lease.silence, lease.ramp))
 
+    @property
+    def late_write_s(self) -> float:
+        """Implements ForgetsWrites: the server ends a session that is silent for longer."""
+        return self._session.kept_s
+
     async def connect(self) -> None:
         """Open the session and read everything once that is read or written later, so that a wrong path or a missing
         right shows at once."""
         try:
             await self._session.connect()
+            await self._look_at_units()
             for paths in filter(None, (self._snapshot, self._probing, self._alarms)):
                 await self._session.read(paths)
                 if self._settings.subscribe_s > 0:
@@ -124,12 +131,34 @@ class Sinumerik:
             await self._session.close()
             raise
 
+    async def _look_at_units(self) -> None:
+        """Raises WrongDevice for an inch system. What only reads goes on where it may not read that."""
+        path = self._settings.nodes.metric
+        try:
+            [metric] = await self._session.read((path,)) if path else [True]
+        except (Refused, WrongDevice):
+            if self._settings.writes or self._settings.asks:
+                raise
+        else:
+            self._check_units(metric)
+
+    def _check_units(self, metric: OpcUaNumber | None) -> None:
+        if metric is None:
+            raise BadAnswer(f"{self._settings.nodes.metric} has no value", device=self._settings.device)
+        if not metric:
+            raise WrongDevice(
+                f"the control's basic system is inch ({self._settings.nodes.metric} = 0): its positions, and offsets "
+                "written to it, would be wrong by a factor of 25.4",
+                device=self._settings.device,
+                hint="only a control whose basic system is metric (MD10240 = 1) is supported",
+            )
+
     async def close(self) -> None:
         await self._session.close()
 
     async def snapshot(self) -> NcSnapshot:
-        """Three requests, or none while the control reports changes. Raises BadAnswer for an axis without a finite
-        position; states without a finite value are missing."""
+        """Three requests, or none while the control reports changes. Raises WrongDevice for an inch system, BadAnswer
+        for an axis without a finite position; states without a finite value are missing."""
         values = await self._session.latest(self._snapshot)
         [probing] = await self._session.latest(self._probing)
         shown = await self._session.latest(self._alarms) if self._alarms else []
@@ -144,6 +173,8 @@ class Sinumerik:
         values = values[len(self._states) :]
         named = dict(zip(self._named, values, strict=False))
         referenced = values[len(self._named) :]
+        if "metric" in self._named:
+            self._check_units(named["metric"])  # an operator can switch it while the control runs
         alarms = tuple(_code(alarm) for alarm in shown if alarm)
         tool, probe = named.get("tool"), named.get("probe_in_spindle")
         return NcSnapshot(

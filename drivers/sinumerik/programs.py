@@ -94,9 +94,10 @@ def _watchdog(settings: SinumerikSettings) -> Iterator[str]:
 
 
 def _hold(settings: SinumerikSettings) -> Iterator[str]:
-    """$AC_PARAM[8]: nothing moves while the control probes and a gateway is alive. The held shift is reported."""
+    """$AC_PARAM[8]: nothing moves from the first touch to the last while a gateway is alive. Both ends are at the same
+    place, so that there is nothing to take back afterwards. The held shift is reported."""
     probing, state, first = _r(settings.handshake.state), _r(settings.lease.state), settings.errors.probed
-    probes = f"({probing} > 0.5) AND ({probing} < 2.5)"
+    probes = f"({probing} > 1.5) AND ({probing} < 2.5)"
     yield "DO $AC_PARAM[8] = 0"
     yield f"WHENEVER {probes} AND ({state} == 1) DO $AC_PARAM[8] = 1"
     told = " ".join(f"{_r(first + axis)} = 0.001 * $AC_PARAM[{21 + axis}]" for axis in range(3))

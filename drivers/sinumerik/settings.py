@@ -11,7 +11,7 @@ from pydantic import Field, model_validator
 from drivers.base import SetupError
 from drivers.nc import AXES, ERRORS, LINEAR_AXES, ROTARY_AXES, Triple
 from drivers.opcua import OpcUaSettings
-from drivers.section import NotNegative
+from drivers.section import NotNegative, Positive
 
 _DEGREES_PER_TURN = 360.0
 TERMS: Final = 7
@@ -67,6 +67,9 @@ class Paths:
     """Whether X, Y, Z are referenced: an odd number when so. Empty: not read."""
     probe_in_spindle: str = ""
     """A bit of the machine builder's PLC program, such as `/Plc/M120.1`; there is no standard one."""
+    metric: str = "/NC/_N_NC_TEA_ACX/$MN_SCALING_SYSTEM_IS_METRIC"
+    """Whether the control's basic system is metric, MD10240: with an inch system nothing is used and nothing written.
+    Needs the right TeaRead. Empty: not read; then set it by what the control shows."""
     drives_on: str = ""
     """A bit that is on while the drives are, such as `/Plc/M120.2`; there is no standard one. While it is off no offset
     is written. Empty: not read."""
@@ -83,7 +86,7 @@ class Paths:
             raise SetupError(
                 f"referenced = {self.referenced!r}: expected a node name that holds {{n}} once, or nothing"
             )
-        for name in ("mode", "program", "tool", "probe_in_spindle", "drives_on"):
+        for name in ("mode", "program", "tool", "probe_in_spindle", "metric", "drives_on"):
             path = getattr(self, name)
             if path and not path.startswith("/"):
                 raise SetupError(f"{name} = {path!r}: expected a node name beginning with /, or an empty text")
@@ -296,6 +299,9 @@ class SinumerikSettings(SinumerikControl):
     """Whether it may request probing cycles: the control must have all R-parameters of `handshake`."""
     writes: bool = True
     """Whether it may write offsets: the control must have the R-parameters of `lease`."""
+    session_s: Positive = 60.0
+    """How long the control shall keep the session without a request. A write that the network holds for longer than the
+    control agrees to is refused there."""
 
     @model_validator(mode="after")
     def _check_r_parameters(self) -> Self:

@@ -21,6 +21,8 @@ from simulators.nc.subscriptions import Subscriptions
 from simulators.nc.variables import variables
 
 NAMESPACE_URI = "SinumerikVarProvider"
+SHORTEST_SESSION_S = 1.0
+"""A session may ask for this or more; what a real control grants is not known."""
 
 
 class SimulatedClock(Protocol):
@@ -103,6 +105,7 @@ class EmulatedControl:
         standard = StandardServer(self._users)
         server = Server(standard)
         await server.init()
+        server.iserver.min_session_timeout_ms = SHORTEST_SESSION_S * 1e3
         server.disable_clock()  # a task that only publishes the time and delays stopping by a second
         server.set_server_name("emulated SINUMERIK")
         server.set_endpoint(f"opc.tcp://127.0.0.1:{self._port}")

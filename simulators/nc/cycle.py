@@ -3,8 +3,8 @@
 state      leaves when                        to
 idle       asked                              waiting, or refused when the control cannot probe
 waiting    the next safe point is reached     accepted, or refused / withdrawn / expired
-accepted   the probe is in the spindle        running
-running    six poses touched, probe away      done, or failed when a touch finds nothing
+accepted   the probe is over the first pose   running
+running    six poses touched, back at first   done, or failed when a touch finds nothing
 accepted, running: an alarm, a stop or a withdrawal ends it as failed
 """
 

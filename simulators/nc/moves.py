@@ -40,12 +40,15 @@ def tool_at(block: DayPart, time_s: float, program: LoadCase) -> int:
 
 
 def probing_positions(settings: CycleSettings, since_s: float) -> dict[str, float]:
-    """So long after a cycle's start. Each pose is held from a third of its slot until its touches are done."""
+    """So long after a cycle's start. Each pose is held from a third of its slot until its touches are done; after the
+    last one the axes go back to the first, where the cycle ends."""
     slot = (settings.duration_s - 2 * settings.approach_s) / len(settings.poses_deg)
     progress = (since_s - settings.approach_s) / slot
     pose = min(max(math.floor(progress), 0), len(settings.poses_deg) - 1)
     part = min(max((progress - pose) * 3.0, 0.0), 1.0)
     before = max(pose - 1, 0)
+    if (back_s := since_s - settings.duration_s + settings.approach_s) > 0:
+        before, pose, part = pose, 0, min(2.0 * back_s / settings.approach_s, 1.0)
     start = (*settings.nominal_centre_mm(before), *settings.poses_deg[before])
     end = (*settings.nominal_centre_mm(pose), *settings.poses_deg[pose])
     return {axis: s + part * (e - s) for axis, s, e in zip(AXES, start, end, strict=True)}

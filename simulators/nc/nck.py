@@ -2,7 +2,7 @@
 
 import math
 from bisect import bisect_right
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -125,6 +125,8 @@ class Nck:
             if errors is None
             else ErrorFollower(errors, self.r, self.k0_mm, self._sign, self.watchdog, self._where)
         )
+        self.watched: Callable[[float], None] | None = None
+        """Called at the end of each interpolation cycle, and whenever SD43900 is written, with the time."""
         self.log: list[Logged] = []
         """Every change of SD43900 with its time."""
         self.mode = AUTO
@@ -132,6 +134,8 @@ class Nck:
         self.referenced = True
         """Whether the axes have been referenced since power on: before, no offset acts."""
         self.drives_on = True
+        self.metric = True
+        """MD10240: its basic system is metric."""
         self.probe_available = True
         self.sphere_present = True
         self.chip_um: dict[int, Centre] = {}
@@ -169,6 +173,9 @@ class Nck:
             self._note(time_s, ramped=True)
 
     def _where(self, time_s: float) -> list[float]:
+        if self.cycle.ended and 0.0 <= time_s - self.cycle.ended[-1][1] < 2.0 * self._ipo_s:
+            # The interpolation cycle that first sees the end finds the axes where they were.
+            time_s -= 2.0 * self._ipo_s
         positions = self.state(time_s).positions
         return [positions[axis] for axis in AXES]
 
@@ -319,6 +326,8 @@ class Nck:
         return float(found[0]), float(found[1]), float(found[2])
 
     def _note(self, now_s: float, *, ramped: bool) -> None:
+        if self.watched is not None:
+            self.watched(now_s)
         x, y, z = self.k0_mm
         if (x, y, z) != (self.log[-1].values_mm if self.log else (0.0, 0.0, 0.0)):
             self.log.append(Logged(now_s, (x, y, z), ramped))

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from simulators.nc.cycle import CycleState
 from simulators.nc.watchdog import R_BEAT, R_OWNER, R_RAMP, R_WATCH, Watchdog, WatchState
 
 R_CYCLE, R_VERSION, R_WANTED, R_IN_FORCE, R_ECHO, R_PROBED, R_TERMS = 65, 99, 100, 110, 119, 120, 123
@@ -102,14 +103,14 @@ class ErrorFollower:
             self._move(passed_s)
         self._watchdog.advance(now_s)
         self._want_nothing_if_silent()
-        r, probing = self._r, self._r[R_CYCLE] in (1.0, 2.0)
-        held = probing and r[R_WATCH] == WatchState.ALIVE
+        r, touching = self._r, self._r[R_CYCLE] == CycleState.RUNNING
+        held = touching and r[R_WATCH] == WatchState.ALIVE
         if not held:
             here = self._positions(now_s)
             if self._held:
                 self._bridge = self._out - self._target(here)
             self._out = self.shift_um(here)
-        if probing:
+        if touching:
             r[R_PROBED : R_PROBED + 3] = (self._out * 1e-3).tolist()
         self._held = held
         self._k0_mm[:] = (self._sign * self._out * 1e-3).tolist()

@@ -22,6 +22,7 @@ class AccessRight(StrEnum):
     SEA_READ = "SeaRead"
     SEA_WRITE = "SeaWrite"
     PLC_READ = "PlcRead"
+    TEA_READ = "TeaRead"
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,6 +54,7 @@ def variables(nck: Nck) -> Mapping[str, Variable]:
         "/Nck/State/numAlarms": Variable(lambda s: len(s.alarms)),
         COOLANT: Variable(lambda s: s.loads.coolant > 0.5, AccessRight.PLC_READ),
         PROBE_IN_SPINDLE: Variable(lambda s: s.probing, AccessRight.PLC_READ),
+        "/NC/_N_NC_TEA_ACX/$MN_SCALING_SYSTEM_IS_METRIC": Variable(lambda _: nck.metric, AccessRight.TEA_READ),
         DRIVES_ON: Variable(lambda _: nck.drives_on, AccessRight.PLC_READ),
     }
     for index in range(ALARMS_SHOWN):

@@ -1,11 +1,11 @@
 """Makes reduced/*.json: `python -m simulators.plant.generate [NAME ...]` (needs the `study` extra; a minute each)."""
 
 import json
-import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import click
 import numpy as np
 from scipy.linalg import eigh
 from scipy.sparse import csc_matrix
@@ -93,16 +93,23 @@ def _lower(dense: FloatArray) -> list[float]:
     return [float(v) for v in dense[np.tril_indices(len(dense))]]
 
 
-def main() -> None:
-    """Write the matrices of every machine that has a shape of its own."""
-    for name in sys.argv[1:] or [m for m in MACHINES if machine_tables(m).reduced == m]:
+_SHAPED = tuple(name for name in MACHINES if machine_tables(name).reduced == name)
+
+
+@click.command()
+@click.argument("names", nargs=-1, type=click.Choice(_SHAPED), metavar="[NAME ...]")
+@click.option("--folder", type=click.Path(file_okay=False, path_type=Path), default=HERE / "reduced",
+              help="Where the files go. Default: where the simulators read them.")  # fmt: skip
+def main(names: tuple[str, ...], folder: Path) -> None:
+    """Write the matrices of the machines NAME; without a name, of every machine that has a shape of its own."""
+    for name in names or _SHAPED:
         chosen = machine_tables(name)
         small = reduce_bodies(chosen.machine, assemble_bodies(read_shape(chosen.shape)))
-        path = HERE / "reduced" / f"{name}.json"
-        path.parent.mkdir(exist_ok=True)
+        path = folder / f"{name}.json"
+        folder.mkdir(parents=True, exist_ok=True)
         path.write_text(json.dumps(stored(small)).replace("}, ", "},\n") + "\n", encoding="utf-8")
         states = {body: model.C.shape[0] for body, model in small.items()}
-        print(f"{Path(path).name}: {states}, {sum(states.values())} states, {path.stat().st_size / 1e3:.0f} kB")
+        click.echo(f"{path.name}: {states}, {sum(states.values())} states, {path.stat().st_size / 1e3:.0f} kB")
 
 
 if __name__ == "__main__":

@@ -95,7 +95,12 @@ def load_machine(name: str = "base") -> PlantParameters:
 
 def reduced(name: str) -> dict[str, BodyModel]:
     """The committed bodies, made by `python -m simulators.plant.generate`."""
-    stored = json.loads((HERE / "reduced" / f"{name}.json").read_text(encoding="utf-8"))
+    return read_bodies(HERE / "reduced" / f"{name}.json")
+
+
+def read_bodies(path: Path) -> dict[str, BodyModel]:
+    """The bodies of a file that `python -m simulators.plant.generate` has written, by name."""
+    stored = json.loads(path.read_text(encoding="utf-8"))
     bodies = {}
     for body, row in stored.items():
         n = len(row["even"])

@@ -198,6 +198,14 @@ def test_unknown_vendor_lists_those_known() -> None:
         make_device("d", bus, "cia404", 5, {"a": 0}, {"vendor": "acme"}, SystemClock())
 
 
+def test_a_vendor_that_a_profile_without_vendors_cannot_have_is_refused(tmp_path: Path) -> None:
+    supplied = (Path(__file__).parents[2] / "drivers" / "profiles" / "cia404.toml").read_text(encoding="utf-8")
+    (tmp_path / "own.toml").write_text(supplied[: supplied.index("[vendor.")], encoding="utf-8")
+    bus = make_bus("b", "canopen", {"interface": "virtual", "channel": "x"})
+    with pytest.raises(SetupError, match=r"vendor = 'acme' is not in profile .*no \[vendor\] section: leave this"):
+        make_device("d", bus, str(tmp_path / "own.toml"), 5, {"a": 0}, {"vendor": "acme"}, SystemClock())
+
+
 def test_supplied_tables_are_those_of_the_manuals() -> None:
     adam = load_profile("advantech_adam6015")
     assert isinstance(adam, ModbusProfile)

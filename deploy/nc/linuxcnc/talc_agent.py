@@ -46,12 +46,6 @@ class Settings:
         self.key = folder / machine.text("KEY", "talc.key")
 
     @property
-    def cannot_probe(self) -> str:
-        """Why the probing program cannot run on this machine."""
-        unit = self.machine.unit
-        return "" if self.machine.mm == 1.0 else f"[TRAJ] LINEAR_UNITS = {unit}: the probing program works in mm only"
-
-    @property
     def greeting(self) -> dict[str, Any]:
         """The machine, in the answer to a client that has logged in."""
         machine = self.machine
@@ -113,7 +107,7 @@ class Control:
         self._seconds, self._moved_s = -1.0, 0.0
         self._held = [0.0, 0.0, 0.0]
         """In force during the latest cycle: nothing moves until it has ended."""
-        self._cycle, self._travel = Cycle(pins, settings.probe_tool, settings.cannot_probe), Travel()
+        self._cycle, self._travel = Cycle(pins, settings.probe_tool, settings.machine.cannot_probe), Travel()
         self.verbs = {
             name: getattr(self, name)
             for name in (

@@ -1,1 +1,2 @@
-"""Adds two kinds to talc-gateway: the control `text_axes`, which is only read, and the bus `text_tcp`."""
+"""Adds three kinds to talc-gateway: the control `text_axes`, which is only read, the bus `text_tcp`, and the outlet
+`text_lines`."""

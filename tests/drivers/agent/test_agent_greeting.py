@@ -20,7 +20,7 @@ FLAT = ((0.0, 0.0, 0.0),) * 3
 @pytest.mark.parametrize(
     ("greeting", "error", "says"),
     [
-        ({"version": 4}, WrongDevice, "speaks version 4 of the line, this gateway up to 3"),
+        ({"version": 4}, WrongDevice, "speaks version 4 of the protocol, this gateway up to 3"),
         ({"version": "3"}, BadAnswer, "version = '3'"),
         ({"version": True}, BadAnswer, "version = True"),
         ({"version": 3, "capabilities": "probe"}, BadAnswer, "capabilities = 'probe'"),

@@ -1,16 +1,13 @@
-"""CANopen: restarting nodes, emergencies, foreign frames; and a node of a third-party library."""
+"""CANopen: restarting nodes, emergencies, foreign frames."""
 
 import asyncio
 import time
-from collections.abc import AsyncIterator, Iterator, Sequence
+from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager
 from importlib.resources import files
 from pathlib import Path
 
-import canopen
 import pytest
-from canopen.objectdictionary import ODArray, ODVariable
-from canopen.objectdictionary.datatypes import INTEGER32, UNSIGNED8, UNSIGNED16, UNSIGNED32
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -29,12 +26,13 @@ JUMO: dict[str, object] = {"vendor": "jumo"}
 
 @asynccontextmanager
 async def bench(
-    node: Cia404Node, node_id: int = 5, profile: str = "cia404", **chosen: float | str
+    node: Cia404Node, node_id: int = 5, profile: str = "cia404", **chosen: float | str | None
 ) -> AsyncIterator[tuple[SlcanAdapter, Driver]]:
     adapter = SlcanAdapter([node])
     options = {"interface": "slcan", "channel": await adapter.start(), "timeout_s": 0.1}
     bus = make_bus("can1", "canopen", options)
-    driver = make_device("node", bus, profile, node_id, {"a": 0, "b": 1}, JUMO | chosen, SystemClock())
+    given = {key: value for key, value in {**JUMO, **chosen}.items() if value is not None}
+    driver = make_device("node", bus, profile, node_id, {"a": 0, "b": 1}, given, SystemClock())
     try:
         await bus.connect()
         yield adapter, driver
@@ -64,6 +62,25 @@ async def test_values_of_16_bits_are_read_when_a_profile_says_so(
     async with bench(node, profile=str(tmp_path / "short.toml")) as (_, driver):
         await driver.connect()
         assert [r.value for r in await driver.read()] == pytest.approx([20.0, temperature])
+
+
+@pytest.mark.parametrize("with_table", [True, False])
+async def test_a_node_without_a_vendor_is_read_and_any_bit_of_its_status_is_a_broken_sensor(
+    node: Cia404Node, with_table: bool, tmp_path: Path
+) -> None:
+    supplied = (files("drivers") / "profiles" / "cia404.toml").read_text(encoding="utf-8")
+    (tmp_path / "without.toml").write_text(supplied[: supplied.index("[vendor.")], encoding="utf-8")
+    node.faults.set(1, SensorFault.OVER)
+    profile = "cia404" if with_table else str(tmp_path / "without.toml")
+    async with bench(node, profile=profile, vendor=None) as (_, driver):
+        await driver.connect()
+        good, broken = await driver.read()
+    assert good.quality is Quality.GOOD
+    assert good.value == pytest.approx(20.0)
+    assert (broken.quality, broken.detail) == (
+        Quality.SENSOR_FAULT,
+        "status 0x02, which the profile does not define",
+    )
 
 
 @pytest.mark.parametrize("digits", [10, 0x7F, 0x80, 0xFF])
@@ -330,58 +347,6 @@ def test_any_frames_from_a_node_are_survived(frames: list[tuple[bool, bytes]]) -
     for heartbeat, data in frames:
         (events.on_heartbeat if heartbeat else events.on_emergency)(0, data, 0.0)
     assert events.boots == sum(heartbeat and data[:1] == b"\0" for heartbeat, data in frames)
-
-
-def _variable(name: str, index: int, subindex: int, kind: int, value: int) -> ODVariable:
-    variable = ODVariable(name, index, subindex)
-    variable.data_type, variable.access_type, variable.default = kind, "ro", value
-    return variable
-
-
-def _dictionary() -> canopen.ObjectDictionary:
-    dictionary = canopen.ObjectDictionary()  # type: ignore[no-untyped-call]
-    dictionary.add_object(_variable("device type", 0x1000, 0, UNSIGNED32, 0x20000 + 404))
-    for index, kind, values in (
-        (0x6110, UNSIGNED16, (30, 30)),
-        (0x6131, UNSIGNED32, (0x002D0000, 0x002D0000)),
-        (0x6132, UNSIGNED8, (2, 2)),
-        (0x6150, UNSIGNED8, (0, 1)),
-        (0x9130, INTEGER32, (-1234, 0)),
-    ):
-        array = ODArray(f"array {index:04X}", index)
-        array.add_member(_variable("count", index, 0, UNSIGNED8, 2))
-        for subindex, value in enumerate(values, start=1):
-            array.add_member(_variable(f"input {subindex}", index, subindex, kind, value))
-        dictionary.add_object(array)
-    return dictionary
-
-
-VIRTUAL: dict[str, object] = {"interface": "virtual", "channel": "test_canopen"}
-
-
-@pytest.fixture
-def local_node() -> Iterator[dict[str, object]]:
-    """A node of the canopen library on a virtual interface; gives the bus options to reach it."""
-    network = canopen.Network()
-    network.NOTIFIER_CYCLE = 0.1
-    network.connect(**VIRTUAL)
-    network.add_node(canopen.LocalNode(5, _dictionary()))
-    yield VIRTUAL
-    network.disconnect()
-
-
-async def test_node_of_the_canopen_library_is_read(local_node: dict[str, object]) -> None:
-    bus = make_bus("can1", "canopen", local_node | {"timeout_s": 1.0})
-    driver = make_device("node", bus, "cia404", 5, {"a": 0, "b": 1}, JUMO, SystemClock())
-    try:
-        await bus.connect()
-        await driver.connect()
-        good, broken = await driver.read()
-    finally:
-        await bus.close()
-    assert good.quality is Quality.GOOD
-    assert good.value == pytest.approx(-12.34)
-    assert broken.quality is Quality.SENSOR_FAULT
 
 
 async def test_adapter_that_another_program_has_is_not_disturbed(node: Cia404Node) -> None:

@@ -1,5 +1,6 @@
 """Field values of CANopen nodes: raw counts scaled by the profile, because the node does not state the scaling."""
 
+import math
 import re
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
@@ -98,3 +99,22 @@ def test_unit_of_the_node_goes_with_its_process_value(tmp_path: Path, text: str,
     (tmp_path / "mixed.toml").write_text(text, encoding="utf-8")
     with pytest.raises(SetupError, match=says):
         load_profile(str(tmp_path / "mixed.toml"))
+
+
+@pytest.mark.parametrize(("index", "size"), [("7100", 2), ("9100", 4)])
+@pytest.mark.parametrize("low", [True, False], ids=["lowest", "highest"])
+async def test_the_ends_of_what_an_object_can_hold_are_no_values(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, index: str, size: int, low: bool
+) -> None:
+    for name, limit in (("_LOW", -math.inf), ("_HIGH", math.inf)):  # the node's status says nothing
+        monkeypatch.setattr(f"simulators.devices.cia404_node.{name}", limit)
+    raw = -(1 << 8 * size - 1) if low else (1 << 8 * size - 1) - 1
+    temperatures = [(raw - 4000) / 20.0, (raw + (1 if low else -1) - 4000) / 20.0]
+    node = Cia404Node(NODE, lambda: temperatures, inputs=2, digits=0, mapped=int(index, 16))
+    async with bench(node, field_profile(tmp_path, index), "sdo") as driver:
+        await driver.connect()
+        end, last = await driver.read()
+    assert (end.quality, last.quality) == (Quality.OUT_OF_RANGE, Quality.GOOD)
+    assert end.detail == ("0x8" if low else "0x7") + ("0" if low else "F") * (2 * size - 1) + (
+        ", the end of what it can send"
+    )

@@ -96,7 +96,7 @@ async def test_offsets_are_read_back_from_where_they_act(bench: AgentBench) -> N
 
 @pytest.mark.realtime
 async def test_silence_holds_the_offsets_then_takes_them_to_zero_and_a_beat_ends_the_ramp(bench: AgentBench) -> None:
-    await claimed(bench, WatchdogTerms(1.0, 20.0))
+    await claimed(bench, WatchdogTerms(60.0, 20.0))
     await bench.nc.write_compensation((40.0, -10.0, 0.0))
 
     async def written() -> bool:
@@ -105,7 +105,7 @@ async def test_silence_holds_the_offsets_then_takes_them_to_zero_and_a_beat_ends
     async with bench.beating(7):
         await until(written)
     last_beat = time.monotonic()
-    await bench.nc.heartbeat(7)
+    await bench.nc.claim(7, WatchdogTerms(1.0, 20.0))
 
     async def begun() -> bool:
         return await bench.pin("talc-x-in-force") < 0.0399
@@ -130,7 +130,7 @@ async def test_silence_holds_the_offsets_then_takes_them_to_zero_and_a_beat_ends
 
 @pytest.mark.realtime
 async def test_the_offsets_go_to_zero_although_the_agent_was_killed_and_sends_no_heartbeat(bench: AgentBench) -> None:
-    await claimed(bench, WatchdogTerms(0.5, 10.0))
+    await claimed(bench, WatchdogTerms(60.0, 10.0))
     await bench.nc.write_compensation((5.0, 0.0, 0.0))
 
     async def written() -> bool:
@@ -139,7 +139,7 @@ async def test_the_offsets_go_to_zero_although_the_agent_was_killed_and_sends_no
     async with bench.beating(7):
         await until(written)
     last_beat = time.monotonic()
-    await bench.nc.heartbeat(7)
+    await bench.nc.claim(7, WatchdogTerms(0.5, 10.0))
     await bench.operator.ask("kill_agent")
     killed = time.monotonic()
     with pytest.raises(ConnectError):
@@ -151,7 +151,7 @@ async def test_the_offsets_go_to_zero_although_the_agent_was_killed_and_sends_no
     await until(gone)
     now = time.monotonic()
     assert now - last_beat >= 0.4 + 0.5
-    assert now - killed <= 0.5 + 0.5 + 0.5  # LinuxCNC's own real time; 0.5 s are allowed
+    assert now - killed <= 0.5 + 0.5 + 1.0  # silence, ramp, and 1 s for what a busy computer takes
     assert (await bench.operator.ask("state"))["on"]  # the machine itself goes on
 
 

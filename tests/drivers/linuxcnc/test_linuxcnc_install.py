@@ -2,12 +2,14 @@
 Debian's linuxcnc-uspace-dev.
 """
 
+import os
 import shutil
 import subprocess
 from pathlib import Path
 
 import pytest
 
+from simulators.linuxcnc.component import MODULES
 from simulators.linuxcnc.machine import FILES
 
 ROOT = Path(__file__).parents[3]
@@ -60,6 +62,41 @@ def test_one_for_another_linuxcnc_or_processor_is_refused_by_name(made_for: str,
 def test_without_either_it_says_what_to_install(control: Path) -> None:
     done = install(control)
     assert (done.returncode, done.stderr) == (1, "halcompile is missing: apt-get install linuxcnc-uspace-dev\n")
+
+
+LOADED = "loadrt talc_errors\nloadrt threads name1=servo-thread period1=1000000\naddf talc-errors servo-thread\n"
+INSTALLED_AND_LOADED = (
+    f'mount --bind "$1/modules" {MODULES} && mount --bind "$1" /tmp && sh /tmp/nc/install.sh '
+    "&& exec halrun -f /tmp/loaded.hal"
+)
+NOBODY = 65534
+"""LinuxCNC's real-time part refuses root unless it is told which user it works for."""
+
+
+@pytest.mark.peer
+def test_where_it_can_be_compiled_the_script_installs_one_that_linuxcnc_loads(tmp_path: Path) -> None:
+    # A copy in the place of the folder of LinuxCNC's modules, which only these processes see: nothing is installed.
+    shutil.copytree(MODULES, tmp_path / "modules")
+    shutil.copytree(FILES, tmp_path / "nc", ignore=shutil.ignore_patterns("__pycache__"))
+    (tmp_path / "loaded.hal").write_text(f"{LOADED}getp talc-errors.x-bound\n")
+    root = os.geteuid() == 0
+    if root:
+        os.chown(tmp_path, NOBODY, -1)
+    done = subprocess.run(
+        [
+            *("unshare", *(() if root else ("--user", "--map-current-user", "--keep-caps"))),
+            *("--mount", "--ipc", "--pid", "--fork", "--mount-proc", "--kill-child"),
+            *("sh", "-c", INSTALLED_AND_LOADED, "sh", str(tmp_path)),
+        ],
+        env={"PATH": os.environ["PATH"], "HOME": "/tmp", **({"RTAPI_UID": str(NOBODY)} if root else {})},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert done.stdout.splitlines()[-1] == "1e+09", "the bound that the component begins with"
+    assert (tmp_path / "modules" / "talc_errors.so").is_file()
+    assert not (MODULES / "talc_errors.so").exists()
 
 
 @pytest.mark.peer

@@ -94,6 +94,14 @@ def test_the_reach_is_that_of_the_longest_tool_s_tip_from_where_a_and_c_meet(tal
     assert machine_of(talc_joints, inches).reach[0] == pytest.approx(300 * INCH_MM)
 
 
+@pytest.mark.parametrize(("safe", "may"), [("157.3", True), ("157.2", False), ("nan", False), ("", False)])
+def test_it_probes_only_where_the_table_turns_below_the_probe(safe: str, may: bool, talc_joints: Any) -> None:
+    sphere = {"TALC__SPHERE_RADIUS": "120", "TALC__SPHERE_HEIGHT": "80", "TALC__BALL": "13"}  # hypot + 13: 157.22
+    said = machine_of(talc_joints, ini(**sphere, TALC__SAFE_Z=safe)).cannot_probe
+    assert (said == "") is may
+    assert may or said.startswith("[TALC] SAFE_Z = ")
+
+
 @pytest.mark.parametrize(
     ("fields", "says"),
     [
@@ -117,6 +125,7 @@ def test_the_reach_is_that_of_the_longest_tool_s_tip_from_where_a_and_c_meet(tal
         (ini(TALC__BOUND="much"), r"\[TALC\] BOUND = much: expected a number"),
         (ini(TALC__SLEW="0"), r"\[TALC\] SLEW = 0: expected more than 0, in mm/s"),
         (ini(TALC__SLEW="inf"), r"\[TALC\] SLEW = inf: "),
+        (ini(TALC__SAFE_Z="high"), r"\[TALC\] SAFE_Z = high: expected a number"),
         (ini(TALC__SPHERE_RADIUS="0"), r"\[TALC\] SPHERE_RADIUS = 0: expected more than 0, in mm"),
         (ini(AXIS_Y__MAX_LIMIT=""), r"\[AXIS_Y\] MAX_LIMIT = : expected the end of the travel"),
     ],

@@ -237,6 +237,20 @@ async def test_without_a_probe_in_the_tool_table_no_program_is_disturbed(tmp_pat
         await until(lambda: ran_to_its_end(bench))
 
 
+async def test_a_height_that_the_sphere_reaches_when_the_table_turns_is_refused_before_anything_moves(
+    tmp_path: Path,
+) -> None:
+    said = "[TALC] SAFE_Z = 157: the sphere swings up to 157.2 mm over the pivot"
+    async with running(tmp_path, {**HURRY, "SAFE_Z": 157}, tools=TOOLS) as bench:
+        await allow(bench)
+        assert (await bench.nc.snapshot()).cannot_probe == said
+        before = (await bench.operator.ask("state"))["position"]
+        await bench.nc.request_probing(1)
+        low = await reaches(bench, 1, *FINAL)
+        assert (low.state, low.reason) == (ProbingState.REFUSED, said)
+        assert (await bench.operator.ask("state"))["position"] == before
+
+
 async def ran_to_its_end(bench: AgentBench) -> bool:
     return await bench.operator.number("getp", "motion.analog-out-09") == 1.0
 

@@ -121,6 +121,16 @@ def test_an_unauthenticated_client_that_is_silent_or_slow_is_disconnected(agent:
         assert silent.recv(4096) == b""
 
 
+def test_of_many_unauthenticated_clients_those_that_waited_longest_make_room_before_their_time(agent: Serving) -> None:
+    began, more = time.monotonic(), 4
+    with strangers(agent, agent.module.MOST_STRANGERS + more) as lines:
+        for line in lines:
+            assert line.recv(4096).startswith(b'{"challenge"')
+        for line in lines[:more]:
+            assert line.recv(4096) == b""
+        assert time.monotonic() - began < agent.module.LOGIN_S
+
+
 async def test_clients_that_only_read_are_served_beside_the_gateway_and_can_do_nothing_else(agent: Serving) -> None:
     async with AsyncExitStack() as stack:
 

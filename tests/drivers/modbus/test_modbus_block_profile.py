@@ -248,7 +248,10 @@ BLOCK = "[[block]]\nfunction = 3\naddress = 0\ntype = 'int16'\n"
         (f"channels = 2\n{BLOCK}", "channels: with [[block]], each block has its own"),
         (f"plausibility = {{ low = 0, high = 1 }}\n{BLOCK}", "plausibility: with [[block]], each block has its own"),
         (f"{BLOCK}[value]\nfunction = 3\naddress = 1\ntype = 'int16'", "value: omit it where there is a [[block]]"),
-        (BLOCK.replace("function = 3", "function = 1"), "block[0].type: 'int16' is of registers, but function 1 reads"),
+        (
+            BLOCK.replace("function = 3", "function = 1"),
+            "block[0].type: 'int16' is a type of registers, but function 1 reads",
+        ),
         (BLOCK.replace("int16", "bit"), "block[0].bit: missing; which bit of the register is the first channel?"),
         (f"{BLOCK}bit = 2", "block[0].bit: 2: only for type 'bit' in registers, function 3 or 4"),
         (f"{BLOCK}addresses = [1, 2]", "block[0].address: 0: omit it, as addresses says it"),

@@ -1,9 +1,6 @@
 """The Modbus drivers against a third-party slave: libmodbus (Debian package libmodbus5)."""
 
-import subprocess
-import sys
-from collections.abc import AsyncIterator, Iterator
-from contextlib import contextmanager
+from collections.abc import AsyncIterator
 from math import isnan
 from pathlib import Path
 
@@ -13,43 +10,16 @@ from drivers.base import Bus, NoAnswer, Quality, Reading, Refused, SystemClock
 from drivers.build import make_bus, make_device
 from drivers.modbus.bus import ModbusBus
 from drivers.modbus.numbers import Block
-from simulators.devices.pty_port import PtyPort
 from tests.benches.asked_again import readings_of
+from tests.benches.libmodbus_line import TIMEOUT_S, libmodbus_line, slave
 
 pytestmark = pytest.mark.peer
-
-TIMEOUT_S = 5.0
-"""A busy computer may take so long for an answer of another program."""
-SLAVE = Path(__file__).parents[2] / "benches" / "libmodbus_slave.py"
-
-
-@contextmanager
-def slave(*arguments: str) -> Iterator[str]:
-    """A slave process; gives the line it prints when it is ready."""
-    with subprocess.Popen([sys.executable, str(SLAVE), *arguments], stdout=subprocess.PIPE, text=True) as process:
-        try:
-            assert process.stdout is not None
-            line = process.stdout.readline().strip()
-            assert line, "the slave did not start: apt-get install libmodbus5"
-            yield line
-        finally:
-            process.kill()
 
 
 @pytest.fixture
 async def rtu() -> AsyncIterator[Bus]:
-    """A line of two pseudo-terminals, libmodbus on the far one."""
-    near: PtyPort
-    far = PtyPort(lambda data: near.write(data))
-    near = PtyPort(far.write)
-    near_path, far_path = await near.start(), await far.start()
-    bus = make_bus("rtu1", "modbus_rtu", {"port": near_path, "baud": 19200, "timeout_s": TIMEOUT_S})
-    with slave("rtu", far_path):
-        await bus.connect()
+    async with libmodbus_line() as bus:
         yield bus
-        await bus.close()
-    await near.stop()
-    await far.stop()
 
 
 @pytest.fixture

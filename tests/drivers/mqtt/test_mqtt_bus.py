@@ -87,7 +87,7 @@ async def test_without_a_time_a_kept_message_has_an_unknown_age_and_a_new_one_is
         try:
             await bus.connect()
             (kept,) = await driver.read()
-            assert (kept.quality, "its age is unknown" in kept.detail) == (Quality.STALE, True)
+            assert (kept.quality, "the age is unknown" in kept.detail) == (Quality.STALE, True)
             say(broker, "plant/plain", "19.6", "-r")
             await until(driver, Quality.GOOD, 19.6)
         finally:

@@ -139,7 +139,7 @@ async def test_a_topic_that_is_refused_is_its_own_channels_fault(codes: bytes, t
 
 
 async def test_a_topic_that_is_refused_is_asked_for_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(mqtt_bus, "_ASK_REFUSED_AGAIN_S", 0.0)
+    monkeypatch.setattr(mqtt_bus, "ASK_REFUSED_AGAIN_S", 0.0)
     codes = iter((b"\x01\x80", b"\x01"))
     async with reading(broker(grants=lambda number: packet(0x90, number + next(codes))), tmp_path) as (bus, driver):
         await bus.connect()
@@ -174,6 +174,22 @@ async def test_an_acknowledgement_of_other_topics_is_a_bad_answer(codes: bytes, 
 async def test_what_is_readable_is_read(then: bytes, tmp_path: Path) -> None:
     async with reading(broker(then=then), tmp_path) as (bus, driver):
         assert told(await read(bus, driver)) == [1.5, 2.5]
+
+
+async def test_what_nobody_asked_for_is_not_kept(tmp_path: Path) -> None:
+    unasked = b"".join(message(b"x/%d" % number, b"3") for number in range(300))
+    async with reading(broker(then=unasked + BOTH), tmp_path) as (bus, driver):
+        assert told(await read(bus, driver)) == [1.5, 2.5]
+        assert (await bus.heard(0.0, 2)).keys() == {"a", "b"}
+
+
+async def test_of_a_wildcard_only_so_many_topics_are_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(mqtt_bus, "MOST_TOPICS", 20)
+    many = b"".join(message(b"x/%d" % number, b"3") for number in range(300))
+    async with reading(broker(grants=granting(b"\x01" * 3), then=many + BOTH), tmp_path) as (bus, driver):
+        bus.want({"x/#"})
+        assert told(await read(bus, driver)) == [1.5, 2.5], "the topics of channels are kept all the same"
+        assert len(await bus.heard(0.0, 2)) == 22
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 import asyncio
 import math
+import time
 from collections.abc import AsyncIterator, Iterator, Mapping
 from contextlib import asynccontextmanager
 from pathlib import Path
@@ -156,6 +157,7 @@ BOMB = b'<!DOCTYPE x [<!ENTITY a "aaaa"><!ENTITY b "&a;&a;&a;&a;">]><x>&b;</x>'
         (http(ERROR), "probe: the agent reports NO_DEVICE"),
         (http(BOMB), "probe: it has a document type, which is not accepted"),
         (http(b"<a>" * 60), "more than 50 elements within each other"),
+        (http(b"<a>" + b"<b/>" * 1_900_000 + b"</a>"), "probe: more than 100000 elements"),
         (http(b"<a><b></a>"), "it is not XML: mismatched tag"),
         (http(b"\x00\x01"), "it is not XML"),
         (http(b"x" * 8_000_001), "more than 8000000 bytes"),
@@ -166,6 +168,30 @@ async def test_what_no_agent_should_answer_is_a_bad_answer(answer: bytes, says: 
     async with answering(answer) as url:
         with pytest.raises(BadAnswer, match=says):
             await control(url).connect()
+
+
+@pytest.mark.realtime
+async def test_the_largest_document_does_not_hold_up_what_else_the_gateway_does() -> None:
+    largest, longest_s, ended = b"<a>" + b'<b c="1"/>' * 99_000 + b"</a>", 0.0, False
+
+    async def look() -> None:
+        nonlocal longest_s
+        loop = asyncio.get_running_loop()
+        while not ended:
+            before_s = loop.time()
+            await asyncio.sleep(0.001)
+            longest_s = max(longest_s, loop.time() - before_s)
+
+    async with answering(http(largest)) as url:
+        looking = asyncio.create_task(look())
+        began_s = time.monotonic()
+        with pytest.raises(WrongDevice, match="the agent has no such data item"):
+            await control(url, timeout_s=60.0).connect()
+        took_s = time.monotonic() - began_s
+        ended = True
+        await looking
+    print(f"{took_s:.2f} s, of which at most {longest_s:.3f} s without anything else")
+    assert longest_s < took_s / 2, "in the loop's own thread it would be nearly all of it"
 
 
 CHUNKED = b"HTTP/1.1 200 OK\r\nTransfer-Encoding: chunked\r\n\r\n"

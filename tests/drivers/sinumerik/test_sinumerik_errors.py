@@ -1,7 +1,9 @@
 """Route `errors`: the generated program as an interpreter runs it, beside the method's kinematics; and the driver."""
 
 import math
+import re
 from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -121,11 +123,15 @@ def test_while_the_control_probes_nothing_moves_and_afterwards_it_is_no_step() -
     channel = ErrorChannel(program())
     channel.alive()
     channel.settle(SMALL)
-    stood = channel.shift_um
     channel.r[PROBING] = 1.0
+    for position in random_positions(20, 5):
+        channel.position = position
+        channel.turn()
+        assert channel.shift_um == pytest.approx(expected(channel, SMALL), abs=1e-6), "on its way to the sphere"
+    stood = channel.shift_um
+    channel.r[PROBING] = 2.0
     channel.turn()
     assert channel.r[PROBED : PROBED + 3] == pytest.approx(stood * 1e-3)
-    channel.r[PROBING] = 2.0
     channel.want(-SMALL)
     for position in random_positions(20, 4):
         channel.position = position
@@ -135,6 +141,34 @@ def test_while_the_control_probes_nothing_moves_and_afterwards_it_is_no_step() -
     moved = np.abs(np.diff([stood, *channel.turn(4_000)], axis=0))
     assert moved.max() <= SLEW_UM_PER_S * IPO_S * (1 + 1e-9)
     assert channel.shift_um == pytest.approx(expected(channel, SMALL), abs=1e-6), "and it gets there"
+
+
+def test_errors_and_what_a_broken_off_cycle_has_left_move_within_the_slew_together() -> None:
+    """Nothing of the shift that is taken back may come on top of what the errors move, at any point of the travel."""
+    channel = ErrorChannel(program())
+    channel.alive()
+    channel.settle(SMALL)
+    channel.r[PROBING] = 2.0
+    channel.turn()
+    channel.position = np.array([-150.0, 100.0, 250.0, -60.0, 0.0])
+    channel.turn()
+    stood = channel.shift_um
+    channel.r[PROBING] = 5.0
+    channel.want(-SMALL)
+    assert np.abs(channel.turn() - stood).max() <= SLEW_UM_PER_S * IPO_S * (1 + 1e-9)
+    left = channel.shift_um - expected(channel, channel.in_force)
+    assert np.abs(left).max() > 1.0, "the shift of another place"
+    errors, both = channel.in_force, 0
+    while np.abs(left).max() > 1e-6:
+        channel.turn()
+        left_now = channel.shift_um - expected(channel, channel.in_force)
+        moved = LARGEST @ np.abs(channel.in_force - errors)
+        assert (moved.max() + np.abs(left_now - left).max()) <= SLEW_UM_PER_S * IPO_S * (1 + 1e-6)
+        both += bool(moved.any())
+        left, errors = left_now, channel.in_force
+    assert both > 50, "both have moved"
+    channel.turn(6_000)
+    assert channel.shift_um == pytest.approx(expected(channel, -SMALL), abs=1e-6)
 
 
 def test_a_cycle_that_no_gateway_compensates_is_not_told_with_an_earlier_one_s_shift() -> None:
@@ -216,6 +250,19 @@ def test_the_program_is_within_the_limits_that_its_page_names() -> None:
     assert f"$AC_PARAM[{AC_PARAMS}]" not in text
     assert "HAS NOT RUN ON A REAL CONTROL" in text
     assert text.isascii()
+
+
+@pytest.mark.parametrize("page", ["docs/first-hour.md", "deploy/nc/sinumerik/README.md"])
+def test_both_pages_name_the_room_that_the_program_needs(page: str) -> None:
+    text = program()
+    r = max(int(number) for number in re.findall(r"\bR\[(\d+)\]", text))
+    actions = max(int(number) for number in re.findall(r"^IDS=(\d+) ", text, re.MULTILINE))
+    words = " ".join((Path(__file__).parents[3] / page).read_text(encoding="utf-8").split())
+    assert f"at least {r + 1}" in words
+    assert f"R60 to R{r} " in words
+    assert f"60 to {actions}" in words
+    assert f"at least {AC_PARAMS} and" in words or f"MD28254 at least {AC_PARAMS}" in words
+    assert f"`$AC_PARAM[1]` to `[{AC_PARAMS - 1}]`" in words
 
 
 @pytest.mark.parametrize(

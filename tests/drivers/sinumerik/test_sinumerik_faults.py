@@ -152,6 +152,22 @@ async def test_a_write_without_an_answer_ends_with_a_reset_so_that_it_does_not_a
         await nc.close()
 
 
+@pytest.mark.parametrize(("late_s", "acts"), [(1.0, True), (9.0, False)])
+async def test_a_write_that_the_network_holds_for_longer_than_the_session_lasts_is_refused(
+    late_s: float, acts: bool
+) -> None:
+    control = emulated()
+    async with running(control) as url, line_to(url) as (line, joined):
+        nc = Sinumerik(SinumerikSettings(security="none", url=joined, timeout_s=0.3, session_s=3.0), SystemClock())
+        await nc.connect()
+        assert nc.late_write_s == 3.0
+        line.delay = lambda data: late_s if b"TEMP_COMP_ABS_VALUE" in data else 0.0
+        with pytest.raises(NoAnswer):
+            await nc.write_compensation((1.0, 2.0, 3.0))
+        await asyncio.sleep(12.0)
+        assert control.nck.k0_mm == ([-0.001, -0.002, -0.003] if acts else [0.0, 0.0, 0.0])
+
+
 async def test_a_line_that_is_cut_in_a_session(caplog: pytest.LogCaptureFixture) -> None:
     async with running(emulated()) as url, line_to(url) as (line, joined):
         nc = Sinumerik(SinumerikSettings(security="none", url=joined, timeout_s=0.5), SystemClock())
@@ -213,7 +229,9 @@ async def test_a_path_that_does_not_exist_is_named_when_connecting() -> None:
                 await Sinumerik(settings, SystemClock()).connect()
 
 
-@pytest.mark.parametrize("right", [AccessRight.STATE_READ, AccessRight.SEA_READ, AccessRight.PLC_READ])
+@pytest.mark.parametrize(
+    "right", [AccessRight.STATE_READ, AccessRight.SEA_READ, AccessRight.PLC_READ, AccessRight.TEA_READ]
+)
 async def test_a_missing_right_to_read_is_named_when_connecting(tmp_path: Path, right: AccessRight) -> None:
     password = tmp_path / "password"
     password.write_text("secret")

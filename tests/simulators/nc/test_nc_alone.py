@@ -1,8 +1,10 @@
 """The emulated control as a program, and the rehearsal that docs/arming.md describes: a real gateway beside it."""
 
 import asyncio
+import logging
 import math
 import re
+import runpy
 import signal
 import socket
 import subprocess
@@ -159,6 +161,7 @@ def test_the_rehearsal_of_the_page(tmp_path: Path) -> None:
     assert abs(last_shift(followed)[0]) < 2.0, "the table does not move in X"
 
 
+@pytest.mark.slow
 @pytest.mark.simulated_time
 async def test_monitor_and_advise_learn_what_compensate_corrects(tmp_path: Path) -> None:
     """With the page's own settings, one database and one control; nothing is written before the last mode."""
@@ -246,16 +249,18 @@ def test_the_table_moves_from_the_end_of_the_reference_on() -> None:
     assert table.tool_deviation_um(5000.0) == pytest.approx((0.0, 4.0, 6.0), abs=1e-4)
 
 
-def test_a_port_that_is_taken_is_named() -> None:
+def test_a_port_that_is_taken_is_named(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, capsys: pytest.CaptureFixture[str]
+) -> None:
+    caplog.set_level(logging.getLogger("asyncua").level, "asyncua")  # set back at the end
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
         port = taken.getsockname()[1]
-        done = subprocess.run(
-            [sys.executable, "-m", "simulators.nc", "--port", str(port)],
-            capture_output=True, text=True, timeout=LIMIT_S, check=False,
-        )  # fmt: skip
-    assert done.returncode == 2
-    assert str(port) in done.stderr
-    assert "choose another --port" in done.stderr.splitlines()[-1]
-    assert "Traceback" not in done.stderr
+        monkeypatch.setattr(sys, "argv", ["nc", "--port", str(port)])
+        with pytest.raises(SystemExit) as ended:
+            runpy.run_module("simulators.nc", run_name="__main__")
+    assert ended.value.code == 2
+    said = capsys.readouterr().err
+    assert str(port) in said
+    assert "choose another --port" in said.splitlines()[-1]

@@ -1,20 +1,23 @@
 """Finite elements of the five-axis machine against closed forms and scikit-fem's elasticity; reduced against whole."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from scipy.linalg import eigh
 from scipy.sparse import csc_matrix
 from scipy.sparse.linalg import splu
 from skfem import Basis, ElementHex2, ElementVector
 from skfem.models.elasticity import lame_parameters, linear_elasticity
 
-from simulators.plant import FloatArray, machine_tables, reduced
+from simulators.plant import FloatArray, generate, machine_tables, reduced
 from simulators.plant.body import BodyModel
 from simulators.plant.elastic import POISSON, elastic_rows, rigid_motion, stiffness, swelling
 from simulators.plant.generate import basis as chosen_basis
 from simulators.plant.joined import Joined, join
+from simulators.plant.parameters import read_bodies
 from simulators.plant.shape import Body, Joint, Shape, read_shape
 from simulators.plant.solid import SparseSum, assemble_bodies, conduction, mesh_body
 from talc.names import THERMAL_ERRORS
@@ -152,6 +155,23 @@ def test_reduced_stiff_machine_follows_its_own_whole_one_and_not_the_base_one(ex
     whole = follow(join(chosen.machine, assemble_bodies(read_shape(chosen.shape)), SparseSum), "stiff")
     follows(follow(join(chosen.machine, reduced(chosen.reduced)), "stiff"), whole)
     assert abs(whole - exact)[:, : len(THERMAL_ERRORS)].max() > 2.0  # else this test could not tell them apart
+
+
+@pytest.mark.slow
+def test_generate_writes_bodies_that_follow_the_whole_machine(
+    exact: FloatArray, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The command of docs/plant.md, for one machine and another folder, with a quarter of the snapshots."""
+    monkeypatch.setattr(generate, "CONDITIONS", generate.CONDITIONS[2:])
+    monkeypatch.setattr(generate, "SHIFTS", generate.SHIFTS[1::2])
+    done = CliRunner().invoke(generate.main, ["base", "--folder", str(tmp_path)], catch_exceptions=False)
+    assert done.exit_code == 0, done.output
+    assert done.output.startswith("base.json: ")
+    assert [file.name for file in tmp_path.iterdir()] == ["base.json"]
+    left = follow(join(machine_tables().machine, read_bodies(tmp_path / "base.json"))) - exact
+    errors = left[:, : len(THERMAL_ERRORS) + 1]
+    assert abs(errors).max() < 2.5  # µm, µm/m; of 60
+    assert np.sqrt(np.mean(errors**2)) < 0.6
 
 
 def follows(small: FloatArray, exact: FloatArray) -> None:

@@ -1,0 +1,26 @@
+"""Ends what another thread waits for on a connection: a peer that sends a byte a second would keep it for ever."""
+
+import socket
+from contextlib import suppress
+
+
+class HangUp:
+    """Of one connection. `now` may be called from any thread, also before there is a connection."""
+
+    def __init__(self) -> None:
+        self.done = False
+        """Whether it was ended."""
+        self._line: socket.socket | None = None
+
+    def take(self, line: socket.socket) -> None:
+        """The connection is there. Raises TimeoutError if it is no longer wanted."""
+        self._line = line
+        if self.done:
+            raise TimeoutError
+
+    def now(self) -> None:
+        """End it: reading and writing fail from now on."""
+        self.done = True
+        if self._line is not None:
+            with suppress(OSError):  # it has ended
+                socket.socket.shutdown(self._line, socket.SHUT_RDWR)  # that of a TLS socket is not for another thread

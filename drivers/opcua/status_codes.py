@@ -1,0 +1,42 @@
+"""Kinds of OPC UA status codes (OPC UA Part 4 and 6)."""
+
+from asyncua.ua.status_codes import StatusCodes
+
+DENIED = frozenset(
+    {
+        StatusCodes.BadUserAccessDenied,
+        StatusCodes.BadNotWritable,
+        StatusCodes.BadNotReadable,
+        StatusCodes.BadIdentityTokenInvalid,
+        StatusCodes.BadIdentityTokenRejected,
+    }
+)
+UNKNOWN = frozenset(
+    {
+        StatusCodes.BadNodeIdUnknown,
+        StatusCodes.BadNodeIdInvalid,
+        StatusCodes.BadAttributeIdInvalid,
+    }
+)
+LOST = frozenset(
+    {
+        StatusCodes.BadSessionIdInvalid,
+        StatusCodes.BadSessionClosed,
+        StatusCodes.BadSessionNotActivated,
+        StatusCodes.BadSecureChannelClosed,
+        StatusCodes.BadConnectionClosed,
+        StatusCodes.BadServerHalted,
+        StatusCodes.BadShutdown,
+    }
+)
+CERTIFICATE = frozenset(
+    {
+        StatusCodes.BadSecurityChecksFailed,
+        StatusCodes.BadSecurityPolicyRejected,
+        StatusCodes.BadSecurityModeRejected,
+        StatusCodes.BadCertificateInvalid,
+        StatusCodes.BadCertificateUntrusted,
+        StatusCodes.BadCertificateTimeInvalid,
+        StatusCodes.BadCertificateUriInvalid,
+    }
+)
