@@ -79,7 +79,7 @@ def stored_config(history: History) -> GatewayConfig:
         except (ValueError, KeyError, TypeError, AttributeError) as error:  # pydantic's are ValueErrors
             wrong = wrong or " ".join(str(error).split())
     raise DamagedError(
-        f"the configuration that is stored of the latest run is invalid or damaged: {wrong}; give [storage] another"
+        f"the stored configuration of the latest run is invalid or damaged: {wrong}; give [storage] another"
         " path to start again"
     )
 

@@ -7,16 +7,17 @@ from drivers.first_use import on_first_use
 if TYPE_CHECKING:
     from gateway.storage import columns
     from gateway.storage.answers import DiskWork, answered
-    from gateway.storage.course_pages import StoredCourse, course_between
+    from gateway.storage.block_pages import BlocksPage, blocks_page
+    from gateway.storage.course_pages import StoredCourse, StoredReasons, course_between
     from gateway.storage.damage import damage_found
-    from gateway.storage.epochs import NUMBERS, Position
+    from gateway.storage.epochs import BEFORE_ALL, NUMBERS, Position
     from gateway.storage.faults import DamagedError, StoreError
     from gateway.storage.history import History, TimeSpan
     from gateway.storage.imported import import_learnt
     from gateway.storage.learnt import Learnt, Reference, learnt_text, parse_learnt
     from gateway.storage.mean_pages import means_page
     from gateway.storage.pages import ReadingsPage, readings_page
-    from gateway.storage.readings import Retention
+    from gateway.storage.readings import QUALITIES, Retention
     from gateway.storage.row_pages import RowsPage, rows_after
     from gateway.storage.snapshot import Snapshot, SnapshotError, decode_snapshot, encode_snapshot, marks_of
     from gateway.storage.store import Store, boot_id
@@ -26,17 +27,18 @@ else:
         __name__,
         {
             ".answers": ("DiskWork", "answered"),
+            ".block_pages": ("BlocksPage", "blocks_page"),
             ".columns": (),
-            ".course_pages": ("StoredCourse", "course_between"),
+            ".course_pages": ("StoredCourse", "StoredReasons", "course_between"),
             ".damage": ("damage_found",),
-            ".epochs": ("NUMBERS", "Position"),
+            ".epochs": ("BEFORE_ALL", "NUMBERS", "Position"),
             ".faults": ("DamagedError", "StoreError"),
             ".history": ("History", "TimeSpan"),
             ".imported": ("import_learnt",),
             ".learnt": ("Learnt", "Reference", "learnt_text", "parse_learnt"),
             ".mean_pages": ("means_page",),
             ".pages": ("ReadingsPage", "readings_page"),
-            ".readings": ("Retention",),
+            ".readings": ("QUALITIES", "Retention"),
             ".row_pages": ("RowsPage", "rows_after"),
             ".snapshot": ("Snapshot", "SnapshotError", "decode_snapshot", "encode_snapshot", "marks_of"),
             ".store": ("Store", "boot_id"),
@@ -45,7 +47,10 @@ else:
     )
 
 __all__ = [
+    "BEFORE_ALL",
     "NUMBERS",
+    "QUALITIES",
+    "BlocksPage",
     "DamagedError",
     "DiskWork",
     "History",
@@ -62,10 +67,12 @@ __all__ = [
     "StoredCompensation",
     "StoredCourse",
     "StoredMeasurement",
+    "StoredReasons",
     "StoredRun",
     "StoredStep",
     "TimeSpan",
     "answered",
+    "blocks_page",
     "boot_id",
     "columns",
     "course_between",

@@ -1,6 +1,7 @@
 """The tables of a database as people read them: one value a column, with names and units."""
 
 import json
+import math
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from typing import Final, Literal
@@ -8,6 +9,7 @@ from typing import Final, Literal
 from gateway.commands import CommandOutcome
 from gateway.storage.stored import StoredCompensation, StoredMeasurement, StoredRun, StoredStep
 from talc.frame import Event
+from talc.learner import Reasons
 from talc.names import ERROR_UNITS, THERMAL_ERRORS
 
 CellKind = Literal["time", "text", "number", "whole"]
@@ -49,6 +51,13 @@ RUNS: Final[CellKinds] = {
 """`inputs` is a list and `talc` the section of the configuration, both JSON."""
 MODELS: Final[CellKinds] = {"time": "time", "after_k": "whole", "fingerprint": "text", "models": "text"}
 
+REASONS: Final[CellKinds] = {
+    "time": "time", "k": "whole", "next_k": "whole", "next_why": "text", **_nine("estimate"), **_nine("believed"),
+    **_nine("level"), **_nine("other_inputs"), **_nine("expected"), **_nine("expected_sigma"), "inputs": "text",
+    "experts": "text",
+}  # fmt: skip
+"""`inputs` and `experts` are JSON: by error, the parts of the largest inputs and the weights of the kinds of expert."""
+
 
 def steps(inputs: Sequence[str]) -> CellKinds:
     """Of steps with these inputs."""
@@ -89,6 +98,25 @@ def command_cells(outcome: CommandOutcome) -> Cells:
     """Of one command."""
     command = outcome.command
     return outcome.time, command.name.value, command.by, int(outcome.accepted), outcome.text
+
+
+def reasons_cells(time: datetime, reasons: Reasons) -> Cells:
+    """Of what the learner said of one step."""
+    found = {e.error: e for e in reasons.errors}
+    each = [found.get(name) for name in THERMAL_ERRORS]
+    return (
+        time, reasons.k, reasons.next_k, reasons.next_why.value,
+        *(None if e is None else e.estimate for e in each), *(None if e is None else e.believed for e in each),
+        *(None if e is None else e.level for e in each), *(None if e is None else e.other_inputs for e in each),
+        *(None if e is None else e.expected for e in each), *(None if e is None else e.expected_sigma for e in each),
+        json.dumps({name: _known(e.inputs) for name, e in found.items()}),
+        json.dumps({name: _known(e.experts) for name, e in found.items()}),
+    )  # fmt: skip
+
+
+def _known(pairs: Sequence[tuple[str, float]]) -> dict[str, float | None]:
+    """Without NaN, which JSON does not have."""
+    return {name: value if math.isfinite(value) else None for name, value in pairs}
 
 
 def run_cells(run: StoredRun) -> Cells:

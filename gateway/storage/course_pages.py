@@ -11,8 +11,9 @@ import numpy as np
 from gateway.storage.faults import DamagedError
 from gateway.storage.pages import reading_connection
 from gateway.storage.placing import placed_frames
-from gateway.storage.rows import frames_of, inputs_of_config
+from gateway.storage.rows import frames_of, inputs_of_config, reasons_of
 from talc.frame import FloatArray
+from talc.learner import Reasons
 from talc.names import THERMAL_ERRORS
 
 _ERRORS = len(THERMAL_ERRORS)
@@ -22,6 +23,19 @@ _MOST_MEASUREMENTS = 20_000
 
 _Measured = tuple[str, bytes, bytes | None, float | None]
 """When it ended, errors, sigma and residual."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StoredReasons:
+    """Why the learner corrected as it did at one step."""
+
+    time: float
+    """When it said so, UTC, seconds since 1970."""
+    reasons: Reasons
+    sigma: FloatArray
+    """(9,) of the decision of that step; NaN: none is stored."""
+    measured: datetime | None
+    """When the last measurement that was used had ended; None: there was none."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,13 +58,22 @@ class StoredCourse:
     """Inputs in degC of the latest run; t of them, none unless they were asked for."""
     temperatures: FloatArray
     """(n, t) at the times of the estimates; NaN: no good value."""
+    reasons: tuple[StoredReasons, ...] = ()
+    """The latest of the span, oldest first; none unless they were asked for."""
 
 
 def course_between(
-    path: Path, begin: datetime, end: datetime, most: int, step_s: float, *, temperatures: bool = False
+    path: Path,
+    begin: datetime,
+    end: datetime,
+    most: int,
+    step_s: float,
+    *,
+    temperatures: bool = False,
+    reasons: bool = False,
 ) -> StoredCourse:
     """The estimates from `begin` on and before `end`: of at most `most` equal parts of the span, each one's first; and
-    the measurements that were used, evenly thinned to as many.
+    the measurements that were used, evenly thinned to as many. If asked for, also the latest reasons, as many.
 
     most: at least 1
     step_s: grid step
@@ -61,6 +84,7 @@ def course_between(
         first, behind = (int(-(-time.timestamp() // step_s)) for time in (begin, end))
         found = list(_decisions(connection, first, behind, most))
         measured = _thinned(_measurements(connection, begin, end), most)
+        given = _reasons(connection, begin, end, most, step_s) if reasons else ()
         names, inputs = _temperatures(connection, [k for k, *_ in found]) if temperatures else ((), None)
     return StoredCourse(
         np.array([k * step_s for k, *_ in found]),
@@ -72,6 +96,7 @@ def course_between(
         np.array([np.nan if row[3] is None else row[3] for row in measured], dtype=np.float64),
         names,
         np.empty((len(found), 0)) if inputs is None else inputs,
+        given,
     )
 
 
@@ -97,6 +122,29 @@ def _measurements(connection: sqlite3.Connection, begin: datetime, end: datetime
         [time.astimezone(UTC).isoformat() for time in (begin, end)],
     )
     return rows.fetchall()[::-1]
+
+
+def _reasons(
+    connection: sqlite3.Connection, begin: datetime, end: datetime, most: int, step_s: float
+) -> tuple[StoredReasons, ...]:
+    """A step is explained when it ends, so none before `end` has a higher index than the one that ends after it."""
+    if connection.execute("SELECT 1 FROM sqlite_master WHERE name = 'reasons'").fetchone() is None:
+        return ()  # of an earlier program
+    rows = connection.execute(
+        "SELECT r.k, r.time, r.reasons, d.sigma FROM reasons r LEFT JOIN decision d ON d.k = r.k"
+        " WHERE r.k <= ? AND r.time >= ? AND r.time < ? ORDER BY r.k DESC LIMIT ?",
+        (int(end.timestamp() // step_s) + 1, begin.timestamp(), end.timestamp(), most),
+    ).fetchall()
+    return tuple(
+        StoredReasons(time, reasons_of(text), _nines([sigma])[0], _used_before(connection, time))
+        for _, time, text, sigma in reversed(rows)
+    )
+
+
+def _used_before(connection: sqlite3.Connection, time: float) -> datetime | None:
+    last = "SELECT ended FROM measurement WHERE errors IS NOT NULL AND ended <= ? ORDER BY id DESC LIMIT 1"
+    row = connection.execute(last, (datetime.fromtimestamp(time, UTC).isoformat(),)).fetchone()
+    return None if row is None else datetime.fromisoformat(row[0])
 
 
 def _thinned(rows: Sequence[_Measured], most: int) -> Sequence[_Measured]:

@@ -22,7 +22,7 @@ from gateway.storage.learnt import parse_learnt
 from gateway.storage.schema import NEW, UNREADABLE
 from gateway.storage.snapshot import marks_of
 
-_NOT_COPIED = ("reading", "minute", "mark", "thinned", "recent_minute", "gathered")
+_NOT_COPIED = ("reading", "minute", "mark", "thinned", "recent_minute", "gathered", "reading_block")
 """Raw readings stay in a file that is set aside: they are many, and nothing is learnt from them."""
 _LARGEST = 1e9
 """Of any input, error or uncertainty."""
@@ -88,7 +88,9 @@ def damage_found(path: Path) -> list[str]:
                 bad[table] += sum(not is_whole(table, row) for row in source.execute(f"SELECT * FROM {table}"))
         except UNREADABLE as error:
             found.append(str(error))
-    return found + [f"{table}: {many} rows hold no values of this gateway" for table, many in bad.items() if many]
+    return found + [
+        f"{table}: {many} rows hold values that this gateway never writes" for table, many in bad.items() if many
+    ]
 
 
 def inputs_of_run(config: str) -> int | None:

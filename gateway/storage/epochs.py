@@ -25,6 +25,7 @@ NUMBERS: Final[Mapping[str, str]] = {
     "readings": "SELECT max(id) FROM reading",
     "commands": "SELECT max(id) FROM command",
     "runs": "SELECT max(number) FROM boot",
+    "reasons": "SELECT max(k) FROM reasons",
 }
 """Table, as it is called outside the database, to the query for its highest number; what matters most comes first."""
 BEFORE_ALL: Final = -1_000_000

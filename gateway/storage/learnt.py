@@ -100,7 +100,9 @@ def parse_learnt(text: str) -> Learnt:
         found = whole.get("format") if isinstance(whole, dict) else whole
         raise ValueError(f"format = {_shown(found)}: expected {FORMAT!r}, as `talc-gateway db export-learnt` writes it")
     if whole.get("version") != VERSION:
-        raise ValueError(f"version = {_shown(whole.get('version'))}: expected {VERSION}; of a newer program?")
+        raise ValueError(
+            f"version = {_shown(whole.get('version'))}: expected {VERSION}; is the file from a newer program?"
+        )
     stated = whole.pop("sha256", None)
     if stated != _checksum(whole):
         raise ValueError(f"sha256 = {_shown(stated)}: does not match the rest; the file is damaged or was edited")

@@ -6,11 +6,13 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, suppress
 from dataclasses import dataclass, field
 from datetime import datetime
+from itertools import count
 from pathlib import Path
 
 from gateway.commands import CommandName
 from gateway.storage.damage import RawRow, any_text, checked_columns, inputs_of_run, is_whole
 from gateway.storage.epochs import begin_epoch
+from gateway.storage.readings import MOST_BOOTS
 from gateway.storage.schema import NEW, UNREADABLE
 
 _LEARNT = ("frame", "decision", "measurement", "model")
@@ -137,6 +139,7 @@ def _insert(table: str, columns: int) -> str:
 
 def _settle(target: sqlite3.Connection, counts: Counter[str], *, reference_known: bool) -> str:
     """Remove what contradicts the lost rows; returns the consequence, in words."""
+    _number_runs(target)
     for boot, text in target.execute("SELECT id, config FROM boot").fetchall():
         if (inputs := inputs_of_run(text)) is not None:
             target.execute("DELETE FROM frame WHERE boot = ? AND length(inputs) <> ?", (boot, 8 * inputs))
@@ -163,6 +166,15 @@ def _settle(target: sqlite3.Connection, counts: Counter[str], *, reference_known
     target.execute("DELETE FROM prior_of_boot")
     target.execute("DELETE FROM boot")
     return "the reference of the measurements or the configuration is lost: learning begins again"
+
+
+def _number_runs(target: sqlite3.Connection) -> None:
+    """Give each run whose number is beyond the valid range the lowest free one: where one bit has flipped, its own."""
+    numbers = {number for (number,) in target.execute("SELECT number FROM boot")}
+    for wrong in sorted(number for number in numbers if not 0 < number < MOST_BOOTS):
+        free = next(number for number in count(1) if number not in numbers)
+        target.execute("UPDATE boot SET number = ? WHERE number = ?", (free, wrong))
+        numbers.add(free)
 
 
 def _recounted(target: sqlite3.Connection, counts: Counter[str]) -> int:

@@ -13,8 +13,8 @@ from datetime import datetime
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gateway.reading_blocks import READING_ROW, ReadingRows
 from gateway.storage.faults import StoreError
 from gateway.storage.readings import CHANNEL_OF, QUALITIES, RUN_SHIFT
 from gateway.storage.schema import READABLE, SCHEMA_VERSION, UNREADABLE, unusable
@@ -25,10 +25,6 @@ WIDER_S = 120.0
 _LAST_ID = 2**63 - 1
 _RUN_SPACE = 1 << RUN_SHIFT
 _QUALITIES = np.array([quality.value for quality in QUALITIES], np.object_)
-
-_ROW = np.dtype([("id", "i8"), ("channel", "i8"), ("time", "f8"), ("value", "f8"), ("quality", "i8")])
-"""Value: infinite, where there is none; quality: its number. Arrays take half the time of lists of rows."""
-_ReadingRows = NDArray[np.void]
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,17 +62,17 @@ def readings_page(
     Raises ValueError naming a channel that was never read or a wrong `after`, StoreError if the database cannot be
     read.
     """
-    minutes, last = _place(after)
+    minutes, last = place_of(after)
     with reading_connection(path) as connection:
         known = connection.execute("SELECT id, name, unit FROM channel ORDER BY id").fetchall()
-        wanted = _PageSpan(begin.timestamp(), end.timestamp(), channel_ids(known, channels))
+        wanted = PageSpan(begin.timestamp(), end.timestamp(), channel_ids(known, channels))
         names, units = tuple(str(name) for _, name, _ in known), tuple(str(unit) for *_, unit in known)
         at = {number: place for place, (number, *_) in enumerate(known)}
         if minutes:
-            rows, following = _minutes(connection, wanted, limit, last)
+            rows, following = minutes_after(connection, wanted, limit, last)
             if len(rows) or following:
                 return _page(60.0, names, units, at, rows, f"m{following}" if following else "r0")
-        rows, following = _readings(connection, wanted, limit, 0 if minutes else last)
+        rows, following = readings_after(connection, wanted, limit, 0 if minutes else last)
         return _page(0.0, names, units, at, rows, f"r{following}" if following else None)
 
 
@@ -96,7 +92,9 @@ def reading_connection(path: Path) -> Iterator[sqlite3.Connection]:
 
 
 @dataclass(frozen=True, slots=True)
-class _PageSpan:
+class PageSpan:
+    """Of which times and channels rows are wanted."""
+
     begin_s: float
     end_s: float
     channels: tuple[int, ...] | None
@@ -108,7 +106,7 @@ class _PageSpan:
         return "" if self.channels is None else f" AND channel IN ({', '.join(map(str, self.channels))})"
 
 
-def _place(after: str | None) -> tuple[bool, int]:
+def place_of(after: str | None) -> tuple[bool, int]:
     """Whether minutes come next, and after which id."""
     if after is None:
         return True, 0
@@ -133,7 +131,7 @@ def _page(
     names: tuple[str, ...],
     units: tuple[str, ...],
     at: Mapping[int, int],
-    rows: _ReadingRows,
+    rows: ReadingRows,
     following: str | None,
 ) -> ReadingsPage:
     place = np.zeros(max(at, default=0) + 1, np.int64)
@@ -153,21 +151,26 @@ def _page(
     )
 
 
-def _minutes(connection: sqlite3.Connection, span: _PageSpan, limit: int, last: int) -> tuple[_ReadingRows, int | None]:
+def minutes_after(
+    connection: sqlite3.Connection, span: PageSpan, limit: int, last: int
+) -> tuple[ReadingRows, int | None]:
     """Rows of minutes after an id, and after which id to go on; None: no more are in the span."""
     (highest,) = connection.execute("SELECT coalesce(max(id), 0) FROM minute").fetchone()
     columns = "id, channel, CAST(time AS REAL) AS time, mean AS value, 0 AS quality"
     return _between(connection, "minute", columns, span, limit, (1, highest + 1), last)
 
 
-def _readings(
-    connection: sqlite3.Connection, span: _PageSpan, limit: int, last: int
-) -> tuple[_ReadingRows, int | None]:
-    """Single readings after an id, and after which id to go on; None: no more are in the span."""
-    parts, many = [np.empty(0, _ROW)], 0
+def readings_after(
+    connection: sqlite3.Connection, span: PageSpan, limit: int, last: int, behind: int = _LAST_ID
+) -> tuple[ReadingRows, int | None]:
+    """Single readings after an id and before another, and after which id to go on; None: no more are in the span."""
+    parts, many = [np.empty(0, READING_ROW)], 0
     columns = f"id, {CHANNEL_OF} AS channel, time, value, quality"
-    for run in runs_from(connection, last):
-        more, following = _between(connection, "reading", columns, span, limit - many, run, last)
+    for low, high in runs_from(connection, last):
+        if low >= behind:
+            break
+        ids = low, min(high, behind)
+        more, following = _between(connection, "reading", columns, span, limit - many, ids, last)
         parts.append(more)
         many += len(more)
         if following is not None:
@@ -179,12 +182,12 @@ def _between(
     connection: sqlite3.Connection,
     table: str,
     columns: str,
-    span: _PageSpan,
+    span: PageSpan,
     limit: int,
     ids: tuple[int, int],
     last: int,
-) -> tuple[_ReadingRows, int | None]:
-    """Rows of the span among these ids (the second excluded), whose times ascend; see _readings."""
+) -> tuple[ReadingRows, int | None]:
+    """Rows of the span among these ids (the second excluded), whose times ascend; see readings_after."""
     low = first_id(connection, table, *ids, span.begin_s - WIDER_S)
     high = first_id(connection, table, low, ids[1], span.end_s + WIDER_S)
     low = max(low, last + 1)
@@ -194,7 +197,7 @@ def _between(
         f" WHERE time >= ? AND time < ?{span.chosen} LIMIT ?",
         (low, high, span.begin_s, span.end_s, limit),
     )
-    rows = np.fromiter(found, _ROW)
+    rows = np.fromiter(found, READING_ROW)
     if len(rows) == limit:
         return rows, int(rows["id"][-1])
     behind = f"SELECT id FROM {table} WHERE id >= ? AND id < ? ORDER BY id LIMIT 1 OFFSET {MOST_SCANNED}"

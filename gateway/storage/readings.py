@@ -12,8 +12,11 @@ import sqlite3
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from drivers.base import Quality
 from gateway.acquisition import Sample
+from gateway.reading_blocks import READING_ROW, pack
 from gateway.storage.faults import DamagedError
 
 log = logging.getLogger(__name__)
@@ -57,6 +60,8 @@ _LEAST_S = 60.0
 """Between two marks."""
 _MOST_GATHERED = 1_000_000
 """Readings of which means are made at once; of an earlier program's file the rest follow ten minutes later."""
+BLOCK_ROWS = 50_000
+"""Most readings of a block."""
 _DAMPED = 0.9
 """Of the largest size, what is left after making room."""
 
@@ -213,16 +218,17 @@ def _thin(connection: sqlite3.Connection, mark: int) -> None:
     _delete_old(connection, "readings", "reading", reading)
     _forget(connection, reading)
     _delete_old(connection, "compensation", "compensation", step)
-    connection.execute("DELETE FROM reasons WHERE k <= ? AND k < (SELECT max(k) FROM reasons)", (reasons,))
+    _delete_old(connection, "reasons", "reasons", reasons, "k")
 
 
-def _delete_old(connection: sqlite3.Connection, name: str, table: str, upto: int | None) -> None:
+def _delete_old(connection: sqlite3.Connection, name: str, table: str, upto: int | None, number: str = "id") -> None:
     """Delete rows up to a number, but for the newest, and note up to which. None: nothing.
 
     name: of the table outside the database
+    number: its column
     """
-    old = f"FROM {table} WHERE id <= ? AND id < (SELECT max(id) FROM {table})"
-    (last,) = connection.execute(f"SELECT max(id) {old}", (upto,)).fetchone()
+    old = f"FROM {table} WHERE {number} <= ? AND {number} < (SELECT max({number}) FROM {table})"
+    (last,) = connection.execute(f"SELECT max({number}) {old}", (upto,)).fetchone()
     if last is not None:
         connection.execute(f"DELETE {old}", (upto,))
         connection.execute("INSERT OR REPLACE INTO thinned VALUES (?, ?)", (name, last))
@@ -246,6 +252,23 @@ def _gather(connection: sqlite3.Connection) -> None:
         connection.execute(
             "INSERT INTO gathered SELECT NULL, ?, ?, coalesce(max(id), 0) FROM recent_minute", (above, upto)
         )
+        _pack(connection, above, upto)
+
+
+def _pack(connection: sqlite3.Connection, above: int, upto: int) -> None:
+    """Add blocks of the readings after one up to another, so that a long history is answered without looking at each of
+    them. They stay beside the readings, and go with them."""
+    number = "CASE WHEN typeof(value) IN ('real', 'integer') THEN value ELSE 9e999 END"  # a bit may have flipped
+    query = (
+        f"SELECT id, {CHANNEL_OF}, time, {number}, quality FROM reading WHERE id > ? AND id <= ?"
+        f" AND typeof(time) = 'real' AND typeof(quality) = 'integer' ORDER BY id LIMIT {BLOCK_ROWS}"
+    )
+    while len(rows := np.fromiter(connection.execute(query, (above, upto)), READING_ROW)):
+        last = int(rows["id"][-1])
+        connection.execute(
+            "INSERT INTO reading_block VALUES (NULL, ?, ?, ?, ?, ?, ?, ?, ?, ?)", (above, last, *pack(rows))
+        )
+        above = last
 
 
 def _forget(connection: sqlite3.Connection, reading: int | None) -> None:
@@ -253,6 +276,7 @@ def _forget(connection: sqlite3.Connection, reading: int | None) -> None:
     gone = "FROM gathered WHERE above < ?"
     connection.execute(f"DELETE FROM recent_minute WHERE id <= (SELECT max(last) {gone})", (reading,))
     connection.execute(f"DELETE {gone}", (reading,))
+    connection.execute("DELETE FROM reading_block WHERE above < ?", (reading,))
 
 
 def upto_thinned(connection: sqlite3.Connection, name: str) -> int | None:

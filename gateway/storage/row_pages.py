@@ -24,6 +24,7 @@ _LAST = 2**63 - 1
 _MOST: Final[Mapping[str, int]] = {
     "measurements": 1000, "steps": 1000, "models": 10, "events": 2000, "compensation": 5000, "minutes": 10_000,
     "readings": 50_000, "commands": 2000, "runs": 100,
+    "reasons": 200,
 }  # fmt: skip
 """Rows of one page, so that the pages of all tables have a few MB together."""
 
@@ -208,6 +209,13 @@ _TABLES: Final[Mapping[str, _TablePage]] = {
     "readings": _readings,
     "commands": _each(
         "command", rows.COMMAND_COLUMNS, columns.COMMANDS, lambda row: columns.command_cells(rows.command_of(row))
+    ),
+    "reasons": _each(
+        "reasons",
+        "time, reasons",
+        columns.REASONS,
+        lambda row: columns.reasons_cells(columns.utc(row[0]), rows.reasons_of(row[1])),
+        "k",
     ),
     "runs": _each("boot", rows.RUN_COLUMNS, columns.RUNS, lambda row: columns.run_cells(rows.run_of(row)), "number"),
 }

@@ -66,6 +66,7 @@ class Store:
     hangs_after_s: a disk that takes longer for one statement or commit counts as failing, in real seconds
     silent_s: at the end, the longest that the disk may take for one statement or commit, in real seconds; then the
         process should end, as the lock is only released by that
+    origin: identifies this start of this computer (`ServiceClock.origin`); empty: not known
 
     Raises StoreError: not a database of this gateway, of a newer version, locked by another gateway, or not writable.
     """
@@ -76,14 +77,15 @@ class Store:
         boot: str,
         clock: Clock,
         *,
-        commit_s: float = 10.0,
+        commit_s: float = 20.0,
         retention: Retention = _RETENTION,
         retry_s: float = 5.0,
         look_s: float = 10.0,
         hangs_after_s: float = 30.0,
         silent_s: float = 30.0,
+        origin: str = "",
     ) -> None:
-        self._boot, self._clock = boot, clock
+        self._boot, self._clock, self._origin = boot, clock, origin
         self._pruning = Pruning(retention, clock.monotonic())
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -119,6 +121,11 @@ class Store:
         with closing(connect(self._path)) as connection:
             self._number = _next_boot(connection)
             self._earlier_boot = _latest_boot(connection)
+            here = connection.execute("SELECT run, origin FROM computer").fetchone() == (
+                self._earlier_boot,
+                self._origin,
+            )
+            self._predecessor = self._earlier_boot if here and self._origin else None
             _remove_torn_step(connection)
             begin_epoch(connection)
             connection.commit()
@@ -167,6 +174,14 @@ class Store:
         return self._earlier_boot
 
     @property
+    def predecessor(self) -> str | None:
+        """The same if that run was on this computer since it was switched on, so that it has certainly ended.
+
+        In a copy of the database, the run before this one may be another computer's, and still at work.
+        """
+        return self._predecessor
+
+    @property
     def health(self) -> StoreHealth:
         """The state of storing; may be called from another thread."""
         return self._writer.health
@@ -190,6 +205,7 @@ class Store:
             self._writer.put("INSERT OR IGNORE INTO prior_of_boot VALUES (?, ?)", [(self._number, prior[0])])
         row = self._number, self._boot, self._clock.utc().isoformat(), config, fingerprint, versions
         self._known.boot = row
+        self._writer.put("INSERT OR REPLACE INTO computer VALUES (0, ?, ?)", [(self._boot, self._origin)])
         self._writer.put("INSERT OR IGNORE INTO boot VALUES (?, ?, ?, ?, ?, ?)", [row], commit=True)
 
     def record(self, event: GatewayEvent) -> None:  # noqa: C901 - one arm for each kind of event

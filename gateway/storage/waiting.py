@@ -37,6 +37,8 @@ class Item:
     kind: WaitingKind
     commit: bool
     """Commit as soon as nothing else waits."""
+    since_s: float = 0.0
+    """When it came, monotonic seconds."""
 
 
 _TABLE = re.compile(r"(?:INTO|FROM|UPDATE) (\w+)")
@@ -86,6 +88,11 @@ class Waiting:
         return min(
             (items[0].number for kind, items in self._items.items() if items and kind in kinds), default=math.inf
         )
+
+    @property
+    def since_s(self) -> float | None:
+        """When the oldest row that waits came; None: none waits."""
+        return min((item.since_s for items in self._items.values() for item in items if item.rows), default=None)
 
     def take(self) -> Item | None:
         """The oldest that is kept, before the oldest of the rest; None: nothing waits."""

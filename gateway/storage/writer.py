@@ -113,6 +113,7 @@ class DatabaseWriter:
                 dropped=sum(self._waiting.dropped.values()),
                 free_mb=self._free_mb,
                 mended=self._mended,
+                oldest_s=None if (since_s := self._waiting.since_s) is None else now - since_s,
             )
 
     def start(self) -> None:
@@ -163,7 +164,7 @@ class DatabaseWriter:
             if self._waiting.full(kind) and not self._problem and works:
                 self._changed.wait_for(lambda: not self._waiting.full(kind) or self._problem, _YIELD_S)
             self._last += 1
-            self._waiting.put(Item(self._last, statement, rows, kind, commit))
+            self._waiting.put(Item(self._last, statement, rows, kind, commit, time.monotonic()))
             if kind is not WaitingKind.READINGS or commit or self._waiting.rows >= _MOST_GATHERED:
                 self._gathered = True
             if self._gathered or len(self._waiting) == 1:

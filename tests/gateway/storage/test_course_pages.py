@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gateway.events import DecisionMade, FrameMade, MeasurementEnded, ReadingsTaken
+from gateway.events import DecisionMade, FrameMade, MeasurementEnded, ReadingsTaken, ReasonsGiven
 from gateway.storage import Store, StoreError, course_between
 from talc.frame import Frame, Measurement
 from tests.benches import telemetry_examples as example
@@ -99,3 +99,26 @@ def test_temperatures_are_those_of_the_same_steps_under_their_names_of_today(tmp
 def test_a_database_that_is_not_there_says_so(tmp_path: Path) -> None:
     with pytest.raises(StoreError, match="no such file"):
         course_between(tmp_path / "none.sqlite", at(0), at(1), 10, STEP_S)
+
+
+def test_the_latest_reasons_of_a_span_come_with_what_was_known_then(tmp_path: Path) -> None:
+    file, clock = tmp_path / "g.sqlite", SteppedClock()
+    with Store(file, "boot-1", clock) as store:
+        begin = int(clock.utc().timestamp() // STEP_S)
+        for i in range(10):
+            if i == 5:
+                found = Measurement(np.zeros(9), np.ones(9))
+                store.record(MeasurementEnded(replace(example.OUTCOME, ended=clock.utc(), measurement=found)))
+            store.record(DecisionMade(replace(example.DECISION, k=begin + i, sigma=np.full(9, float(i)))))
+            store.record(ReasonsGiven(replace(example.REASONS, k=begin + i)))
+            clock.spend(STEP_S)
+    span = at(begin), at(begin + 8)
+    found_few = course_between(file, *span, 3, STEP_S, reasons=True).reasons
+    assert [each.reasons.k - begin for each in found_few] == [5, 6, 7]
+    assert [each.sigma[0] for each in found_few] == [5.0, 6.0, 7.0]
+    assert {each.measured for each in found_few} == {at(begin + 5)}
+    everything = course_between(file, *span, 100, STEP_S, reasons=True).reasons
+    assert [each.reasons.k - begin for each in everything] == list(range(8))
+    assert [each.measured is None for each in everything] == [True] * 5 + [False] * 3
+    assert everything[0].reasons.errors[0].inputs == example.REASONS.errors[0].inputs
+    assert course_between(file, *span, 100, STEP_S).reasons == ()

@@ -190,6 +190,26 @@ def test_a_flipped_bit_in_one_copy_of_the_configuration_costs_nothing(whole: Pat
         assert (past.last_k, mended) == (STEPS - 1, "")
 
 
+@pytest.mark.parametrize("number", [1 + 2**20, 1 + 2**62, -1], ids=str)
+def test_a_flipped_bit_in_the_number_of_a_run_costs_nothing_but_raw_readings(
+    number: int, whole: Path, tmp_path: Path
+) -> None:
+    path = tmp_path / "g.sqlite"
+    shutil.copy(whole, path)
+    restarted(path, "second")
+    with closing(sqlite3.connect(path)) as connection, connection:
+        connection.execute("UPDATE boot SET number = ? WHERE number = 1", (number,))
+    past, mended = restarted(path, "third")
+    assert past.last_k == STEPS + 10 - 1, "both runs"
+    assert bool(mended) == (number > 0)  # a lower one is never given again
+    assert not restarted(path, "fourth")[1]
+    with closing(sqlite3.connect(path)) as connection:
+        runs = connection.execute("SELECT number, id FROM boot ORDER BY id").fetchall()
+    assert len({one for one, _ in runs}) == 4
+    if mended:
+        assert sorted(one for one, _ in runs) == [1, 2, 3, 4]
+
+
 def test_without_a_configuration_learning_begins_again(whole: Path, tmp_path: Path) -> None:
     path = tmp_path / "g.sqlite"
     shutil.copy(whole, path)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from gateway.events import DecisionMade, FrameMade
+from gateway.events import DecisionMade, FrameMade, ReadingsTaken
 from gateway.storage import History, Store, StoreError
 from gateway.storage.schema import SCHEMA_VERSION
 from tests.benches import telemetry_examples as example
@@ -51,7 +51,29 @@ def test_it_is_migrated_read_and_continued(version: int, tmp_path: Path) -> None
         assert store.migrated_from is None
 
 
-@pytest.mark.parametrize("version", VERSIONS)
+def test_the_tables_of_later_programs_are_added_without_a_migration(tmp_path: Path) -> None:
+    """As the first program of the present version left it."""
+    path = of_version(SCHEMA_VERSION, tmp_path / "g.sqlite")
+    before = tables(path)
+    with Store(path, "boot-2", SteppedClock()) as store:
+        assert store.migrated_from is None
+        store.begin("{}", "hash", "versions")
+        store.record(ReadingsTaken((example.READING, example.BAD_READING)))
+        store.record(FrameMade(replace(example.FRAME, k=9)))
+        store.record(DecisionMade(replace(example.DECISION, k=9)))
+    assert len(before) < len(tables(path))
+    with History(path) as history:
+        assert [step.frame.k for step in history.steps()] == [7, 8, 9]
+        assert [m.number for m in history.measurements()] == [41, 43, 42]
+        assert history.channel_health() == {"bed_front": {"good": 2}, "Öl": {"sensor_fault": 2}}
+        assert len(history.events()) == 3
+    with closing(sqlite3.connect(path)) as connection:
+        assert connection.execute("SELECT channel, quality FROM sample").fetchall() == [
+            ("bed_front", "good"), ("Öl", "sensor_fault"),
+        ]  # fmt: skip
+
+
+@pytest.mark.parametrize("version", [*VERSIONS, SCHEMA_VERSION])
 def test_its_tables_are_those_of_a_new_database(version: int, tmp_path: Path) -> None:
     path, new = of_version(version, tmp_path / "g.sqlite"), tmp_path / "new.sqlite"
     for one in (path, new):

@@ -11,6 +11,7 @@ import pytest
 
 from drivers.base import Quality
 from gateway.acquisition import Sample
+from gateway.config import Storage
 from gateway.events import CompensationStepped, DecisionMade, FrameMade, ReadingsTaken
 from gateway.nc import Source, Step, Write
 from gateway.storage import History, Retention, Store
@@ -104,6 +105,25 @@ def test_minute_statistics_go_after_their_own_time(database: sqlite3.Connection)
         pruning.prune(database, hour * HOUR)
     kept = len(minutes(database)) + len(sequences(database))
     assert 10 * 4 <= kept <= 12 * 4
+
+
+def test_by_default_readings_stay_for_a_week_and_minutes_for_four_hundred_days(database: sqlite3.Connection) -> None:
+    settings = Storage()
+    keep = Retention(
+        samples_days=settings.keep_samples_days, minutes_days=settings.keep_minutes_days, most_mb=settings.most_mb
+    )
+    pruning = Pruning(keep, 0.0)
+    start = EPOCH.replace(second=0)
+    for number, minute in enumerate(range(3), start=1):
+        read(database, number, start + timedelta(minutes=minute), 20.0)
+    pruning.prune(database, HOUR)
+    pruning.prune(database, 7.0 * DAY)
+    assert sequences(database) == [1, 2, 3]
+    pruning.prune(database, 7.1 * DAY)
+    assert sequences(database) == [3]
+    for day, left in ((8.0, 2), (407.9, 2), (408.1, 1)):
+        pruning.prune(database, day * DAY)
+        assert len(minutes(database)) == left, day
 
 
 def test_a_database_that_is_too_large_thins_the_oldest_readings_before_their_time(tmp_path: Path) -> None:

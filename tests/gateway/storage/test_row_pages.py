@@ -16,7 +16,15 @@ from drivers.base import Quality
 from gateway.acquisition import Sample
 from gateway.commands import Command, CommandName, CommandOutcome
 from gateway.config import parse
-from gateway.events import CommandGiven, DecisionMade, EventReported, FrameMade, MeasurementEnded, ReadingsTaken
+from gateway.events import (
+    CommandGiven,
+    DecisionMade,
+    EventReported,
+    FrameMade,
+    MeasurementEnded,
+    ReadingsTaken,
+    ReasonsGiven,
+)
 from gateway.probing import Outcome
 from gateway.storage import NUMBERS, Position, Retention, RowsPage, Store, StoreError, rows_after
 from gateway.storage.readings import Pruning
@@ -119,6 +127,30 @@ def test_commands_and_starts_come_too(tmp_path: Path) -> None:
     assert first[:5] == [EPOCH, 1, "dmu", 300.0, '["bed", "column"]']
     assert json.loads(first[5])["learner"]["limit_um"] == 4.0
     assert (second[1], second[6:]) == (2, [config.fingerprint(), "python 3"])
+
+
+def test_the_learner_s_reasons_come_with_one_value_a_column(tmp_path: Path) -> None:
+    path = tmp_path / "g.sqlite"
+    asker = Asker(path)
+    first = example.REASONS.errors[0]
+    nothing = replace(first, estimate=np.nan, inputs=(("bed", np.nan),))
+    with Store(path, "boot-1", SteppedClock()) as store:
+        store.record(ReasonsGiven(replace(example.REASONS, k=7)))
+        store.record(ReasonsGiven(replace(example.REASONS, k=8, errors=(nothing,))))
+    asker.catch_up()
+    page = rows_after(path, {"reasons": None}, 1)["reasons"]
+    assert isinstance(page, RowsPage)
+    whole, empty = (dict(zip(page.columns, cells, strict=True)) for cells in asker.cells["reasons"])
+    unit = next(name for name in page.columns if name.startswith(f"estimate_{first.error}")).split(first.error)[1]
+    assert (whole["time"], whole["k"], whole["next_k"], whole["next_why"]) == (
+        EPOCH, 7, example.REASONS.next_k, example.REASONS.next_why.value,
+    )  # fmt: skip
+    for name in ("estimate", "believed", "level", "other_inputs", "expected", "expected_sigma"):
+        assert whole[f"{name}_{first.error}{unit}"] == getattr(first, name), name
+    assert json.loads(whole["inputs"])[first.error] == dict(first.inputs)
+    assert json.loads(whole["experts"])[first.error] == dict(first.experts)
+    assert np.isnan(empty[f"estimate_{first.error}{unit}"])
+    assert json.loads(empty["inputs"]) == {first.error: {"bed": None}}
 
 
 def test_what_a_frame_is_learnt_from_comes_with_its_step(tmp_path: Path) -> None:

@@ -1,5 +1,6 @@
 """The database: exact, bounded, one writer, and intact however the process ends."""
 
+import fcntl
 import math
 import os
 import random
@@ -186,6 +187,17 @@ def test_a_second_gateway_is_refused_and_the_lock_goes_with_the_first(tmp_path: 
         pass
 
 
+def test_a_gateway_of_another_container_is_refused_by_the_file_alone(tmp_path: Path) -> None:
+    """The kernel's name is not seen from there; whoever holds the lock on the file is."""
+    path = tmp_path / "g.sqlite"
+    with path.with_name("g.sqlite.lock").open("w") as there:
+        fcntl.flock(there, fcntl.LOCK_EX)
+        with pytest.raises(StoreError, match="another gateway writes to it"):
+            Store(path, "second", SteppedClock())
+    with Store(path, "third", SteppedClock()):
+        pass
+
+
 def test_each_run_knows_the_one_before_it_and_two_copies_claim_as_two(tmp_path: Path) -> None:
     path, copy = tmp_path / "a.sqlite", tmp_path / "b.sqlite"
     boots = [boot_id() for _ in range(4)]
@@ -198,6 +210,26 @@ def test_each_run_knows_the_one_before_it_and_two_copies_claim_as_two(tmp_path: 
         one, other = Identity.of(boots[2], original.earlier_boot), Identity.of(boots[3], cloned.earlier_boot)
     assert one.predecessor == other.predecessor == Identity.of(boots[1], None).owner
     assert len({one.owner, other.owner, one.predecessor}) == 3
+
+
+def test_a_copy_of_what_runs_takes_nothing_over_on_another_computer(tmp_path: Path) -> None:
+    path, copy = tmp_path / "a.sqlite", tmp_path / "b.sqlite"
+    with Store(path, "first", SteppedClock(), origin="here") as store:
+        assert store.predecessor is None
+        store.begin("{}", "", "")
+    with Store(path, "second", SteppedClock(), origin="here") as store:
+        assert store.predecessor == "first", "a crash and a restart"
+        store.begin("{}", "", "")
+        store.flush()
+        with closing(sqlite3.connect(path)) as source, closing(sqlite3.connect(copy)) as target:
+            source.backup(target)
+        with Store(copy, "third", SteppedClock(), origin="elsewhere") as cloned:
+            assert cloned.predecessor is None
+            assert cloned.earlier_boot == "second"
+    with Store(path, "unnamed", SteppedClock()) as store:
+        store.begin("{}", "", "")
+    with Store(path, "fourth", SteppedClock()) as store:
+        assert store.predecessor is None, "nothing says that it was the same computer"
 
 
 def test_a_reader_sees_what_is_committed_while_the_gateway_writes(tmp_path: Path) -> None:

@@ -223,6 +223,23 @@ async def test_what_another_program_locks_out_waits_and_is_stored_when_the_lock_
     assert stored(path) == list(range(1, 20))
 
 
+@pytest.mark.slow
+@pytest.mark.realtime
+def test_with_the_shipped_intervals_it_writes_again_soon_after_the_cause_is_gone(tmp_path: Path) -> None:
+    """5 s for the lock, and 5 s until the next attempt. The promise is 60 s; a busy computer may take 20 s more."""
+    path = tmp_path / "g.sqlite"
+    with Store(path, "boot1", SteppedClock()) as store:
+        make(store, 1)
+        store.flush()
+        with locked(path):
+            make(store, 2)
+            until(store, failing=True)
+        began = time.monotonic()
+        until(store, failing=False)
+        assert time.monotonic() - began < 5.0 + 20.0
+    assert stored(path) == [1, 2]
+
+
 def test_the_first_rows_that_are_stored_again_end_the_problem(tmp_path: Path) -> None:
     path = tmp_path / "g.sqlite"
     with Store(path, "boot1", SteppedClock(), commit_s=10 * LIMIT_S, retry_s=RETRY_S) as store:
