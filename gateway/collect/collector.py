@@ -2,6 +2,7 @@
 
 import logging
 import math
+import re
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -13,7 +14,7 @@ import pyarrow as pa
 
 from gateway.collect.folder import Commit
 from gateway.collect.progress import CollectProgress, TablePlace
-from gateway.collect.tables import arrow_of
+from gateway.collect.tables import arrow_of, check_end
 from gateway.storage import NUMBERS
 from gateway.telemetry import StoredRows, StoredTable
 
@@ -30,6 +31,8 @@ and the network busy for seconds, and live messages would wait."""
 _NAMED = 5
 """Machines that a line of the log names."""
 _GAPS = "gaps"
+_NO_SUCH_TABLE = re.compile(r"\b[a-z]+: no such table; there are ([a-z, ]+)")
+"""What a gateway of an earlier program says when it is asked for a table that it does not have."""
 
 
 class SiteGateways(Protocol):
@@ -68,6 +71,8 @@ class MachineAsked:
     """By table: how many epochs the gateway was asked for and does not know."""
     due_s: float = 0.0
     """When it is asked next, on the collector's clock."""
+    lacks: frozenset[str] = frozenset()
+    """Tables that its program does not have. Each of its starts may be that of a later program."""
     problem: str = ""
     """Why it was not collected; empty: it was."""
     rows: dict[str, int] = field(default_factory=dict)
@@ -152,8 +157,18 @@ class Collector:
 
     def _page(self, name: str, asked: MachineAsked) -> bool:
         before = asked.progress or self._kept.progress(name)
-        places = {table: before.place(table, asked.back.get(table, 0)) for table in NUMBERS}
-        answer = self._gateways.ask(name, places, self._limit)
+        places = {table: before.place(table, asked.back.get(table, 0)) for table in NUMBERS if table not in asked.lacks}
+        try:
+            answer = self._gateways.ask(name, places, self._limit)
+        except (OSError, ValueError) as error:
+            if (told := _NO_SUCH_TABLE.search(str(error))) is None:
+                raise
+            has = frozenset(told[1].split(", ")) & frozenset(places)
+            if not has:
+                raise
+            asked.lacks |= frozenset(places) - has
+            places = {table: place for table, place in places.items() if table in has}
+            answer = self._gateways.ask(name, places, self._limit)
         with self._writing:
             return self._keep(name, asked, before, places, answer)
 
@@ -169,17 +184,19 @@ class Collector:
         for table, page in answer.tables.items():
             if page.problem:
                 batch.problems.append(page.problem)
-            elif page.epoch is not None and table in NUMBERS:
+            elif page.epoch is not None and table in places:
                 asked.back.pop(table, None)
+                if (place := places[table]) is not None and place[0] != page.epoch:
+                    asked.lacks = frozenset()  # it was started again
                 batch.take(table, page.epoch, page, places[table])
-            elif table in NUMBERS:
+            elif table in places:
                 if places[table] is None:
                     raise ValueError(f"{table}: has no epoch, not even from the beginning")
                 asked.back[table] = asked.back.get(table, 0) + 1
                 batch.more = True
         rows = batch.rows_at(self._utc())
         for table, *_ in batch.gaps:
-            log.warning("%s: %s were deleted, being old, before they were collected", name, table)
+            log.warning("%s: %s were deleted for their age before they were collected", name, table)
         asked.progress = self._kept.add(name, Commit(batch.progress, rows)) if batch.progress != before else before
         for table, added in rows.items():
             asked.rows[table] = asked.rows.get(table, 0) + added.num_rows
@@ -202,6 +219,7 @@ class _Batch:
     def take(self, table: str, epoch: str, page: StoredTable, place: TablePlace | None) -> None:
         """Add the rows that follow a place. Raises ValueError."""
         rows = arrow_of(page, self.progress.last(table, epoch))
+        check_end(page, None if place is None else place[1])
         self.progress = self.progress.moved_on(table, epoch, page.last)
         self.more = self.more or (page.more and (epoch, page.last) != place)
         if rows.num_rows:

@@ -9,12 +9,15 @@ from itertools import pairwise
 import pyarrow as pa
 from pyarrow import compute
 
+from gateway.storage import BEFORE_ALL
 from gateway.telemetry import StoredColumn, StoredTable
 
 _TYPES = {"time": pa.timestamp("us", tz="UTC"), "text": pa.string(), "number": pa.float64(), "whole": pa.int64()}
 
 _EPOCH = re.compile(r"[0-9a-f]{32}")
 _LARGEST = 2**63 - 1
+_LATEST_S = 7258118400.0
+"""2200."""
 _OURS = ("epoch", "row", "machine", "day")
 """Columns that are added, or that a reader of the folder gets from the names of folders."""
 
@@ -39,6 +42,18 @@ def arrow_of(table: StoredTable, above: int | None) -> pa.Table:
     numbers = pa.array(table.numbers, pa.int64())
     rows = pa.table([*arrays, pa.repeat(table.epoch, len(numbers)), numbers], [*names, "epoch", "row"])
     return rows if above is None else rows.slice(bisect_right(table.numbers, above))
+
+
+def check_end(table: StoredTable, asked: int | None) -> None:
+    """Raises ValueError for a page that says that it goes further than its rows do: they would never be asked for.
+
+    Only of an epoch that is over the page may say so: then there is more, of another epoch.
+
+    asked: number of the row that the asker has; None: it has none
+    """
+    end = table.numbers[-1] if table.numbers else asked if asked is not None else BEFORE_ALL
+    if not table.more and table.last > end:
+        raise ValueError(f"rows end at {end}, but the page says that it goes up to {table.last}")
 
 
 def _check_place(table: StoredTable) -> None:
@@ -80,6 +95,10 @@ def _array(column: StoredColumn) -> pa.Array:
                 return pa.DictionaryArray.from_arrays(places, pa.array(column.texts, pa.string())).cast(pa.string())
             case "time":
                 seconds = pa.array(column.values, pa.float64(), from_pandas=True)
+                bounds = compute.min_max(seconds)
+                for time_s in (bounds["min"].as_py(), bounds["max"].as_py()):
+                    if time_s is not None and not 0.0 <= time_s <= _LATEST_S:
+                        raise ValueError(f"column {column.name}: {time_s:g} s is not within the years 1970 to 2200")
                 return compute.round(compute.multiply(seconds, 1e6)).cast(pa.int64()).cast(kind)
             case "number":
                 return pa.array(column.values, kind)

@@ -104,7 +104,7 @@ class SiteSeen:
                 self._machines[machine] = MachineSeen(machine)
             elif not self._full:
                 self._full = True
-                log.warning("more than %d machines: %s and others that come now are not shown", _MOST_MACHINES, machine)
+                log.warning("more than %d machines: %s and further ones are not shown", _MOST_MACHINES, machine)
         return self._machines.get(machine)
 
 
@@ -138,6 +138,11 @@ class SiteSubscription:
     def ask_with_temperatures(self, machine: str, begin: datetime, end: datetime, limit: int) -> CoursePage:
         """The same with the temperatures at each time."""
         selected = f"from={begin.isoformat()};to={end.isoformat()};limit={limit};temperatures=yes"
+        return self._asked(machine, f"{keys.COURSE}?{selected}", CoursePage, _ANSWER_LIMIT_S)
+
+    def ask_reasons(self, machine: str, begin: datetime, end: datetime, limit: int) -> CoursePage:
+        """The same with the learner's latest reasons of the span."""
+        selected = f"from={begin.isoformat()};to={end.isoformat()};limit={limit};reasons=yes"
         return self._asked(machine, f"{keys.COURSE}?{selected}", CoursePage, _ANSWER_LIMIT_S)
 
     def ask_report(self, machine: str, day: date, zone: str) -> ReportPage:

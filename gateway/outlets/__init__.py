@@ -1,6 +1,6 @@
 """Outlets: what gateways publish over Zenoh is forwarded to other systems of the plant, by a process of its own.
 
-A new kind is one file beside `mqtt.py`, with its settings and its outlet, and a line in `settings.py`.
+A new kind is one file: in another package, with its settings and its outlet (docs/extensions.md).
 """
 
 from typing import TYPE_CHECKING

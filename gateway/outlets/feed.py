@@ -103,7 +103,7 @@ class Feed:
                 left_s = self._due_s(now_s := clock()) - now_s
                 if left_s > 0.0 and not self._ended():
                     self._news.wait(min(left_s, _LONGEST_PAUSE_S))
-        self._outlet.close()
+        self._close()
 
     def stop(self) -> None:
         """End `run`; what waits is lost."""
@@ -138,7 +138,7 @@ class Feed:
             self._refusal = str(error)
         except OutletError as error:
             return self._gone(batch, error, now_s)
-        except Exception as error:  # of a library or of the outlet itself: the outlet's fault, not the end of its feed
+        except (Exception, SystemExit) as error:  # the outlet's fault, not the end of its feed
             if (unexpected := f"unexpected {type(error).__name__}: {error}") != self._problem:
                 log.exception("%s: please report this", self._settings.name)
             return self._gone(batch, OutletError(unexpected), now_s)
@@ -155,9 +155,16 @@ class Feed:
             full = len(self._waiting) >= self._settings.batch
             return now_s if full else self._first_s + self._settings.gather_s
 
-    def _gone(self, batch: list[OutletMessage], error: OutletError, now_s: float) -> float:
-        self._outlet.close()
+    def _close(self) -> None:
+        """Let go of the connection, whatever the library raises at that."""
+        try:
+            self._outlet.close()
+        except (Exception, SystemExit) as error:  # a new one is made at the next opening
+            log.debug("%s: closing raised %r", self._settings.name, error, exc_info=True)
         self._open = False
+
+    def _gone(self, batch: list[OutletMessage], error: OutletError, now_s: float) -> float:
+        self._close()
         with self._news:
             self._waiting.extendleft(reversed(batch))
             self._bound()

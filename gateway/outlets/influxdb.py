@@ -5,7 +5,7 @@ import socket
 import ssl
 from base64 import b64encode
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from http.client import HTTPConnection, HTTPException, HTTPResponse, HTTPSConnection, IncompleteRead
 from pathlib import Path
 from threading import Timer
@@ -15,6 +15,7 @@ from urllib.parse import urlencode
 from pydantic import Field, model_validator
 
 from drivers.base import SetupError
+from drivers.hang_up import HangUp
 from drivers.section import FilePath, NotEmpty, NotNegative
 from drivers.server_url import UrlServer
 from gateway.outlets.line_protocol import WRITTEN, lines
@@ -162,26 +163,20 @@ class InfluxDbOutlet:
 
 @contextmanager
 def _hung_up_after(limit_s: float, line: socket.socket) -> Iterator[None]:
-    """Give up what is asked within: a server that sends a byte a second would keep it for ever. Raises TimeoutError."""
-    late = False
-
-    def hang_up() -> None:
-        nonlocal late
-        late = True
-        with suppress(OSError):  # it has ended
-            socket.socket.shutdown(line, socket.SHUT_RDWR)  # that of a TLS socket is not for another thread
-
-    timer = Timer(limit_s, hang_up)
+    """Give up what is asked within. Raises TimeoutError."""
+    hang_up = HangUp()
+    hang_up.take(line)
+    timer = Timer(limit_s, hang_up.now)
     timer.daemon = True
     timer.start()
     try:
         yield
     except (OSError, HTTPException, ValueError):
-        if not late:
+        if not hang_up.done:
             raise
     finally:
         timer.cancel()
-    if late:
+    if hang_up.done:
         raise TimeoutError(f"no complete answer within {limit_s:g} s")
 
 

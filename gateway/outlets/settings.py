@@ -1,19 +1,34 @@
-"""The file of `talc-gateway publish`: where the gateways are heard, and the outlets."""
+"""The file of `talc-gateway publish`: where the gateways are heard, and the outlets, also those of other packages."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
-from pydantic import Field
+from pydantic import Field, create_model
 
 from drivers.section import FilePath, NotEmpty, Section
-from gateway.config import ConfigError, Endpoint, Name, Problem, Telemetry, TelemetryTls, endpoint, read_as
+from gateway.config import (
+    ConfigError,
+    Endpoint,
+    Name,
+    Problem,
+    Telemetry,
+    TelemetryTls,
+    any_section_of,
+    data_of,
+    endpoint,
+    kinds_in,
+    read_sections,
+    read_text,
+)
 from gateway.outlets.feed import Feed
 from gateway.outlets.influxdb import InfluxDbSettings
 from gateway.outlets.mqtt import MqttOutletSettings
+from gateway.outlets.outlet import Outlet, OutletSettings
 from gateway.telemetry import TYPES
 
 AnyOutlet = Annotated[MqttOutletSettings | InfluxDbSettings, Field(discriminator="kind")]
+_OWN: Mapping[str, type[OutletSettings]] = {"mqtt": MqttOutletSettings, "influxdb": InfluxDbSettings}
 
 
 class SourceSettings(Section):
@@ -53,7 +68,41 @@ class OutletFile(Section):
 
     def feeds(self) -> list[Feed]:
         """One for each outlet. Raises SetupError."""
-        return [Feed(settings, settings.outlet()) for settings in self.outlets]
+        return [Feed(settings, _outlet_of(settings)) for settings in self.outlets]
+
+
+def _outlet_of(settings: AnyOutlet) -> Outlet:
+    """Raises SetupError, also for a bug of another package."""
+    if settings.kind in _OWN:
+        return settings.outlet()
+    from gateway.config import asked  # it loads what no other outlet needs
+
+    made: Callable[[], Outlet] = settings.outlet
+    return asked(settings.kind, made)
+
+
+def _others(data: Mapping[str, object]) -> tuple[list[type[Any]], list[Problem]]:
+    """The classes of kinds of other packages, and why some cannot be used."""
+    named = list(kinds_in(data, "outlet"))
+    if all(kind in _OWN for kind, _ in named):
+        return [], []
+    from gateway.config import OUTLETS, sections_of_others
+
+    return sections_of_others(OUTLETS, OutletSettings, _OWN, named)
+
+
+def _with(sections: list[type[Any]]) -> type[OutletFile]:
+    """With the outlets of other packages."""
+    if not sections:
+        return OutletFile
+    several: Any = tuple
+    outlet = any_section_of((*_OWN.values(), *sections))
+    return create_model(
+        "OutletFile",
+        __base__=OutletFile,
+        __module__=__name__,
+        outlets=(several[outlet, ...], Field(alias="outlet", min_length=1)),
+    )
 
 
 def _problems(file: OutletFile) -> Iterator[Problem]:
@@ -77,7 +126,11 @@ def _problems(file: OutletFile) -> Iterator[Problem]:
 
 def load_outlets(path: Path) -> OutletFile:
     """The checked file. Raises ConfigError with every problem found."""
-    found = read_as(OutletFile, path)
+    data = data_of(read_text(path), path)
+    sections, problems = _others(data)
+    if problems:
+        raise ConfigError(path, problems)
+    found = read_sections(_with(sections), data, path)
     problems = list(_problems(found))
     if problems:
         raise ConfigError(path, problems)

@@ -16,9 +16,11 @@ if TYPE_CHECKING:
         CommandRequest,
         CommandTerms,
         CoursePage,
+        HistoryBlock,
         HistoryPage,
         ReportPage,
         StoredColumn,
+        StoredReason,
         StoredRows,
         StoredTable,
     )
@@ -26,7 +28,7 @@ if TYPE_CHECKING:
     from gateway.telemetry.codec import TYPES, decode, decode_answer, decode_refusal, encode
     from gateway.telemetry.command_door import CommandDoor, Entitled
     from gateway.telemetry.command_signer import CommandSigner, SignedCommand
-    from gateway.telemetry.compose import Composer, Dropped, courses
+    from gateway.telemetry.compose import Composer, Dropped, reason_of_each
     from gateway.telemetry.history_queries import CourseRequest, CourseSource, HistoryRequest, HistorySource
     from gateway.telemetry.json_schema import schemas
     from gateway.telemetry.messages import (
@@ -50,6 +52,7 @@ if TYPE_CHECKING:
         StatusMessage,
         StorageStanding,
     )
+    from gateway.telemetry.numbers import courses
     from gateway.telemetry.publisher import TelemetryPublisher
     from gateway.telemetry.queries import MOST_ROWS, AskedQuery, Replied
     from gateway.telemetry.report_queries import ReportRequest, ReportSource
@@ -66,9 +69,12 @@ else:
                 "CommandRequest",
                 "CommandTerms",
                 "CoursePage",
+                "HistoryBlock",
+                "HistoryBlock",
                 "HistoryPage",
                 "ReportPage",
                 "StoredColumn",
+                "StoredReason",
                 "StoredRows",
                 "StoredTable",
             ),
@@ -76,7 +82,7 @@ else:
             ".codec": ("TYPES", "decode", "decode_answer", "decode_refusal", "encode"),
             ".command_door": ("CommandDoor", "Entitled"),
             ".command_signer": ("CommandSigner", "SignedCommand"),
-            ".compose": ("Composer", "Dropped", "courses"),
+            ".compose": ("Composer", "Dropped", "reason_of_each"),
             ".history_queries": ("CourseRequest", "CourseSource", "HistoryRequest", "HistorySource"),
             ".json_schema": ("schemas",),
             ".keys": (),
@@ -101,6 +107,7 @@ else:
                 "StatusMessage",
                 "StorageStanding",
             ),
+            ".numbers": ("courses",),
             ".publisher": ("TelemetryPublisher",),
             ".queries": ("MOST_ROWS", "AskedQuery", "Replied"),
             ".report_queries": ("ReportRequest", "ReportSource"),
@@ -131,6 +138,7 @@ __all__ = [
     "EventMessage",
     "ForecastMessage",
     "FrameMessage",
+    "HistoryBlock",
     "HistoryPage",
     "HistoryRequest",
     "HistorySource",
@@ -158,6 +166,7 @@ __all__ = [
     "StatusMessage",
     "StorageStanding",
     "StoredColumn",
+    "StoredReason",
     "StoredRequest",
     "StoredRows",
     "StoredSource",
@@ -176,6 +185,7 @@ __all__ = [
     "own_access",
     "page_config",
     "reader_config",
+    "reason_of_each",
     "running",
     "schemas",
     "without_path",

@@ -7,8 +7,21 @@ from msgspec import Meta, Struct
 
 from drivers.base import Quality
 from gateway.commands import CommandName
-from gateway.telemetry.fields import Number, Utc, one_of
-from gateway.telemetry.messages import PublishedCourse
+from gateway.telemetry.fields import GridIndex, Number, Utc, one_of
+from gateway.telemetry.messages import PublishedCourse, PublishedReason
+
+
+class HistoryBlock(Struct, frozen=True):
+    """Readings in the order in which they were stored; each column is an array of `rows` little-endian numbers,
+    compressed by zlib."""
+
+    rows: int = 0
+    first: Annotated[float, Meta(description="The earliest `time`")] = 0.0
+    last: Annotated[float, Meta(description="The latest `time`")] = 0.0
+    time: Annotated[bytes, Meta(description="float64: when it was read, UTC, seconds since 1970")] = b""
+    channel: Annotated[bytes, Meta(description="uint16: one of `numbers`")] = b""
+    value: Annotated[bytes, Meta(description="float64; NaN: none")] = b""
+    quality: Annotated[bytes, Meta(description="uint8: counts from 0 in `qualities`")] = b""
 
 
 class HistoryPage(Struct, frozen=True):
@@ -24,6 +37,21 @@ class HistoryPage(Struct, frozen=True):
     value: list[Number]
     quality: list[Annotated[str, one_of(Quality)]]
     next: Annotated[str | None, Meta(description="`after` of the query for the next page; null: this is the last one")]
+    blocks: Annotated[
+        tuple[HistoryBlock, ...], Meta(description="Only if asked for: all readings of the page; the columns are empty")
+    ] = ()
+    numbers: Annotated[tuple[int, ...], Meta(description="What stands for each of `names` in a block")] = ()
+    qualities: Annotated[tuple[str, ...], Meta(description="What the numbers in a block's `quality` mean")] = ()
+
+
+class StoredReason(Struct, frozen=True):
+    """What the learner said of one step, as in `reasons`, and what was known then."""
+
+    time: Utc
+    k: GridIndex
+    errors: dict[str, PublishedReason]
+    sigma: Annotated[dict[str, Number], Meta(description="By thermal error: standard uncertainty of that decision")]
+    measured: Annotated[Utc | None, Meta(description="When the last measurement that was used had ended")]
 
 
 class CoursePage(Struct, frozen=True):
@@ -38,6 +66,9 @@ class CoursePage(Struct, frozen=True):
         dict[str, list[Number]],
         Meta(description="Only if asked for: by input, degC at each `time`; null: no good value"),
     ] = {}
+    reasons: Annotated[
+        list[StoredReason], Meta(description="Only if asked for: the latest of the span, up to `limit`, oldest first")
+    ] = []
 
 
 class StoredColumn(Struct, frozen=True):

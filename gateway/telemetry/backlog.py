@@ -2,6 +2,7 @@
 
 import threading
 from collections import deque
+from collections.abc import Iterable
 from typing import NamedTuple
 
 _MOST_AT_ONCE = 200
@@ -39,24 +40,29 @@ class Backlog:
         self._closed = False
         self.dropped_loose = self.dropped_firm = 0
 
-    def put(self, suffix: str, payload: bytes, *, firm: bool) -> None:
-        """Add the newest message. firm: it must arrive."""
+    def put(self, messages: Iterable[tuple[str, bytes]], *, firm: bool) -> None:
+        """Add the newest messages: suffix and payload. firm: they must arrive."""
         with self._changed:
-            self._number += 1
-            waiting = Outgoing(self._number, suffix, payload)
-            if firm:
-                self._firm.append(waiting)
-                self._firm_bytes += len(payload)
-                while len(self._firm) > self._most_firm or self._firm_bytes > self._most_firm_bytes:
-                    self._firm_bytes -= len(self._firm.popleft().payload)
-                    self.dropped_firm += 1
-            else:
-                self._loose.append(waiting)
-                if len(self._loose) > self._most_loose:
-                    self._loose.popleft()
-                    self.dropped_loose += 1
-            if firm or len(self._loose) in (1, _MOST_AT_ONCE):  # in between `take` gathers
+            before = len(self._loose)
+            for suffix, payload in messages:
+                self._number += 1
+                waiting = Outgoing(self._number, suffix, payload)
+                if firm:
+                    self._put_firm(waiting)
+                else:
+                    self._loose.append(waiting)
+            while len(self._loose) > self._most_loose:
+                self._loose.popleft()
+                self.dropped_loose += 1
+            if firm or not before or before < _MOST_AT_ONCE <= len(self._loose):  # in between `take` gathers
                 self._changed.notify()
+
+    def _put_firm(self, waiting: Outgoing) -> None:
+        self._firm.append(waiting)
+        self._firm_bytes += len(waiting.payload)
+        while len(self._firm) > self._most_firm or self._firm_bytes > self._most_firm_bytes:
+            self._firm_bytes -= len(self._firm.popleft().payload)
+            self.dropped_firm += 1
 
     def take(self) -> list[tuple[str, bytes]]:
         """The oldest, in order; waits for one, and then for those that follow it soon. Empty: it was closed and is."""

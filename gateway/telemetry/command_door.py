@@ -1,4 +1,5 @@
-"""Lets in commands of operators who prove their key, each once; anything else is refused. Knows no network.
+"""Lets in commands of operators who prove their key, each once; anything else is refused, and a few of these are
+stored. Knows no network.
 
 A command is signed for one challenge of this run of the gateway, so it needs no clock that is right, and what somebody
 recorded or held back is of no use later or elsewhere.
@@ -8,10 +9,11 @@ import hmac
 import logging
 import secrets
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 
 from drivers.signature import is_signed, session_key, signature
-from gateway.commands import Command, CommandName, CommandOutcome
+from gateway.commands import UNPROVED, Command, CommandName, CommandOutcome, Refusals
 from gateway.telemetry import keys
 from gateway.telemetry.answers import CommandAnswer, CommandRequest, CommandTerms
 from gateway.telemetry.codec import decode_answer, encode
@@ -22,7 +24,7 @@ log = logging.getLogger(__name__)
 VALID_S = 30.0
 ASKER, GATEWAY = "client", "gateway"
 """Who signs."""
-_LONGEST = 4096
+_LONGEST, _LONGEST_REASON = 4096, 300
 _TELL_EVERY_S = 60.0
 
 Give = Callable[[Command, str], CommandOutcome]
@@ -73,7 +75,7 @@ class CommandDoor:
     ----------
     machine: of this gateway
     operators: by name
-    give: what obeys
+    give: what obeys, and stores what became of it
     monotonic: seconds, in which VALID_S counts: real ones, also where the machine's time is simulated
     """
 
@@ -83,6 +85,7 @@ class CommandDoor:
         self._machine, self._operators, self._give, self._monotonic = machine, dict(operators), give, monotonic
         self._challenges = Challenges()
         self._strangers, self._told_s = 0, -_TELL_EVERY_S
+        self._refusals = Refusals()
 
     def answer(self, asked: AskedQuery) -> Replied:
         """A gateway.telemetry.queries.Answer."""
@@ -94,9 +97,31 @@ class CommandDoor:
     def _command(self, asked: AskedQuery) -> Replied:
         if asked.below not in list(CommandName):
             raise ValueError(f"{asked.below!r}: expected one of {', '.join(CommandName)}")
+        name = CommandName(asked.below)
+        claimed = ""
+        try:
+            request = self._request(asked)
+            claimed = f"; in the name of {request.by!r:.64}"
+            operator, session = self._let_in(request, asked)
+        except ValueError as error:
+            self._store_refusal(name, f"{str(error)[:_LONGEST_REASON]}{claimed}")
+            raise
+        refused = "" if name in operator.may else f"[[telemetry.operator]] may of {request.by} does not have it"
+        outcome = self._give(Command(name, request.by), refused)
+        payload = encode(
+            CommandAnswer(
+                self._machine, name.value, request.by, outcome.time.isoformat(), outcome.accepted, outcome.text
+            )
+        )
+        return Replied(payload, signature(session, GATEWAY, 0, payload))
+
+    def _request(self, asked: AskedQuery) -> CommandRequest:
         if len(asked.payload) > _LONGEST:
             raise ValueError(f"a payload of {len(asked.payload)} bytes: expected at most {_LONGEST}")
-        request = decode_answer(CommandRequest, asked.payload)
+        return decode_answer(CommandRequest, asked.payload)
+
+    def _let_in(self, request: CommandRequest, asked: AskedQuery) -> tuple[Entitled, bytes]:
+        """Whose it is, and the session's key; its challenge is used up. Raises ValueError."""
         operator, session = self._proved(request, asked)
         for what, given, wanted in (
             ("machine", request.machine, self._machine),
@@ -107,15 +132,13 @@ class CommandDoor:
                     f"{what} = {given!r}: this is {wanted!r}; a command counts for one machine and one name"
                 )
         self._challenges.use(request.challenge, self._monotonic())
-        name = CommandName(request.name)
-        refused = "" if name in operator.may else f"[[telemetry.operator]] may of {request.by} does not have it"
-        outcome = self._give(Command(name, request.by), refused)
-        payload = encode(
-            CommandAnswer(
-                self._machine, name.value, request.by, outcome.time.isoformat(), outcome.accepted, outcome.text
-            )
-        )
-        return Replied(payload, signature(session, GATEWAY, 0, payload))
+        return operator, session
+
+    def _store_refusal(self, name: CommandName, why: str) -> None:
+        """In nobody's name: a signature that was recorded and sent again proves no person either."""
+        if (text := self._refusals.stored(why, self._monotonic())) is not None:
+            with suppress(OSError):  # the gateway is starting or stopping
+                self._give(Command(name, UNPROVED), text)
 
     def _proved(self, request: CommandRequest, asked: AskedQuery) -> tuple[Entitled, bytes]:
         """Whose command this is, and the session's key. Raises ValueError, which does not tell names from keys."""

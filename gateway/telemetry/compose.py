@@ -1,6 +1,5 @@
 """Makes the published messages from events."""
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 from datetime import datetime
 from importlib.metadata import version
@@ -50,7 +49,6 @@ from gateway.telemetry.messages import (
     ProbingMessage,
     ProbingStanding,
     Published,
-    PublishedCourse,
     PublishedReason,
     ReadingMessage,
     ReasonsMessage,
@@ -59,7 +57,8 @@ from gateway.telemetry.messages import (
     StatusMessage,
     StorageStanding,
 )
-from talc.frame import Decision, Event, FloatArray, Frame
+from gateway.telemetry.numbers import by_error, columns_by_error, courses, finite
+from talc.frame import Decision, Event, Frame
 from talc.learner import Forecast, Misses, PlannedForecast, Reasons
 from talc.models import ErrorModel
 from talc.names import THERMAL_ERRORS
@@ -197,7 +196,7 @@ def _reading(stamp: _Stamp, r: Sample, now_s: float) -> ReadingMessage:
     return ReadingMessage(
         *stamp,
         channel=r.channel,
-        value=_number(r.value),
+        value=finite(r.value),
         unit=r.unit,
         quality=r.quality.value,
         source_time=r.source_time.isoformat(),
@@ -212,8 +211,8 @@ def _frame(stamp: _Stamp, f: Frame, input_names: Sequence[str]) -> FrameMessage:
     return FrameMessage(
         *stamp,
         k=f.k,
-        inputs={name: _number(value) if ok else None for name, value, ok in values},
-        measured=None if f.measurement is None else _by_error(f.measurement.errors),
+        inputs={name: finite(value) if ok else None for name, value, ok in values},
+        measured=None if f.measurement is None else by_error(f.measurement.errors),
     )
 
 
@@ -222,10 +221,10 @@ def _decision(stamp: _Stamp, d: Decision) -> DecisionMessage:
         *stamp,
         k=d.k,
         phase=d.phase.value,
-        predicted=_by_error(d.predicted),
-        corrected=_by_error(d.corrected),
-        sigma=_by_error(d.sigma),
-        limits=_by_error(d.limits),
+        predicted=by_error(d.predicted),
+        corrected=by_error(d.corrected),
+        sigma=by_error(d.sigma),
+        limits=by_error(d.limits),
         measure=None if d.measure is None else d.measure.value,
         training=None if d.training is None else d.training.why.value,
         substituted=d.substituted,
@@ -241,9 +240,9 @@ def _measurement(stamp: _Stamp, o: Outcome) -> MeasurementMessage:
         why=o.why.value,
         asked=o.asked.isoformat(),
         ended=o.ended.isoformat(),
-        errors=None if m is None else _by_error(m.errors),
-        sigma=None if m is None else _by_error(m.sigma),
-        residual_um=_number(o.residual_um),
+        errors=None if m is None else by_error(m.errors),
+        sigma=None if m is None else by_error(m.sigma),
+        residual_um=finite(o.residual_um),
         in_force_um=np.asarray(o.in_force_um, dtype=np.float64).tolist(),
         reason=o.reason,
     )
@@ -255,11 +254,11 @@ def _model(stamp: _Stamp, m: ErrorModel, after_k: int) -> ModelMessage:
         error=m.error,
         after_k=after_k,
         inputs=tuple(m.inputs),
-        poles=[_number(abs(complex(p))) for p in m.poles()],
-        static_gain=[_number(gain) for gain in m.static_gain()],
-        limit=_number(m.limit),
-        residual_std=_number(m.residual_std),
-        criterion=_number(m.criterion),
+        poles=[finite(abs(complex(p))) for p in m.poles()],
+        static_gain=[finite(gain) for gain in m.static_gain()],
+        limit=finite(m.limit),
+        residual_std=finite(m.residual_std),
+        criterion=finite(m.criterion),
     )
 
 
@@ -270,8 +269,8 @@ def _event(stamp: _Stamp, e: Event, k: int | None) -> EventMessage:
         kind=e.kind.value,
         text=e.text,
         error=e.error,
-        value=None if e.value is None else _number(e.value),
-        limit=None if e.limit is None else _number(e.limit),
+        value=None if e.value is None else finite(e.value),
+        limit=None if e.limit is None else finite(e.limit),
     )
 
 
@@ -285,7 +284,7 @@ def _compensation(stamp: _Stamp, w: Write) -> CompensationMessage:
         offsets_um=w.step.offsets_um,
         coefficients_um=w.step.coefficients_um,
         bounded=w.step.bounded,
-        positions={axis: _number(position) for axis, position in w.positions.items()},
+        positions={axis: finite(position) for axis, position in w.positions.items()},
         written=w.written,
         read_back_um=w.read_back_um,
     )
@@ -328,40 +327,45 @@ def _order(order: StandingOrder | None) -> PauseStanding | None:
 
 def _storage(h: StoreHealth) -> StorageStanding:
     free_mb = None if h.free_mb is None else round(h.free_mb)
-    return StorageStanding(h.problem, h.waiting, h.dropped, free_mb)
+    oldest_s = None if h.oldest_s is None else round(h.oldest_s, 1)
+    return StorageStanding(h.problem, h.waiting, h.dropped, free_mb, oldest_s)
 
 
 def _sensors(stamp: _Stamp, j: Judgement, k: int, since_k: tuple[int, ...]) -> SensorsMessage:
     findings = (
-        SensorFinding(f.kind, f.inputs, f.alternatives, _number(f.offset_K), _number(f.score), f.text(), since)
+        SensorFinding(f.kind, f.inputs, f.alternatives, finite(f.offset_K), finite(f.score), f.text(), since)
         for f, since in zip_longest(j.findings, since_k[: len(j.findings)])
     )
     return SensorsMessage(
         *stamp,
         k=k,
         findings=tuple(findings),
-        smallest_offset_K={name: _number(value) for name, value in j.smallest_offset_K.items()},
+        smallest_offset_K={name: finite(value) for name, value in j.smallest_offset_K.items()},
         alike=j.alike,
         loads=j.loads,
     )
 
 
-def _reasons(stamp: _Stamp, r: Reasons) -> ReasonsMessage:
-    errors = {
+def reason_of_each(r: Reasons) -> dict[str, PublishedReason]:
+    """By thermal error, as they are published."""
+    return {
         e.error: PublishedReason(
-            estimate=_number(e.estimate),
+            estimate=finite(e.estimate),
             trusted=e.trusted,
-            believed=_number(e.believed),
-            inputs={name: _number(value) for name, value in e.inputs},
-            other_inputs=_number(e.other_inputs),
-            level=_number(e.level),
-            experts={kind: _number(share) for kind, share in e.experts},
-            expected=_number(e.expected),
-            expected_sigma=_number(e.expected_sigma),
+            believed=finite(e.believed),
+            inputs={name: finite(value) for name, value in e.inputs},
+            other_inputs=finite(e.other_inputs),
+            level=finite(e.level),
+            experts={kind: finite(share) for kind, share in e.experts},
+            expected=finite(e.expected),
+            expected_sigma=finite(e.expected_sigma),
         )
         for e in r.errors
     }
-    return ReasonsMessage(*stamp, k=r.k, next_k=r.next_k, next_why=r.next_why.value, errors=errors)
+
+
+def _reasons(stamp: _Stamp, r: Reasons) -> ReasonsMessage:
+    return ReasonsMessage(*stamp, k=r.k, next_k=r.next_k, next_why=r.next_why.value, errors=reason_of_each(r))
 
 
 def _forecast(
@@ -373,27 +377,7 @@ def _forecast(
         ahead_s=f.ahead_s,
         stays=courses(f.value, f.sigma),
         usual=courses(f.usual_value, f.usual_sigma),
-        measured=_columns(f.measured_sigma),
+        measured=columns_by_error(f.measured_sigma),
         missed=courses(misses.value, misses.sigma),
         planned={name: {} if each is None else courses(each.value, each.sigma) for name, each in planned.items()},
     )
-
-
-def courses(value: FloatArray, sigma: FloatArray) -> dict[str, PublishedCourse]:
-    """Of (S, 9) numbers and their sigma."""
-    values, sigmas = _columns(value), _columns(sigma)
-    return {error: PublishedCourse(values[error], sigmas[error]) for error in THERMAL_ERRORS}
-
-
-def _columns(values: FloatArray) -> dict[str, list[float | None]]:
-    """Of (S, 9); to a thousandth, so that the message stays small."""
-    columns = zip(THERMAL_ERRORS, values.T.tolist(), strict=True)
-    return {error: [_number(round(value, 3)) for value in column] for error, column in columns}
-
-
-def _number(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None
-
-
-def _by_error(values: FloatArray) -> dict[str, float | None]:
-    return {name: _number(value) for name, value in zip(THERMAL_ERRORS, values.tolist(), strict=True)}

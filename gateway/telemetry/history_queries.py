@@ -9,7 +9,11 @@ from gateway.telemetry.codec import encode
 from gateway.telemetry.queries import MOST_ROWS, Answer, Replied, limit_of, parameters_of
 
 _MOST_ESTIMATES = 2000
-_KNOWN = ("from", "to", "channels", "limit", "after", "every")
+_KNOWN = ("from", "to", "channels", "limit", "after", "every", "form")
+_MOST_IN_BLOCKS = 500_000
+"""Readings of one page of blocks; each takes three to nine bytes there."""
+_ALSO = ("temperatures", "reasons")
+"""What a query on `course` may ask for besides."""
 _LONGEST_S = 3600
 _LONGEST_MINUTES_S = 86_400
 
@@ -27,6 +31,8 @@ class HistoryRequest:
     """`next` of the page before; None: from the beginning."""
     every_s: int | None = None
     """Length of the intervals of which means are wanted; None: the readings as they are stored."""
+    blocks: bool = False
+    """Whether the readings are wanted as compressed columns; a page then ends with a block."""
 
 
 HistorySource = Callable[[HistoryRequest], HistoryPage]
@@ -48,6 +54,8 @@ class CourseRequest:
     """Estimates, and measurements."""
     temperatures: bool = False
     """Whether the temperatures at the times of the estimates are wanted, too."""
+    reasons: bool = False
+    """Whether the learner's reasons are wanted, too."""
 
 
 CourseSource = Callable[[CourseRequest], CoursePage]
@@ -64,11 +72,12 @@ def parse_course(selected: str) -> CourseRequest:
 
     Raises ValueError naming parameter, value and what would be right.
     """
-    parameters = parameters_of(selected, ("from", "to", "limit", "temperatures"))
-    if (wanted := parameters.get("temperatures", "no")) not in ("yes", "no"):
-        raise ValueError(f"temperatures = {wanted!r}: expected yes or no")
+    parameters = parameters_of(selected, ("from", "to", "limit", *_ALSO))
+    for name in _ALSO:
+        if (wanted := parameters.get(name, "no")) not in ("yes", "no"):
+            raise ValueError(f"{name} = {wanted!r}: expected yes or no")
     limit = limit_of(parameters, _MOST_ESTIMATES // 4, _MOST_ESTIMATES)
-    return CourseRequest(*_span(parameters), limit, wanted == "yes")
+    return CourseRequest(*_span(parameters), limit, *(parameters.get(name) == "yes" for name in _ALSO))
 
 
 def parse_selector(selected: str) -> HistoryRequest:
@@ -78,9 +87,14 @@ def parse_selector(selected: str) -> HistoryRequest:
     """
     parameters = parameters_of(selected, _KNOWN)
     begin, end = _span(parameters)
-    limit = limit_of(parameters, MOST_ROWS // 5, MOST_ROWS)
+    if (form := parameters.get("form", "rows")) not in ("rows", "blocks"):
+        raise ValueError(f"form = {form!r}: expected rows or blocks")
+    blocks, every_s = form == "blocks", _every_s(parameters)
+    if blocks and every_s is not None:
+        raise ValueError("form = 'blocks': of single readings only; leave out every")
+    limit = limit_of(parameters, *((_MOST_IN_BLOCKS,) * 2 if blocks else (MOST_ROWS // 5, MOST_ROWS)))
     channels = tuple(name for name in parameters.get("channels", "").split(",") if name)
-    return HistoryRequest(begin, end, channels or None, limit, parameters.get("after"), _every_s(parameters))
+    return HistoryRequest(begin, end, channels or None, limit, parameters.get("after"), every_s, blocks)
 
 
 def _every_s(parameters: dict[str, str]) -> int | None:

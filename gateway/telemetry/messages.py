@@ -179,8 +179,11 @@ class StorageStanding(Struct, frozen=True):
 
     problem: Annotated[str, Meta(description="Why rows wait in memory; empty: everything is stored")]
     waiting: Annotated[int, Meta(description="Rows that wait in memory")]
-    dropped: Annotated[int, Meta(description="Rows that had to go: raw readings, steps, events; never decisions")]
+    dropped: Annotated[
+        int, Meta(description="Rows dropped because too many waited: raw readings, steps, events; never decisions")
+    ]
     free_mb: Annotated[Number, Meta(description="Free space on the disk, MB")]
+    oldest_s: Annotated[Number, Meta(description="How long the oldest row has waited, s; null: none waits")] = None
 
 
 class PublishedReason(Struct, frozen=True):

@@ -4,8 +4,9 @@ import asyncio
 import logging
 import threading
 import time
-from collections.abc import Callable, Coroutine, Mapping, Sequence
+from collections.abc import Callable, Coroutine, Iterable, Mapping, Sequence
 from datetime import datetime
+from itertools import groupby
 from typing import Self
 
 import zenoh
@@ -204,8 +205,7 @@ class TelemetryPublisher:
                 self._health, self._storage = health, health.store
             case _:
                 pass
-        for keyed in self._composer.messages(event):
-            self._put(keyed)
+        self._put(self._composer.messages(event))
         if isinstance(event, ConfigurationApplied | DecisionMade | OutlookChanged | StorageChanged | HealthChecked):
             self._put_status()
 
@@ -223,28 +223,27 @@ class TelemetryPublisher:
 
     def _put_status(self) -> None:
         missed = self._periods_missed()
-        self._put(
-            self._composer.status(
-                self._decision,
-                Dropped(self._backlog.dropped_loose, self._backlog.dropped_firm),
-                missed,
-                self._config,
-                self._outlook,
-                self._storage,
-                self._unarmed,
-                self._health,
-                commands=bool(self._settings.operators),
-                certificates=self._certificates,
-                planned_loads=self._planned_loads,
-            )
+        status = self._composer.status(
+            self._decision,
+            Dropped(self._backlog.dropped_loose, self._backlog.dropped_firm),
+            missed,
+            self._config,
+            self._outlook,
+            self._storage,
+            self._unarmed,
+            self._health,
+            commands=bool(self._settings.operators),
+            certificates=self._certificates,
+            planned_loads=self._planned_loads,
         )
+        self._put([status])
 
-    def _put(self, keyed: Keyed) -> None:
-        suffix, message = keyed
-        payload = encode(message)
+    def _put(self, messages: Iterable[Keyed]) -> None:
+        encoded = [(suffix, encode(message)) for suffix, message in messages]
         with self._last_lock:
-            self._last[suffix] = payload
-        self._backlog.put(suffix, payload, firm=keys.kind_of(suffix) in _MUST_ARRIVE)
+            self._last.update(encoded)
+        for firm, together in groupby(encoded, key=lambda one: keys.kind_of(one[0]) in _MUST_ARRIVE):
+            self._backlog.put(together, firm=firm)
 
     def _send(self) -> None:
         session = self._session

@@ -61,5 +61,5 @@ class Readers(UserManager):
         if right:
             self._right[name] = digest
         elif pause_s:
-            log.warning("%s: a wrong password again; the next one is looked at in %.0f s", name, pause_s)
+            log.warning("%s: a wrong password again; the next one is checked in %.0f s", name, pause_s)
         return right

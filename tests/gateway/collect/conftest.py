@@ -1,4 +1,4 @@
-"""Three machines that have run, the folder of a collector that has all of it, and a database server."""
+"""Three machines that have run, the folder of a collector that has all of it, an empty site, and a database server."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -7,6 +7,7 @@ import pytest
 
 from tests.benches.collected_machines import collected, work
 from tests.benches.postgres import Postgres, postgres
+from tests.benches.stored_site import StoredSite
 
 
 @pytest.fixture(scope="module")
@@ -21,6 +22,12 @@ def gateways(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for seed, kind in ((10, "dmu"), (11, "dmu"), (12, None)):
         work(folder, seed, kind)
     return folder
+
+
+@pytest.fixture
+def stored_site(tmp_path: Path) -> StoredSite:
+    (tmp_path / "gateways").mkdir()
+    return StoredSite(tmp_path / "gateways")
 
 
 @pytest.fixture(scope="module")

@@ -32,12 +32,6 @@ def database(server: Postgres) -> str:
     return name
 
 
-@pytest.fixture
-def site(tmp_path: Path) -> StoredSite:
-    (tmp_path / "gateways").mkdir()
-    return StoredSite(tmp_path / "gateways")
-
-
 def problems(collecting: Collector) -> dict[str, str]:
     return {name: asked.problem for name, asked in collecting.machines.items() if asked.problem}
 
@@ -65,17 +59,17 @@ def steps_of(server: Postgres, database: str) -> list[int]:
 
 
 def test_rows_and_columns_are_those_of_the_folder(
-    server: Postgres, database: str, site: StoredSite, tmp_path: Path
+    server: Postgres, database: str, stored_site: StoredSite, tmp_path: Path
 ) -> None:
-    write(site, "mill", range(20))
-    with closing(connect(site.path("mill"))) as connection, connection:
+    write(stored_site, "mill", range(20))
+    with closing(connect(stored_site.path("mill"))) as connection, connection:
         pruning = Pruning(Retention(samples_days=1.0), 0.0)
         pruning.prune(connection, 100.0)
         pruning.prune(connection, 3 * 86400.0)
-    write(site, "lathe", range(200, 230))
+    write(stored_site, "lathe", range(200, 230))
     with SiteFolder(tmp_path / "site") as folder, kept_in(server.url(database)) as kept:
         for place in (folder, kept):
-            collecting = collector(site, place, limit=7)
+            collecting = collector(stored_site, place, limit=7)
             catch_up(collecting)
             assert problems(collecting) == {}
     tables = {row["tablename"] for row in server.query(database, "SELECT * FROM pg_tables WHERE schemaname = 'talc'")}
@@ -135,20 +129,20 @@ class DatabaseInterrupted:
 
 @pytest.mark.parametrize("what", ["collector", "connection"])
 def test_killed_at_any_moment_it_loses_and_doubles_nothing(
-    what: str, server: Postgres, database: str, site: StoredSite, monkeypatch: pytest.MonkeyPatch
+    what: str, server: Postgres, database: str, stored_site: StoredSite, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    write(site, "mill", range(4))
+    write(stored_site, "mill", range(4))
     expected = [(channel, n + 1) for n in range(4) for channel in ("bed", "column")]
     with psycopg.connect(server.url(database), autocommit=True) as looking:
         for at in count(1):
             with monkeypatch.context() as patch:
                 interrupted = DatabaseInterrupted(looking, at, what, patch)
                 with suppress(CollectorKilled, CollectError), kept_in(server.url(database)) as kept:
-                    catch_up(collector(site, kept, limit=5))
+                    catch_up(collector(stored_site, kept, limit=5))
             if not interrupted.happened:
                 break
             with kept_in(server.url(database)) as kept:
-                catch_up(collector(site, kept, limit=5))
+                catch_up(collector(stored_site, kept, limit=5))
             steps = looking.execute("SELECT k FROM talc.steps ORDER BY k").fetchall()
             readings = looking.execute("SELECT channel, sequence FROM talc.readings ORDER BY row").fetchall()
             assert (steps, readings) == ([(FIRST_K + n,) for n in range(4)], expected), f"interrupted at call {at}"
@@ -157,32 +151,32 @@ def test_killed_at_any_moment_it_loses_and_doubles_nothing(
 
 
 def test_while_the_database_is_down_nothing_is_lost_and_it_is_told_once(
-    server: Postgres, database: str, site: StoredSite
+    server: Postgres, database: str, stored_site: StoredSite
 ) -> None:
-    write(site, "mill", range(5))
+    write(stored_site, "mill", range(5))
     with kept_in(server.url(database)) as kept:
-        collecting = collector(site, kept, limit=2)
+        collecting = collector(stored_site, kept, limit=2)
         collecting.turn(0.0)
         server.stop()
         try:
-            site.asked.clear()
+            stored_site.asked.clear()
             with pytest.raises(CollectError, match=r"database: connection failed: .* Connection refused"):
                 collecting.turn(0.0)
-            assert site.asked == [], "no gateway is asked for what cannot be kept"
+            assert stored_site.asked == [], "no gateway is asked for what cannot be kept"
         finally:
             server.start()
-        write(site, "mill", range(5, 9), "boot-2")
+        write(stored_site, "mill", range(5, 9), "boot-2")
         catch_up(collecting, 30.0)
         assert problems(collecting) == {}
     assert steps_of(server, database) == list(range(9))
 
 
 def test_after_the_server_started_again_the_same_turn_goes_on(
-    server: Postgres, database: str, site: StoredSite
+    server: Postgres, database: str, stored_site: StoredSite
 ) -> None:
-    write(site, "mill", range(5))
+    write(stored_site, "mill", range(5))
     with kept_in(server.url(database)) as kept:
-        collecting = collector(site, kept, limit=2)
+        collecting = collector(stored_site, kept, limit=2)
         collecting.turn(0.0)
         server.stop()
         server.start()
@@ -192,12 +186,12 @@ def test_after_the_server_started_again_the_same_turn_goes_on(
 
 
 def test_rows_that_are_there_are_passed_over_when_the_progress_is_gone(
-    server: Postgres, database: str, site: StoredSite
+    server: Postgres, database: str, stored_site: StoredSite
 ) -> None:
     for boot, some in enumerate((range(9), range(9, 12))):
-        write(site, "mill", some, f"boot-{boot}")
+        write(stored_site, "mill", some, f"boot-{boot}")
         with kept_in(server.url(database)) as kept:
-            collecting = collector(site, kept)
+            collecting = collector(stored_site, kept)
             catch_up(collecting)
             assert problems(collecting) == {}
         server.query(database, "DELETE FROM talc.progress")
@@ -205,13 +199,15 @@ def test_rows_that_are_there_are_passed_over_when_the_progress_is_gone(
     assert len(in_database(server, database, "readings")) == 24
 
 
-def test_a_backup_that_is_put_back_meanwhile_is_noticed(server: Postgres, database: str, site: StoredSite) -> None:
-    write(site, "mill", range(3))
+def test_a_backup_that_is_put_back_meanwhile_is_noticed(
+    server: Postgres, database: str, stored_site: StoredSite
+) -> None:
+    write(stored_site, "mill", range(3))
     with kept_in(server.url(database)) as kept:
-        collecting = collector(site, kept)
+        collecting = collector(stored_site, kept)
         catch_up(collecting)
         server.query(database, "UPDATE talc.progress SET batch = 0, places = '{}'; DELETE FROM talc.steps")
-        write(site, "mill", range(3, 6), "boot-2")
+        write(stored_site, "mill", range(3, 6), "boot-2")
         catch_up(collecting, 30.0)
         assert "another program has changed talc.progress" in problems(collecting)["mill"]
         catch_up(collecting, 60.0)
@@ -220,14 +216,14 @@ def test_a_backup_that_is_put_back_meanwhile_is_noticed(server: Postgres, databa
 
 @pytest.mark.parametrize("places", ['{"steps": 5}', "[]", "null", '{"steps": [["e", "1"]]}', '{"steps": [["e", 1.5]]}'])
 def test_what_is_no_progress_is_named_and_holds_up_only_its_machine(
-    places: str, server: Postgres, database: str, site: StoredSite, caplog: pytest.LogCaptureFixture
+    places: str, server: Postgres, database: str, stored_site: StoredSite, caplog: pytest.LogCaptureFixture
 ) -> None:
-    write(site, "mill", range(3))
-    write(site, "lathe", range(3))
+    write(stored_site, "mill", range(3))
+    write(stored_site, "lathe", range(3))
     with kept_in(server.url(database)) as kept:
-        catch_up(collector(site, kept))
+        catch_up(collector(stored_site, kept))
         server.query(database, f"UPDATE talc.progress SET places = '{places}' WHERE machine = 'mill'")
-        again = collector(site, kept)
+        again = collector(stored_site, kept)
         catch_up(again)
         assert list(problems(again)) == ["mill"]
         assert problems(again)["mill"].startswith("talc.progress, machine mill, places: ")
@@ -331,16 +327,16 @@ def test_a_database_of_another_encoding_is_refused(server: Postgres) -> None:
         SiteDatabase(server.url("latin")).__enter__()
 
 
-def test_a_role_needs_no_more_than_its_own_schema(server: Postgres, database: str, site: StoredSite) -> None:
+def test_a_role_needs_no_more_than_its_own_schema(server: Postgres, database: str, stored_site: StoredSite) -> None:
     for statement in ("CREATE ROLE writer LOGIN", "CREATE SCHEMA talc AUTHORIZATION writer"):
         server.query(database, statement)
-    write(site, "mill", range(3))
+    write(stored_site, "mill", range(3))
     with kept_in(server.url(database, "writer")) as kept:
-        catch_up(collector(site, kept))
+        catch_up(collector(stored_site, kept))
     assert steps_of(server, database) == list(range(3))
 
 
-def test_by_tls_and_with_a_password(server: Postgres, database: str, site: StoredSite, tmp_path: Path) -> None:
+def test_by_tls_and_with_a_password(server: Postgres, database: str, stored_site: StoredSite, tmp_path: Path) -> None:
     for statement in ("CREATE ROLE guarded LOGIN PASSWORD 'secret'", "CREATE SCHEMA talc AUTHORIZATION guarded"):
         server.query(database, statement)
     password, wrong = tmp_path / "password", tmp_path / "wrong"
@@ -351,9 +347,9 @@ def test_by_tls_and_with_a_password(server: Postgres, database: str, site: Store
         f"{plain}&sslmode=verify-full&sslrootcert={path}"
         for path in (server.authority, PlantAuthority(tmp_path / "other", "other").path)
     )
-    write(site, "mill", range(3))
+    write(stored_site, "mill", range(3))
     with SiteDatabase(trusted, password) as kept:
-        catch_up(collector(site, kept))
+        catch_up(collector(stored_site, kept))
         query = "SELECT ssl FROM pg_stat_ssl JOIN pg_stat_activity USING (pid) WHERE usename = 'guarded'"
         assert server.query(database, query) == [{"ssl": True}]
     assert steps_of(server, database) == list(range(3))

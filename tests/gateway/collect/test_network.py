@@ -67,7 +67,13 @@ async def test_each_row_arrives_once_over_the_network_and_a_gateway_that_is_gone
                 now_s += 1.0
                 await asyncio.to_thread(collecting.turn, now_s)
         assert await asyncio.to_thread(collecting.turn, now_s + 1.0) == now_s + 2.0
-        assert collecting.machines["mill"].rows == {"measurements": 2, "steps": 12, "events": 2, "readings": 24}
+        assert collecting.machines["mill"].rows == {
+            "measurements": 2,
+            "steps": 12,
+            "events": 2,
+            "readings": 24,
+            "reasons": 2,
+        }
         assert collecting.machines["mill"].problem == ""
 
 

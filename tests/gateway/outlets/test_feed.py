@@ -5,6 +5,7 @@ import logging
 import pytest
 
 from gateway.outlets import Feed, OutletError, OutletMessage, Unacceptable
+from gateway.outlets.influxdb import InfluxDbSettings
 from gateway.outlets.mqtt import MqttOutletSettings
 from tests.benches.feed_talk import FailingOutlet, heard, reading
 
@@ -15,6 +16,13 @@ def settings(**changes: object) -> MqttOutletSettings:
 
 def numbers(batch: list[OutletMessage]) -> list[int]:
     return [each.message.seq for each in batch if each.message is not None]
+
+
+class UnclosableOutlet(FailingOutlet):
+    """One whose library raises when it is to let go."""
+
+    def close(self) -> None:
+        raise ValueError("file descriptor cannot be a negative integer")
 
 
 def test_messages_are_sent_in_their_order_in_batches() -> None:
@@ -106,6 +114,49 @@ def test_an_error_that_no_outlet_should_raise_ends_no_feed_and_loses_nothing(cap
     outlet.failing = None
     feed.turn(3.0)
     assert ([numbers(batch) for batch in outlet.sent], feed.problem) == ([[1]], "")
+
+
+def test_a_library_that_wants_to_end_the_program_ends_no_feed(caplog: pytest.LogCaptureFixture) -> None:
+    outlet = FailingOutlet()
+    feed = Feed(settings(), outlet)
+    feed.put(reading(1), 0.0)
+    outlet.failing = SystemExit(1)
+    assert feed.turn(0.0) == 1.0
+    assert "unexpected SystemExit: 1" in feed.problem
+    outlet.failing = None
+    feed.turn(1.0)
+    assert [numbers(batch) for batch in outlet.sent] == [[1]]
+
+
+def test_a_library_that_fails_at_closing_ends_no_feed_and_loses_nothing() -> None:
+    outlet = UnclosableOutlet()
+    feed = Feed(settings(), outlet)
+    feed.put(reading(1), 0.0)
+    outlet.failing = OutletError("lost")
+    assert feed.turn(0.0) == 1.0
+    outlet.failing = None
+    feed.turn(1.0)
+    assert ([numbers(batch) for batch in outlet.sent], outlet.opened) == ([[1]], 2)
+    feed.stop()
+    feed.run()
+
+
+def test_by_default_lines_wait_five_seconds_for_others_or_until_there_are_a_thousand() -> None:
+    outlet = FailingOutlet()
+    given = {"name": "plant", "kind": "influxdb", "url": "http://127.0.0.1", "database": "talc"}
+    feed, one = Feed(InfluxDbSettings.model_validate(given), outlet), reading(1)
+    feed.turn(0.0)
+    feed.put(one, 10.0)
+    feed.turn(14.9)
+    assert outlet.sent == []
+    feed.turn(15.0)
+    for _ in range(999):
+        feed.put(one, 20.0)
+    feed.turn(20.0)
+    assert [len(batch) for batch in outlet.sent] == [1]
+    feed.put(one, 20.0)
+    feed.turn(20.0)
+    assert [len(batch) for batch in outlet.sent] == [1, 1000]
 
 
 def test_only_the_wanted_kinds_and_readings_not_too_often_are_passed_on() -> None:

@@ -25,7 +25,7 @@ def drained(backlog: Backlog) -> list[str]:
 def test_messages_leave_in_the_order_in_which_they_came() -> None:
     backlog = Backlog(10, 10, 1000, 0.0)
     for number in range(8):
-        backlog.put(f"m{number}", b"x", firm=number % 3 == 0)
+        backlog.put([(f"m{number}", b"x")], firm=number % 3 == 0)
     assert drained(backlog) == [f"m{number}" for number in range(8)]
     assert (backlog.dropped_loose, backlog.dropped_firm) == (0, 0)
 
@@ -33,9 +33,9 @@ def test_messages_leave_in_the_order_in_which_they_came() -> None:
 def test_of_too_many_the_oldest_that_may_be_lost_go_and_none_of_the_others() -> None:
     backlog = Backlog(3, 10, 1000, 0.0)
     for number in range(10):
-        backlog.put(f"loose{number}", b"x" * 200, firm=False)
+        backlog.put([(f"loose{number}", b"x" * 200)], firm=False)
         if number % 2 == 0:
-            backlog.put(f"firm{number}", b"x", firm=True)
+            backlog.put([(f"firm{number}", b"x")], firm=True)
     assert drained(backlog) == ["firm0", "firm2", "firm4", "firm6", "loose7", "loose8", "firm8", "loose9"]
     assert (backlog.dropped_loose, backlog.dropped_firm) == (7, 0)
 
@@ -44,7 +44,7 @@ def test_of_too_many_the_oldest_that_may_be_lost_go_and_none_of_the_others() -> 
 def test_what_must_arrive_is_bounded_in_number_and_size_and_the_newest_stay(most: int, most_bytes: int) -> None:
     backlog = Backlog(3, most, most_bytes, 0.0)
     for number in range(1000):
-        backlog.put(f"firm{number}", b"x" * 10, firm=True)
+        backlog.put([(f"firm{number}", b"x" * 10)], firm=True)
     assert backlog.dropped_firm == 996
     assert drained(backlog) == [f"firm{number}" for number in range(996, 1000)]
 
@@ -59,7 +59,7 @@ def test_who_takes_waits_for_the_next_and_ends_with_the_last() -> None:
     thread = threading.Thread(target=take)
     thread.start()
     for name in ("a", "b"):
-        backlog.put(name, b"x", firm=True)
+        backlog.put([(name, b"x")], firm=True)
     backlog.close()
     thread.join(60.0)
     assert not thread.is_alive()
@@ -77,14 +77,14 @@ def test_what_may_be_lost_leaves_together_and_at_once_when_something_must_arrive
     thread = threading.Thread(target=take)
     thread.start()
     for name in ("a", "b", "c"):
-        backlog.put(name, b"x", firm=False)
-    backlog.put("must", b"x", firm=True)
+        backlog.put([(name, b"x")], firm=False)
+    backlog.put([("must", b"x")], firm=True)
     assert took.acquire(timeout=60.0)
     many = [f"n{number}" for number in range(200)]
     for name in many:
-        backlog.put(name, b"x", firm=False)
+        backlog.put([(name, b"x")], firm=False)
     assert took.acquire(timeout=60.0)
-    backlog.put("last", b"x", firm=False)
+    backlog.put([("last", b"x")], firm=False)
     backlog.close()
     thread.join(60.0)
     assert not thread.is_alive()

@@ -5,7 +5,7 @@ from datetime import UTC, datetime
 
 import pytest
 
-from gateway.commands import Command, CommandName, CommandOutcome
+from gateway.commands import UNPROVED, Command, CommandName, CommandOutcome
 from gateway.telemetry import (
     AskedQuery,
     CommandAnswer,
@@ -134,7 +134,45 @@ def test_what_is_not_proved_is_refused_and_obeyed_by_nobody(
     with pytest.raises(ValueError) as refused:
         gate.send(signed, below)
     assert said in str(refused.value)
-    assert gate.given == []
+    if below in list(CommandName):
+        [(command, why)] = gate.given
+        assert command == Command(CommandName(below), UNPROVED), "to be stored in nobody's name"
+        assert why.startswith(str(refused.value)[:300])
+    else:
+        assert gate.given == []
+
+
+def test_a_refusal_says_in_whose_name_and_a_flood_of_them_is_stored_ten_times_an_hour() -> None:
+    gate = Gate()
+
+    def stranger() -> None:
+        with pytest.raises(ValueError, match="by and key"):
+            gate.send(CommandSigner("eve" * 99, KEY).sign(PAUSE, gate.terms(), "mill"))
+
+    for _ in range(500):
+        stranger()
+    assert len(gate.given) == 10
+    whole = "by and key are not those of an operator of this gateway; in the name of '" + "eve" * 21
+    assert {why for _, why in gate.given} == {whole}
+    gate.clock.spend(3599.0)
+    stranger()
+    assert len(gate.given) == 10
+    gate.clock.spend(1.0)
+    stranger()
+    assert gate.given[10:] == [
+        (Command(PAUSE, UNPROVED), whole + " (491 more were refused before, and are not stored)")
+    ]
+
+
+def test_while_a_refusal_cannot_be_stored_the_stranger_hears_the_same() -> None:
+    def starting(command: Command, refused: str) -> CommandOutcome:
+        raise OSError("the gateway is starting; give the command again")
+
+    door = CommandDoor("mill", {"anna": Entitled(KEY, frozenset({PAUSE}))}, starting, SteppedClock().monotonic)
+    terms = decode_answer(CommandTerms, door.answer(AskedQuery("", "", b"", b"")).payload)
+    signed = CommandSigner("anna", OTHER_KEY).sign(PAUSE, terms, "mill")
+    with pytest.raises(ValueError, match="by and key"):
+        door.answer(AskedQuery("pause", "", signed.payload, signed.signature))
 
 
 def test_a_command_counts_once() -> None:
@@ -145,7 +183,7 @@ def test_a_command_counts_once() -> None:
         gate.clock.spend(20.0)
         with pytest.raises(ValueError, match=r"given already|older than 30 s"):
             gate.send(signed)
-    assert len(gate.given) == 1
+    assert [command.by for command, _ in gate.given] == ["anna", UNPROVED, UNPROVED]
 
 
 def test_a_challenge_is_valid_for_thirty_seconds_after_many_others() -> None:

@@ -36,13 +36,14 @@ def publisher(port: int, *operators: Operator) -> TelemetryPublisher:
 
 
 class Obeyed:
-    """What reached the gateway's loop."""
+    """What reached the gateway's loop, which stores all of it."""
 
     def __init__(self) -> None:
         self.commands: list[Command] = []
+        self.refused: list[Command] = []
 
     async def __call__(self, command: Command, refused: str) -> CommandOutcome:
-        self.commands.append(command)
+        (self.refused if refused else self.commands).append(command)
         return CommandOutcome(command, NOW, not refused, refused or "it is done")
 
 
@@ -80,9 +81,12 @@ async def test_a_program_and_the_command_line_give_commands_and_print_the_answer
             assert "holds 6 characters: expected at least 32" in bad.output
 
         await asyncio.to_thread(give)
-    names = [command.name.value for command in obeyed.commands]
-    assert names == ["measure", "pause", "resume", "pause"]
-    assert {command.by for command in obeyed.commands} == {"anna"}
+    assert [(c.name.value, c.by) for c in obeyed.commands] == [
+        ("measure", "anna"),
+        ("pause", "anna"),
+        ("pause", "anna"),
+    ]
+    assert [(c.name.value, c.by) for c in obeyed.refused] == [("resume", "anna"), ("pause", "(unknown)")]
 
 
 async def test_a_reader_without_a_key_can_do_nothing(tmp_path: Path) -> None:
@@ -111,6 +115,7 @@ async def test_a_reader_without_a_key_can_do_nothing(tmp_path: Path) -> None:
 
         await asyncio.to_thread(read)
     assert obeyed.commands == []
+    assert {command.by for command in obeyed.refused} == {"(unknown)"}
 
 
 async def test_without_operators_nothing_listens_for_commands(tmp_path: Path) -> None:

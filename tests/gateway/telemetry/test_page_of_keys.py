@@ -1,20 +1,28 @@
-"""The subscriber of docs/keys.md, as it stands there, prints the decisions of a gateway."""
+"""The examples of docs/keys.md, as they stand there: one prints the decisions of a gateway, one reads blocks."""
 
 import asyncio
+import math
 import re
 import subprocess
 import sys
 from contextlib import suppress
+from dataclasses import replace
+from datetime import timedelta
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from drivers.base import SystemClock
+from drivers.base import Quality, SystemClock
+from gateway.cli.stored import history_of
+from gateway.clock import RealClock
 from gateway.config import Telemetry
-from gateway.events import DecisionMade
-from gateway.telemetry import TelemetryPublisher
+from gateway.events import DecisionMade, ReadingsTaken
+from gateway.storage import Store
+from gateway.telemetry import HistoryRequest, TelemetryPublisher, encode
 from tests.benches.free_port import free_port
 from tests.benches.telemetry_examples import DECISION
+from tests.benches.telemetry_peer import reading
 
 PAGE = (Path(__file__).parents[3] / "docs" / "keys.md").read_text(encoding="utf-8")
 LIMIT_S = 120.0
@@ -42,3 +50,21 @@ async def test_the_subscriber_of_the_page_prints_decisions() -> None:
             with suppress(ProcessLookupError):  # it has ended by itself
                 process.kill()
             await process.wait()
+
+
+def test_the_reader_of_blocks_of_the_page_finds_the_readings_of_rows(tmp_path: Path) -> None:
+    path, taken = tmp_path / "g.sqlite", [replace(reading(20.0 + n), sequence=n + 1) for n in range(5)]
+    taken.append(replace(reading(math.nan, Quality.SENSOR_FAULT), sequence=7))
+    with Store(path, "boot", RealClock()) as store:
+        store.record(ReadingsTaken(taken))
+    code, space = PAGE.rpartition("```python\n")[2].partition("```")[0], dict[str, Any]()
+    exec(code, space)
+    span = taken[0].source_time - timedelta(days=1), taken[0].source_time + timedelta(days=1)
+    page = history_of(path)(HistoryRequest(*span, None, 100, None, None, blocks=True))
+    rows = history_of(path)(HistoryRequest(*span, None, 100, None))
+    found = [
+        (t, name, None if math.isnan(v) else v, quality) for t, name, v, quality in space["readings"](encode(page))
+    ]
+    names = [rows.names[channel] for channel in rows.channel]
+    assert found == list(zip(rows.time, names, rows.value, rows.quality, strict=True))
+    assert len(found) == 6

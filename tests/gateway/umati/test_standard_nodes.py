@@ -11,6 +11,8 @@ from asyncua.ua.attribute_ids import AttributeIds
 
 from gateway.umati.standard import NodePack, ServedNodes, pack_standard, serve_packed
 
+pytestmark = pytest.mark.slow  # the pack of the standard takes three seconds to make
+
 
 def node_id(of: int | str, namespace: int = 0) -> ua.NodeId:
     return ua.NodeId(ua.String(of) if isinstance(of, str) else ua.Int32(of), ua.Int16(namespace))
