@@ -2,12 +2,10 @@
 
 import asyncio
 import logging
-import math
 from collections.abc import AsyncIterator, Callable, Mapping
 from contextlib import ExitStack, asynccontextmanager, suppress
 from datetime import datetime
 from importlib.resources import files
-from typing import Final
 
 import msgspec
 from jinja2 import Environment, FunctionLoader, StrictUndefined
@@ -26,7 +24,9 @@ from gateway.web.at_tool import WorkPoint
 from gateway.web.catalogue import LANGUAGES, chosen_language, texts
 from gateway.web.commands import GivePageCommand, PageCommands
 from gateway.web.day_report import DayReportPages
-from gateway.web.past import MOST_POINTS, shown_past, span
+from gateway.web.older import OlderPages
+from gateway.web.page_files import PageFiles
+from gateway.web.past import MOST_POINTS, shown_past, span, written
 from gateway.web.settings import MachineUse, WebSettings
 from gateway.web.streams import Browser, Streams
 from gateway.web.verdict import Viewpoint
@@ -34,19 +34,6 @@ from gateway.web.week_pages import AskCourse, WeekPages
 
 log = logging.getLogger(__name__)
 
-_SCRIPTS = (
-    "charts.js", "choice.js", "commands.js", "elements.js", "machine.js", "page.js", "room.js", "sensitivity.js",
-    "stream.js", "tables.js", "words.js",
-)  # fmt: skip
-_FILES: Final[Mapping[str, tuple[str, str]]] = {
-    "page.css": ("web/static/page.css", "text/css"),
-    **{name: (f"web/static/{name}", "text/javascript") for name in _SCRIPTS},
-    "icon.svg": ("web/static/icon.svg", "image/svg+xml"),
-    "uplot.css": ("report/uplot/uPlot.min.css", "text/css"),
-    "uplot.js": ("report/uplot/uPlot.iife.min.js", "text/javascript"),
-    "uplot-licence.txt": ("report/uplot/LICENSE", "text/plain"),
-}
-"""Name in the address to file and type; there is no other file."""
 _ASKED_AT_ONCE = 2
 _UNBUFFERED = {"x-accel-buffering": "no"}
 """nginx, and others that follow it, would keep a stream back until there is much of it."""
@@ -82,8 +69,10 @@ def build_app(
     ask = None if subscription is None else subscription.ask
     ask_with_temperatures = None if subscription is None else subscription.ask_with_temperatures
     asking = asyncio.Semaphore(_ASKED_AT_ONCE)  # a browser that zooms does not stop the others
-    pages = _Pages(site, {**(uses or {}), **settings.machines}, ask, commands, own_end, asking)
+    own = PageFiles()
+    pages = _Pages(site, {**(uses or {}), **settings.machines}, ask, commands, own_end, asking, own.folder)
     weeks = WeekPages(site, ask, ask_with_temperatures, asking)
+    older = OlderPages(site, None if subscription is None else subscription.ask_reasons, asking)
     reports = DayReportPages(site, None if subscription is None else subscription.ask_report)
 
     @asynccontextmanager
@@ -105,8 +94,9 @@ def build_app(
         Route("/", pages.first),
         Route("/machine/{name}", pages.machine),
         Route("/machine/{name}/report/{day}", reports.report),
-        Route("/file/{name}", pages.file),
+        Route("/file/{version}/{name}", own.file),
         Route("/past/{name}", pages.past),
+        Route("/corrections/{name}", older.corrections),
         Route("/scatter/{name}", weeks.scatter),
         Route("/sensitivity/{name}", weeks.sensitivity),
         Route("/command/{name}/{command}", pages.command, methods=["POST"]),
@@ -127,9 +117,10 @@ class _Pages:
         commands: PageCommands,
         own_end: datetime | None,
         asking: asyncio.Semaphore,
+        folder: str,
     ) -> None:
         self._site, self._uses, self._ask, self._commands = site, uses, ask, commands
-        self._asking = asking
+        self._asking, self._files = asking, folder
         self.streams = Streams(site, own_end)
 
     async def first(self, request: Request) -> Response:
@@ -146,26 +137,17 @@ class _Pages:
         name = request.path_params["name"]
         return self._page(request, "machine.html", name) if self._site.may_be(name) else _no_machine()
 
-    async def file(self, request: Request) -> Response:
-        """A file of the pages."""
-        found = _FILES.get(request.path_params["name"])
-        if found is None:
-            return PlainTextResponse("There is no such file.", 404)
-        path, kind = found
-        return Response(files("gateway").joinpath(path).read_bytes(), media_type=kind)
-
     async def stream(self, request: Request) -> Response:
         """Server-sent events of one machine, or of the list."""
         name = request.path_params.get("name")
         if name is not None and not self._site.may_be(name):
             return _no_machine()
-        if self.streams.full:
-            return PlainTextResponse("The page is open in too many browsers.", 503)
         try:
             viewpoint = _viewpoint_of(request, self._uses)
         except SetupError as error:
             return PlainTextResponse(str(error), 400)
-        messages = self.streams.messages(Browser(name, viewpoint))
+        browser = Browser(name, viewpoint)
+        messages = self.streams.refusal() if self.streams.full else self.streams.messages(browser)
         return StreamingResponse(messages, media_type="text/event-stream", headers=_UNBUFFERED)
 
     async def past(self, request: Request) -> Response:
@@ -204,6 +186,7 @@ class _Pages:
             declared=machine in self._uses,
             token=self._commands.token(request),
             room=room,
+            files=self._files,
         )
         return HTMLResponse(html)
 
@@ -253,11 +236,8 @@ def _number(query: Mapping[str, str], name: str, largest: float) -> float | None
     text = query.get(name)
     if text is None or text == "":
         return None
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
+    value = written(text)
     least = 1e-3 if name == "tolerance" else -largest
     if not least <= value <= largest:
-        raise SetupError(f"{name}={text}: expected a number from {least:g} to {largest:g}")
+        raise SetupError(f"{name}={text[:40]}: expected a number from {least:g} to {largest:g}")
     return value

@@ -1,9 +1,10 @@
 """The reasons for each correction: a line for each corrected error whenever the learner gives its reasons."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
-from gateway.heard import Explained, MachineSeen
+from gateway.heard import MachineSeen
+from gateway.telemetry import PublishedReason
 from gateway.web.sentences import Amount, Word
 from talc.indicators import TWO_SIDED_95
 from talc.names import ERROR_UNITS, LEAST_SHARE_NAMED, THERMAL_ERRORS
@@ -16,6 +17,8 @@ class ShownCorrection:
     """One line."""
 
     t: str
+    k: int
+    """Grid index."""
     error: str
     estimate: Amount
     half: Amount
@@ -33,20 +36,29 @@ class ShownCorrection:
 def corrections(seen: MachineSeen) -> Iterator[ShownCorrection]:
     """The newest first; errors that are not corrected have no line."""
     for explained in reversed(seen.explained):
-        yield from _lines(explained)
+        reasons, measured = explained.reasons, explained.measured
+        used = None if measured is None else measured.isoformat()
+        yield from correction_lines(reasons.time, reasons.k, reasons.errors, explained.sigma, used)
 
 
-def _lines(explained: Explained) -> Iterator[ShownCorrection]:
-    message = explained.reasons
+def correction_lines(
+    time: str,
+    k: int,
+    errors: Mapping[str, PublishedReason],
+    sigma_of: Mapping[str, float | None],
+    measured: str | None,
+) -> Iterator[ShownCorrection]:
+    """Those of one step. errors, sigma_of: by thermal error; measured: when the last measurement had ended."""
     for error in THERMAL_ERRORS:
-        reason = message.errors.get(error)
+        reason = errors.get(error)
         if reason is None or reason.estimate is None or not reason.trusted:
             continue
-        unit, sigma = ERROR_UNITS[error], explained.sigma.get(error)
+        unit, sigma = ERROR_UNITS[error], sigma_of.get(error)
         rest = None if reason.other_inputs is None or reason.level is None else reason.other_inputs + reason.level
         shares = [(kind, share) for kind, share in reason.experts.items() if share is not None]
         yield ShownCorrection(
-            t=message.time,
+            t=time,
+            k=k,
             error=error,
             estimate=Amount(reason.estimate, unit, sign=True),
             half=Amount(None if sigma is None else TWO_SIDED_95 * sigma, unit),
@@ -57,5 +69,5 @@ def _lines(explained: Explained) -> Iterator[ShownCorrection]:
                 for kind, share in shares
                 if share >= LEAST_SHARE_NAMED
             ),
-            measured=None if explained.measured is None else explained.measured.isoformat(),
+            measured=measured,
         )

@@ -16,7 +16,9 @@ from gateway.telemetry import (
     Source,
     Standing,
     StatusMessage,
+    StorageStanding,
 )
+from gateway.web.said import told
 from gateway.web.sentences import Amount, Atom, SaidRow, Sentence, ToldName, Word, at, name, um
 from talc.frame import EventKind
 from talc.names import ERROR_UNITS, LEAST_NAMED, MOST_NAMED, THERMAL_ERRORS
@@ -43,11 +45,11 @@ _NOTABLE = frozenset({EventKind.OPERATOR, EventKind.SENSOR_SUSPECT, EventKind.LI
 def waits(seen: MachineSeen) -> Iterator[SaidRow]:
     """What is not armed, phase, next probing and why, what blocks it, what the operator should do."""
     for text in seen.unarmed:
-        yield SaidRow("label.unarmed", name(text), "notice")
+        yield SaidRow("label.unarmed", told(text), "notice")
     if seen.decision is not None:
         yield SaidRow("label.phase", Sentence("sentence.word", {"word": Word(f"phase.{seen.decision.phase}")}))
     for text in () if seen.status is None else seen.status.waits_for:
-        yield SaidRow("label.first", name(text), "notice")
+        yield SaidRow("label.first", told(text), "notice")
     yield from _standing(seen.probing)
     expected = None if seen.reasons is None else seen.at_k(seen.reasons.next_k)
     if seen.reasons is not None and expected is not None:
@@ -66,12 +68,12 @@ def _standing(standing: ProbingStanding | None) -> Iterator[SaidRow]:
         yield SaidRow("label.why", Sentence("sentence.word", {"word": Word(f"why.{standing.why}")}))
     if standing.reason:
         yield SaidRow(
-            "label.waits_for", name(standing.reason), "notice" if standing.standing == Standing.BLOCKED else ""
+            "label.waits_for", told(standing.reason), "notice" if standing.standing == Standing.BLOCKED else ""
         )
     if standing.rejected:
         yield SaidRow("label.rejected", Sentence("probing.rejected", {"n": Amount(standing.rejected, d=0)}), "bad")
     if standing.operator:
-        yield SaidRow("label.operator", name(standing.operator), "notice")
+        yield SaidRow("label.operator", told(standing.operator), "notice")
 
 
 def _last(message: MeasurementMessage | None) -> SaidRow:
@@ -280,6 +282,8 @@ def _status(status: StatusMessage) -> Iterator[SaidRow]:
         )
     elif storage is not None:
         yield SaidRow("label.store", Sentence("store.good"), "good")
+    if storage is not None:
+        yield _spool(storage)
     if storage is not None and storage.free_mb is not None:
         yield SaidRow("label.disk", Sentence("disk.free", {"gb": Amount(storage.free_mb / 1e3, "GB")}))
     yield from _buses(status)
@@ -294,6 +298,19 @@ def _status(status: StatusMessage) -> Iterator[SaidRow]:
         yield SaidRow("label.config", name(status.config[:16]))
 
 
+def _spool(storage: StorageStanding) -> SaidRow:
+    """What is only in memory: with a store that works, what has come since the last commit."""
+    mark = "notice" if storage.problem or storage.dropped else ""
+    values: dict[str, Atom] = {"n": Amount(storage.waiting, d=0)}
+    if storage.dropped:
+        values["dropped"] = Amount(storage.dropped, d=0)
+        return SaidRow("label.spool", Sentence("spool.dropped", values), mark)
+    if not storage.waiting or storage.oldest_s is None:  # or of an earlier program
+        return SaidRow("label.spool", Sentence("spool.waiting" if storage.waiting else "spool.empty", values), mark)
+    values["oldest"] = Amount(storage.oldest_s, "s", d=0)
+    return SaidRow("label.spool", Sentence("spool.oldest", values), mark)
+
+
 @dataclass(frozen=True, slots=True)
 class ShownEvent:
     """One event."""
@@ -301,7 +318,7 @@ class ShownEvent:
     t: str
     kind: str
     """Key of the catalogue."""
-    text: str
+    said: Sentence
     mark: str
 
 
@@ -309,7 +326,7 @@ def events(seen: MachineSeen) -> Iterator[ShownEvent]:
     """The newest first."""
     for event in reversed(seen.events):
         mark = "bad" if event.kind in _BAD else "notice" if event.kind in _NOTABLE else ""
-        yield ShownEvent(event.time, f"event.{event.kind}", event.text, mark)
+        yield ShownEvent(event.time, f"event.{event.kind}", told(event.text), mark)
 
 
 def _unit(unit: str) -> str:

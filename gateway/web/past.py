@@ -6,6 +6,7 @@ from datetime import UTC, datetime
 
 import numpy as np
 
+from drivers.number_types import WRITTEN_NUMBER
 from gateway.heard import believable
 from gateway.telemetry import CoursePage, PublishedCourse
 from gateway.web.at_tool import half_width, moved
@@ -44,10 +45,17 @@ def shown_past(page: CoursePage, matrix: FloatArray) -> ShownPast:
 
 def span(begin: str, end: str) -> tuple[datetime, datetime]:
     """Of two texts of UTC seconds. Raises ValueError."""
-    from_s, to_s = float(begin), float(end)
+    from_s, to_s = written(begin), written(end)
     if not EARLIEST_S <= from_s < to_s <= LATEST_S:
-        raise ValueError(f"from={begin}, to={end}: expected seconds since 1970, the second later than the first")
+        raise ValueError(
+            f"from={begin[:40]}, to={end[:40]}: expected seconds since 1970, the second later than the first"
+        )
     return datetime.fromtimestamp(from_s, UTC), datetime.fromtimestamp(to_s, UTC)
+
+
+def written(text: str) -> float:
+    """The number of a text in an address; NaN: it is none. Python also reads 1_0 and other scripts' digits."""
+    return float(text) if WRITTEN_NUMBER.fullmatch(text) else math.nan
 
 
 def columns(values: FloatArray) -> list[list[float | None]]:

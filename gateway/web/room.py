@@ -6,7 +6,7 @@ from typing import Final
 
 WORDS: Final = ("word.ready", "word.unsure", "word.not_ready", "word.unknown", "word.no_tolerance", "word.probing",
                 "word.no_data", "word.old", "word.gone", "word.silent", "word.never", "word.lost",
-                "word.connecting")  # fmt: skip
+                "word.full", "word.connecting")  # fmt: skip
 """One of them stands there."""
 
 TOLERANCE: Final = ("tool.typed", "tool.declared", "tool.none")

@@ -5,6 +5,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import datetime
+from typing import TypeAlias
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +41,7 @@ class Word:
     w: str
 
 
-Atom = Amount | ToldTime | ToldName | Word
+Atom: TypeAlias = "Amount | ToldTime | ToldName | Word | Sentence"
 
 
 @dataclass(frozen=True, slots=True)

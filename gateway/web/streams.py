@@ -162,6 +162,11 @@ class Streams:
         """Whether no other browser is served."""
         return len(self._browsers) >= MOST_BROWSERS
 
+    @staticmethod
+    async def refusal() -> AsyncGenerator[bytes, None]:
+        """What a browser is told when it is full: a script cannot read why a server refuses a stream."""
+        yield b"event: full\ndata: %d\n\n" % MOST_BROWSERS
+
     async def messages(self, browser: Browser) -> AsyncGenerator[bytes, None]:
         """What this browser is sent, until it closes the page or `run` ends."""
         self._browsers.add(browser)

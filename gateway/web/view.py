@@ -11,6 +11,7 @@ from gateway.web import parts
 from gateway.web.ahead import ahead
 from gateway.web.at_tool import course, moved
 from gateway.web.past import columns
+from gateway.web.said import told
 from gateway.web.sentences import Amount, SaidRow, Sentence, ToldName, Word, at, um
 from gateway.web.verdict import Verdict, Viewpoint, judged, tool_now, verdict_of
 from gateway.web.waiting import cost_of_waiting
@@ -142,6 +143,8 @@ def _axes(seen: MachineSeen, matrix: FloatArray, now_s: float) -> tuple[ShownAxi
 
 def _tool_notes(seen: MachineSeen) -> Iterable[Sentence]:
     step = seen.compensation
+    if not seen.present:
+        return
     if step is None or step.mode != "compensate":
         yield Sentence("tool.not_written")
     elif not applied(step).following:
@@ -226,7 +229,7 @@ def listed(
             verdict.colour.value,
             verdict.word,
             verdict.because,
-            (*_orders(seen), *(Sentence("notice.unarmed", {"text": ToldName(text)}) for text in seen.unarmed)),
+            (*_orders(seen), *(Sentence("notice.unarmed", {"text": told(text)}) for text in seen.unarmed)),
             None if seen.heard is None else seen.heard.isoformat(timespec="minutes"),
         )
         for seen, verdict in found

@@ -3,7 +3,6 @@ import { machine, query } from "./choice.js";
 import { $, make, put } from "./elements.js";
 import { amount, clock, date, sentence, time, word } from "./words.js";
 
-const ink = (name) => getComputedStyle(document.documentElement).getPropertyValue("--" + name).trim();
 let charts = [], course = null, zoomed = false, following = false, forecast = true;
 // What the gateway has stored of before: thinned over the chosen span, and finer where somebody has zoomed in.
 let past = null, fine = null, asking = 0, pastTo = null, askedMs = -Infinity;
@@ -117,12 +116,13 @@ const columns = (i) => {
     [[...old.measured_t, ...measured_t], [...old.measured[i], ...measured[i]]],
     [ahead_t, ...[ahead[i], edge(ahead[i], ahead_half[i], -1), edge(ahead[i], ahead_half[i], 1)].map((c) => (forecast ? c : []))]]);
 };
-const chart = (place, i) => {
+// place: of one chart; width: in pixels, measured before anything is drawn; ink: a colour of the page by its name
+const chart = (place, i, width, ink) => {
   const value = (_, v) => amount({ n: v, u: "µm", d: 1, sign: true });
   const axis = { stroke: ink("soft"), grid: { stroke: ink("line"), width: 1 }, ticks: { show: false }, font: "12px system-ui, sans-serif" };
   const line = (label, colour, more) => ({ label: word("chart." + label), stroke: ink(colour), width: 1.5, points: { show: false }, value, spanGaps: true, ...more });
   return new uPlot({
-    width: place.clientWidth, height: 150,
+    width, height: 150,
     axes: [{ ...axis, size: 26, space: 70, values: (_, all, __, ___, step) => all.map((v) => (step < 86400 ? clock : date).format(new Date(v * 1e3))) },
       { ...axis, size: 40, space: 30, values: (_, all) => all.map((v) => amount({ n: v, d: 0 })) }],
     scales: { y: { range: (_, min, max) => { const pad = Math.max((max - min) * 0.1, 1); return [min - pad, max + pad]; } } },
@@ -152,7 +152,10 @@ const drawCharts = () => {
   charts.forEach((u) => u.destroy());
   charts = [];
   if (!course || !(course.t.length || past)) return;
-  document.querySelectorAll("#axes .chart").forEach((place, i) => { place.replaceChildren(); charts.push(chart(place, i)); });
+  const places = [...document.querySelectorAll("#axes .chart")], style = getComputedStyle(document.documentElement);
+  places.forEach((place) => place.replaceChildren());
+  const widths = places.map((place) => place.clientWidth), ink = (name) => style.getPropertyValue("--" + name).trim();
+  charts = places.map((place, i) => chart(place, i, widths[i], ink));
   charts.forEach(tell);
 };
 const redraw = () => {

@@ -15,16 +15,19 @@ let latest = null, state = "heard", showAgain = () => {};
 const showAll = () => document.body.classList.remove("waiting");
 const UNKNOWN = { alive: false, unarmed: false, notices: [] };
 const NAME = document.title;
-// now: "heard"; "lost", when the server does not answer; "resting", while nobody sees this tab and it does not listen.
-const become = (now) => {
+// now: "heard"; "lost", when the server does not answer; "full", when it takes no more than so many browsers; "resting",
+// while nobody sees this tab and it does not listen.
+const become = (now, most) => {
   if (now === state) return;
   state = now;
-  const lost = now === "lost", key = lost ? "word.lost" : "word.connecting";
+  const full = now === "full", lost = now === "lost" || full;
+  const key = full ? "word.full" : lost ? "word.lost" : "word.connecting";
   document.body.classList.toggle("past", now !== "heard" || (latest !== null && latest.alive === false));
   $("lost").hidden = !lost;
   keepForecast(now === "heard");
   if (now === "heard") { showAgain(); return; }  // the server sends nothing again that has not changed
-  const since = { say: "page.no_server", values: { at: { t: latest ? latest.shownAt : "" } } };
+  const since = full ? { say: "page.full", values: { n: { n: most, d: 0 } } }
+    : { say: "page.no_server", values: { at: { t: latest ? latest.shownAt : "" } } };
   const verdict = { colour: "grey", word: key, because: lost ? [since] : [], since: null, helps: [] };
   hideCommands();
   if (lost) {
@@ -32,7 +35,7 @@ const become = (now) => {
     $("lost").textContent = sentence(since);
   }
   if (!machine) drawList((latest ? latest.list : []).map((each) => ({ ...each, ...UNKNOWN, ...verdict })));
-  else if (latest) showMachine({ ...latest, ...UNKNOWN, verdict, axes: [] });
+  else if (latest) showMachine({ ...latest, ...UNKNOWN, verdict, axes: [], tool_notes: [] });
   else if (lost) showWord("grey", key);
   if (!lost) document.title = machine || NAME;
 };

@@ -24,6 +24,7 @@ export const WAITS = [
 export const HEALTH = {
   "label.control": `${longest("mark")} ${sentence({ say: "control.step", values: LONG })}`,
   "label.nc": `${longest("mark")} ${longest("nc")}`,
+  "label.spool": sentence({ say: "spool.oldest", values: { n: { n: 1888, d: 0 }, oldest: { n: 88, u: "s", d: 0 } } }),
 };
 export const QUALITY = longestKey("quality");
 

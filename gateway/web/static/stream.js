@@ -3,9 +3,10 @@ const SILENT_MS = 7000, SOON_MS = 300, LATER_MS = 3000, ANEW_MS = 10000;
 // A browser has six connections to one server, for all of its tabs: beyond so many, those that nobody sees do without.
 const UNSEEN = 2;
 
-// address: of the stream; kinds: what takes each kind of message; become: told "heard", "lost" or "resting"
+// address: of the stream; kinds: what takes each kind of message; become: told "heard", "lost", "full" or "resting"; "full":
+// the server takes no more browsers than the number that comes with it
 export const stream = (address, kinds, become) => {
-  let source = null, openedMs = 0, heardMs = 0, cut = false, again = 0;
+  let source = null, openedMs = 0, heardMs = 0, cut = false, full = false, again = 0;
   const close = () => {
     clearTimeout(again);
     if (source) source.close();
@@ -22,12 +23,17 @@ export const stream = (address, kinds, become) => {
       become("heard");
       take(JSON.parse(event.data));
     });
+    source.addEventListener("full", (event) => {
+      full = true;
+      become("full", Number(event.data));
+    });
     // Proxies end long answers: nothing is lost if the next one comes.
     source.onerror = () => {
       close();
-      if (cut) become("lost");
-      again = setTimeout(open, cut ? LATER_MS : SOON_MS);
+      if (cut && !full) become("lost");
+      again = setTimeout(open, cut || full ? LATER_MS : SOON_MS);
       cut = true;
+      full = false;
     };
   };
   setInterval(() => {

@@ -1,7 +1,7 @@
 // What has happened, as tables: events, corrections, and how far measurements scatter.
 import { machine } from "./choice.js";
 import { $, make, named, put } from "./elements.js";
-import { amount, atom, date, time, word } from "./words.js";
+import { amount, atom, date, sentence, time, word } from "./words.js";
 
 // On paper only the latest, and a line that says how many are not printed.
 const EVENTS_PRINTED = 20, CORRECTIONS_PRINTED = 10;
@@ -15,14 +15,14 @@ let events = [];
 const showEvents = () => {
   const kind = $("event-kind").value, part = $("event-text").value.toLowerCase();
   const shown = events.filter((e) => (!kind || (kind === "notable" ? e.mark : e.kind === kind))
-    && (!part || (e.text + " " + word(e.kind)).toLowerCase().includes(part)));
+    && (!part || (sentence(e.said) + " " + word(e.kind)).toLowerCase().includes(part)));
   $("events").hidden = !shown.length;
   $("events-empty").hidden = shown.length > 0;
   put($("events-empty"), word(events.length ? "events.no_match" : "events.none"));
   const lines = shown.map((e) => {
     const row = make("tr"), kindCell = make("td", word(e.kind));
     if (e.mark) kindCell.className = "kind m-" + e.mark;
-    row.append(make("td", time(e.t), "when"), kindCell, make("td", e.text));
+    row.append(make("td", time(e.t), "when"), kindCell, make("td", sentence(e.said)));
     return row;
   });
   keepOffPaper(lines, EVENTS_PRINTED, $("events-left"));
@@ -39,9 +39,12 @@ export const takeEvents = (list) => {
   showEvents();
 };
 
-let fixes = [];
+let fixes = [], older = [], oldest = null, asked = false;
+const same = (c) => `${c.k} ${c.error}`;
+// Beyond this the oldest of what was fetched go from this browser; they can be fetched again.
+const MOST_LINES = 5000;
 const showCorrections = () => {
-  const error = $("correction-error").value, shown = fixes.filter((c) => !error || c.error === error);
+  const error = $("correction-error").value, shown = [...fixes, ...older].filter((c) => !error || c.error === error);
   $("corrections").hidden = !shown.length;
   $("corrections-empty").hidden = shown.length > 0;
   const lines = shown.map((c) => {
@@ -55,12 +58,40 @@ const showCorrections = () => {
   keepOffPaper(lines, CORRECTIONS_PRINTED, $("corrections-left"));
   $("corrections").tBodies[0].replaceChildren(...lines);
 };
-export const takeCorrections = (list) => {
-  fixes = list;
+const offerErrors = (list) => {
   const chooser = $("correction-error"), there = new Set([...chooser.options].map((o) => o.value));
   for (const error of new Set(list.map((c) => c.error))) if (!there.has(error)) chooser.append(make("option", error));
+};
+// Lines that the server no longer sends stay where older ones were fetched, or there would be a gap.
+const keepOlder = (lines) => {
+  const now = new Set(fixes.map(same)), known = new Map([...lines, ...older].map((c) => [same(c), c]));
+  older = [...known.values()].filter((c) => !now.has(same(c))).sort((a, b) => b.k - a.k).slice(0, MOST_LINES);
+};
+export const takeCorrections = (list) => {
+  const before = fixes;
+  fixes = list;
+  if (asked) keepOlder(before);
+  offerErrors(list);
   showCorrections();
 };
+let asking = false;
+const fetchOlder = async () => {
+  if (asking) return;
+  asking = true;
+  const from = oldest ?? (fixes.length ? fixes.at(-1).t : null);
+  const answer = await fetch(`/corrections/${encodeURIComponent(machine)}` + (from ? `?before=${encodeURIComponent(from)}` : "")).catch(() => null);
+  const found = answer && answer.ok ? await answer.json() : { lines: [], before: null, why: word("word.lost") };
+  asking = false;
+  if (found.why) { put($("corrections-older-note"), word("corrections.no_older").replace("{why}", found.why)); return; }
+  put($("corrections-older-note"), found.before ? "" : word("corrections.no_more"));
+  $("corrections-older").disabled = !found.before;
+  asked = true;
+  oldest = found.before ?? oldest;
+  keepOlder(found.lines);
+  offerErrors(found.lines);
+  showCorrections();
+};
+const NEAR_END_PX = 40;
 
 // By week, from the store: again each hour, and sooner while the gateway does not answer.
 // answers: whether it does
@@ -84,4 +115,9 @@ export const readyTables = () => {
   $("event-kind").addEventListener("change", showEvents);
   $("event-text").addEventListener("input", showEvents);
   $("correction-error").addEventListener("change", showCorrections);
+  $("corrections-older").addEventListener("click", fetchOlder);
+  const box = $("corrections").parentNode;
+  box.addEventListener("scroll", () => {
+    if (!$("corrections-older").disabled && box.scrollTop + box.clientHeight > box.scrollHeight - NEAR_END_PX) fetchOlder();
+  });
 };

@@ -9,6 +9,10 @@ export const longestKey = (group) => Object.keys(texts).filter((key) => key.star
 export const longest = (group) => word(longestKey(group));
 export const clock = new Intl.DateTimeFormat(undefined, { hour: "2-digit", minute: "2-digit" });
 const day = new Intl.DateTimeFormat(undefined, { weekday: "short", day: "numeric", month: "short", hour: "2-digit", minute: "2-digit" });
+// Of the hour that there is twice, when clocks are put back.
+const named = new Intl.DateTimeFormat(undefined, { weekday: "short", day: "numeric", month: "short", hour: "2-digit", minute: "2-digit", timeZoneName: "short" });
+const HOUR_MS = 3600e3;
+const twice = (at) => [-HOUR_MS, HOUR_MS].some((by) => new Date(at.getTime() + by).getHours() === at.getHours());
 export const date = new Intl.DateTimeFormat(undefined, { day: "numeric", month: "short" });
 export const whole = new Intl.DateTimeFormat(undefined, { dateStyle: "full", timeStyle: "short" });
 export const exact = new Intl.DateTimeFormat(undefined, { hour: "2-digit", minute: "2-digit", second: "2-digit" });
@@ -20,7 +24,7 @@ export const setPresent = (ms) => (ahead = ms - Date.now());
 export const time = (iso) => {
   const at = new Date(iso);
   if (Number.isNaN(at.getTime())) return "–";
-  return (at.toDateString() === present().toDateString() ? clock : day).format(at);
+  return (twice(at) ? named : at.toDateString() === present().toDateString() ? clock : day).format(at);
 };
 // As it is typed in: without its thousands apart.
 export const plain = (n) => new Intl.NumberFormat(undefined, { useGrouping: false, maximumFractionDigits: 3 }).format(n);
@@ -34,6 +38,7 @@ export const amount = ({ n, u, d, sign }) => {
 };
 export const atom = (a) => {
   if (a === undefined) return "–";
+  if ("say" in a) return sentence(a);
   if ("w" in a) return word(a.w);
   if ("s" in a) return a.s;
   if ("t" in a) return time(a.t);

@@ -141,7 +141,7 @@ def test_on_this_computer_another_sites_name_is_refused() -> None:
 
 def test_with_users_every_address_needs_the_password() -> None:
     page = client(WebSettings(tls=TLS, users=USERS), "192.168.1.9", "https://panel")
-    for path in ("/", "/machine/mill", "/stream/mill", "/file/page.js"):
+    for path in ("/", "/machine/mill", "/stream/mill", "/file/0/page.js"):
         refused = page.get(path)
         assert (refused.status_code, refused.headers["www-authenticate"][:5]) == (401, "Basic")
     for wrong in ("anna:gruezi", "anna:", "anna", "otto:grüezi", ":grüezi"):
@@ -167,7 +167,7 @@ def test_nothing_can_be_written(method: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "path", ["/machine/mill", "/machine/a*b", "/file/page.js", "/file/..%2faccess.py", "/stream/a*b"]
+    "path", ["/machine/mill", "/machine/a*b", "/file/0/page.js", "/file/0/..%2faccess.py", "/stream/a*b"]
 )
 def test_every_answer_forbids_what_is_not_of_this_server(path: str) -> None:
     headers = client(WebSettings()).get(path).headers
@@ -179,7 +179,9 @@ def test_every_answer_forbids_what_is_not_of_this_server(path: str) -> None:
     assert headers["cache-control"] == "no-store"
 
 
-@pytest.mark.parametrize("query", ["tolerance=-1", "tolerance=nan", "x=inf", "z=1e9", "a=left"])
+@pytest.mark.parametrize(
+    "query", ["tolerance=-1", "tolerance=nan", "x=inf", "z=1e9", "a=left", "x=1_0", "x=١٢", "y=%201"]
+)
 def test_a_point_that_is_none_is_refused(query: str) -> None:
     answer = client(WebSettings()).get(f"/stream/mill?{query}")
     assert (answer.status_code, "expected a number" in answer.text) == (400, True)

@@ -28,6 +28,9 @@ class Reporting:
     def ask_with_temperatures(self, *_: object) -> None:
         raise AssertionError("nobody asks for a course")
 
+    def ask_reasons(self, *_: object) -> None:
+        raise AssertionError("nobody asks for reasons")
+
     def ask_report(self, machine: str, day: date, zone: str) -> ReportPage:
         self.asked.append((machine, day, zone))
         return ReportPage(day.isoformat(), zone, self.answer())

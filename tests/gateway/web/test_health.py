@@ -46,6 +46,26 @@ def test_a_store_with_a_problem_says_which_and_how_much_waits() -> None:
     assert rows(storage=StorageStanding("", 0, 0, 900.0))["label.store"].mark == "good"
 
 
+@pytest.mark.parametrize(
+    ("storage", "say", "mark"),
+    [
+        (StorageStanding("", 0, 0, 900.0), "spool.empty", ""),
+        (StorageStanding("", 30, 0, 900.0, 0.7), "spool.oldest", ""),
+        (StorageStanding("", 30, 0, 900.0), "spool.waiting", ""),  # of an earlier program
+        (StorageStanding("disk full", 4000, 0, 0.0, 130.0), "spool.oldest", "notice"),
+        (StorageStanding("disk full", 4000, 12, 0.0, 130.0), "spool.dropped", "notice"),
+    ],
+)
+def test_what_is_not_stored_yet_is_told_with_its_age(storage: StorageStanding, say: str, mark: str) -> None:
+    spool = rows(storage=storage)["label.spool"]
+    assert (spool.said.say, spool.mark) == (say, mark)
+    if say == "spool.oldest":
+        assert (spool.said.values["n"], spool.said.values["oldest"]) == (
+            Amount(storage.waiting, d=0),
+            Amount(storage.oldest_s, "s", d=0),
+        )
+
+
 def test_messages_that_were_dropped_are_counted_of_both_kinds() -> None:
     dropped = rows(readings_dropped=3, messages_dropped=4)["label.dropped"]
     assert (dropped.said.values["n"], dropped.mark) == (Amount(7, d=0), "notice")
@@ -56,7 +76,7 @@ def test_messages_that_were_dropped_are_counted_of_both_kinds() -> None:
     ("mode", "source", "written", "mark", "notes"),
     [
         ("compensate", "prediction", True, "good", []),
-        ("compensate", "hold", True, "notice", ["tool.not_following"]),
+        ("compensate", "stale", True, "notice", ["tool.not_following"]),
         ("compensate", "prediction", False, "notice", ["tool.not_following"]),
         ("advise", "prediction", False, "notice", ["tool.not_written"]),
     ],
@@ -70,6 +90,12 @@ def test_a_control_that_does_not_follow_the_estimate_is_said(
     found = {row.label: row for row in parts.health(heard.seen)}
     assert found["label.control"].mark == mark
     assert [note.say for note in view(heard.seen, WITHIN, heard.now_s).tool_notes] == notes
+    heard.seen.alive = False
+    assert view(heard.seen, WITHIN, heard.now_s).tool_notes == (), "nobody knows of a gateway that is gone"
+
+
+def test_of_a_gateway_that_was_never_heard_nothing_is_said_of_its_control() -> None:
+    assert view(HeardMachine(alive=False).seen, WITHIN, 0.0).tool_notes == ()
 
 
 def test_what_moves_an_error_is_named_the_four_largest_of_those_that_are_not_written_as_zero() -> None:

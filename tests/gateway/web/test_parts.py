@@ -21,7 +21,7 @@ def test_what_blocks_a_measurement_and_what_the_operator_should_do_stand_there()
     heard.decision()
     heard.probing("blocked", "interval", "alarm 21612", "clean the sphere")
     found = {row.label: row for row in parts.waits(heard.seen)}
-    assert found["label.waits_for"].said == Sentence("sentence.text", {"text": ToldName("alarm 21612")})
+    assert found["label.waits_for"].said == Sentence("said.alarm", {"numbers": ToldName("21612")})
     assert found["label.operator"].said == Sentence("sentence.text", {"text": ToldName("clean the sphere")})
     assert found["label.probing"].mark == "notice"
 

@@ -53,6 +53,8 @@ def test_it_is_shown_at_the_chosen_point_in_columns() -> None:
         {"from": "nan", "to": "nan"},
         {"from": "2e9", "to": "1e9"},
         {"from": "0", "to": "1e9"},
+        {"from": "1_000_000_000", "to": "1.2e9"},
+        {"from": "١e9", "to": "1.2e9"},
         {"from": "1e9", "to": "1e30"},
         SPAN | {"x": "far"},
     ],

@@ -66,7 +66,7 @@ async def test_an_open_page_gets_the_whole_state_and_then_each_change() -> None:
         await asyncio.gather(sending, return_exceptions=True)
     assert message.count(b"\n") == 3, "no text of others ends a message"
     (shown,) = json.loads(message.partition(b"data: ")[2])
-    assert shown["text"] == "</script>\n\ndata: forged"
+    assert shown["said"]["values"]["text"]["s"] == "</script>\n\ndata: forged"
 
 
 class OnSite(HeardMachine):

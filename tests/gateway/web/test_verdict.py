@@ -9,7 +9,7 @@ from gateway.heard import Applied, SiteSeen, applied
 from gateway.nc import Source
 from gateway.telemetry import PauseStanding
 from gateway.web.at_tool import WorkPoint, at_the_tool, half_width, moved
-from gateway.web.sentences import SaidRow, Sentence, ToldName, at, name
+from gateway.web.sentences import SaidRow, Sentence, ToldName, at
 from gateway.web.verdict import Colour, Viewpoint, verdict_of
 from gateway.web.view import listed, shown_course, view
 from tests.benches.heard import BEGAN, STEP, HeardMachine
@@ -261,13 +261,13 @@ def test_a_gateway_that_is_connected_and_says_nothing_is_silent() -> None:
 
 
 def test_what_is_not_armed_is_said_first() -> None:
-    heard, text = HeardMachine(), "nothing will be learnt: probing is not armed"
+    heard, text = HeardMachine(), "nothing will be learnt: probing is not armed ([probing] armed = true)"
     heard.status(unarmed=(text,))
     shown = view(heard.seen, within(10.0), heard.now_s)
     assert shown.unarmed
-    assert shown.waits[0] == SaidRow("label.unarmed", name(text), "notice")
+    assert shown.waits[0] == SaidRow("label.unarmed", Sentence("said.not_probing"), "notice")
     (listed_one,) = listed({"mill": heard.seen}, {"mill": within(10.0)}, heard.now_s)
-    assert listed_one.notices == (Sentence("notice.unarmed", {"text": ToldName(text)}),)
+    assert listed_one.notices == (Sentence("notice.unarmed", {"text": Sentence("said.not_probing")}),)
     heard.seen.alive = False
     assert not view(heard.seen, within(10.0), heard.now_s).unarmed, "nobody knows of a gateway that is gone"
 

@@ -1,0 +1,84 @@
+"""The corrections of before the page's program was started: asked of the gateway, page by page."""
+
+import json
+from datetime import timedelta
+from typing import cast
+
+import pytest
+from starlette.testclient import TestClient
+
+from gateway.heard import SiteSeen, SiteSubscription
+from gateway.telemetry import CoursePage, PublishedReason, StoredReason
+from gateway.web import WebSettings, build_app
+from gateway.web.older import MOST_TIMES
+from tests.benches.heard import BEGAN
+from tests.benches.stored_elsewhere import StoredElsewhere
+
+HOUR = timedelta(hours=1)
+
+
+def reason(estimate: float, *, trusted: bool = True) -> PublishedReason:
+    return PublishedReason(estimate, trusted, 0.9, {"bed": estimate}, 0.0, 0.0, {"chosen inputs": 1.0}, 0.0, 1.0)
+
+
+def stored() -> CoursePage:
+    """Two times, of which the second corrected one of two errors."""
+    first = StoredReason((BEGAN - 2 * HOUR).isoformat(), 12, {"EZ0A": reason(3.0)}, {"EZ0A": 0.5}, None)
+    second = StoredReason(
+        (BEGAN - HOUR).isoformat(), 24, {"EZ0A": reason(4.0), "EX0C": reason(1.0, trusted=False)}, {}, BEGAN.isoformat()
+    )
+    return CoursePage([], {}, [], {}, reasons=[first, second])
+
+
+def page(source: StoredElsewhere | None, *, heard: bool = True) -> TestClient:
+    site = SiteSeen("talc", ("mill",), lambda: BEGAN, lambda: 0.0)
+    if heard:
+        stamp = {"boot": "b", "seq": 1, "time": BEGAN.isoformat(), "clock": "system"}
+        event = {"k": 1, "kind": "operator", "text": "x", "error": None, "value": None, "limit": None}
+        site.take("talc/mill/event", json.dumps(stamp | event).encode())
+    subscription = cast(SiteSubscription | None, source)
+    return TestClient(build_app(site, WebSettings(), subscription), base_url="http://localhost")
+
+
+def test_the_newest_line_comes_first_and_the_next_answer_goes_on_before_the_oldest() -> None:
+    source = StoredElsewhere(stored)
+    found = page(source).get("/corrections/mill", params={"before": BEGAN.isoformat()}).json()
+    assert [(line["k"], line["error"], line["estimate"]["n"]) for line in found["lines"]] == [
+        (24, "EZ0A", 4.0),
+        (12, "EZ0A", 3.0),
+    ]
+    assert [line["measured"] for line in found["lines"]] == [BEGAN.isoformat(), None]
+    assert found["lines"][0]["half"]["n"] is None
+    assert found["lines"][1]["half"]["n"] == pytest.approx(0.98)
+    assert (found["before"], found["why"]) == ((BEGAN - 2 * HOUR).isoformat(), "")
+    ((machine, begin, end, most),) = source.asked
+    assert (machine, end, most) == ("mill", BEGAN, MOST_TIMES)
+    assert end - begin > timedelta(days=180)
+
+
+def test_a_page_that_has_no_line_yet_begins_at_the_gateways_present() -> None:
+    source = StoredElsewhere(stored)
+    assert len(page(source).get("/corrections/mill").json()["lines"]) == 2
+    assert source.asked[0][2] == BEGAN
+
+
+def test_where_nothing_older_is_stored_there_is_no_next_answer() -> None:
+    found = page(StoredElsewhere(lambda: CoursePage([], {}, [], {}))).get("/corrections/mill").json()
+    assert found == {"lines": [], "before": None, "why": ""}
+
+
+def test_a_gateway_that_does_not_answer_is_told_and_so_is_one_that_was_never_heard() -> None:
+    def silent() -> CoursePage:
+        raise OSError("no answer within 5 s")
+
+    assert page(StoredElsewhere(silent)).get("/corrections/mill").json()["why"] == "no answer within 5 s"
+    unheard = page(StoredElsewhere(stored), heard=False).get("/corrections/mill").json()
+    assert unheard["why"] == "nothing has been heard of its gateway"
+
+
+@pytest.mark.parametrize("before", ["yesterday", "0001-01-01T00:00:00+00:00", "9999-12-31T23:59:59-14:00"])
+def test_a_time_that_is_none_is_refused_and_nobody_asked(before: str) -> None:
+    source = StoredElsewhere(stored)
+    assert page(source).get("/corrections/mill", params={"before": before}).status_code == 400
+    assert page(source).get("/corrections/no%20machine").status_code == 404
+    assert source.asked == []
