@@ -1,7 +1,8 @@
 """Runs long computations in a separate process, so that the buses keep their periods.
 
 The process receives the work on standard input, answers on standard output, and frees its memory by ending. It runs at
-a lower priority than the gateway and ends at once when the gateway ends.
+a lower priority than the gateway, in a control group of lower weight where there is one (gateway.learning_group), and
+ends at once when the gateway ends.
 """
 
 import asyncio
@@ -14,6 +15,8 @@ import traceback
 from collections.abc import Callable
 from contextlib import suppress
 from typing import ParamSpec, TypeVar
+
+from gateway.learning_group import join_learning
 
 Arguments = ParamSpec("Arguments")
 Returned = TypeVar("Returned")
@@ -71,6 +74,7 @@ async def apart(work: Callable[Arguments, Returned], *given: Arguments.args, **n
 def main() -> int:
     """The process. Its exit status is 0 with an answer on standard output, or 1 with a traceback on standard error."""
     os.nice(_NICENESS)
+    join_learning()
     answer = os.dup(_STDOUT)
     os.dup2(sys.stderr.fileno(), _STDOUT)  # what a library prints must not become part of the answer
     try:

@@ -2,7 +2,7 @@
 
 import queue
 import re
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from datetime import UTC, date, datetime, time, timedelta, tzinfo
 from types import TracebackType
 from typing import TYPE_CHECKING, Self
@@ -11,7 +11,7 @@ import numpy as np
 import zenoh
 
 from gateway.commands import CommandName
-from gateway.history_tables import as_read, asked_s, interval_means
+from gateway.history_tables import TimeTable, as_read, asked_s, interval_means
 from gateway.telemetry import (
     COMMAND_LIMIT_S,
     MOST_ROWS,
@@ -205,13 +205,18 @@ class Machine:
         Raises ValueError for times without an offset from UTC, MachineError with the gateway's own words when it
         refuses or does not answer.
         """
+        if every_s is not None:
+            return self._pages(begin, end, channels, limit=str(rows), every=str(every_s))
+        return self._pages(begin, end, channels, limit=str(rows))
+
+    def _pages(
+        self, begin: datetime, end: datetime, channels: Sequence[str] | None, **parameters: str
+    ) -> Iterator[HistoryPage]:
         if begin.tzinfo is None or end.tzinfo is None:
             raise ValueError(f"{begin} to {end}: expected times with a time zone")
-        asked = {"from": begin.isoformat(), "to": end.isoformat(), "limit": str(rows)}
+        asked = {"from": begin.isoformat(), "to": end.isoformat(), **parameters}
         if channels is not None:
             asked["channels"] = ",".join(channels)
-        if every_s is not None:
-            asked["every"] = str(every_s)
         while True:
             page = self._page(asked)
             yield page
@@ -226,8 +231,8 @@ class Machine:
 
         What was not read at that very time, or was not good, is NaN; `pages` has the quality.
 
-        every_s: rather a row for each so many seconds from `begin` on, with the mean of what was read meanwhile; a day
-            of whole minutes takes a fraction of a second, where its single readings may take a gigabyte
+        every_s: rather a row for each so many seconds from `begin` on, with the mean of what was read meanwhile; of
+            whole minutes the gateway has the means already, so of many days these are much the fastest
 
         Raises as `pages`.
         """
@@ -236,19 +241,41 @@ class Machine:
         except ImportError:
             raise ImportError("Machine.history needs pandas: install talc-gateway with the extra `pandas`") from None
         if every_s is None:
-            times, table, names = as_read(self.pages(begin, end, channels), channels)
+            times, table, names = self._readings(begin, end, channels, lambda pages: as_read(pages, channels))
         else:
             span = channels, begin.timestamp(), end.timestamp(), every_s
+            whole_s = asked_s(begin, every_s)
             try:
-                times, table, names = interval_means(
-                    self.pages(begin, end, channels, every_s=asked_s(begin, every_s)), *span
-                )
+                if whole_s is None or whole_s % 60:
+                    times, table, names = self._readings(
+                        begin, end, channels, lambda pages: interval_means(pages, *span)
+                    )
+                else:
+                    times, table, names = interval_means(self.pages(begin, end, channels, every_s=whole_s), *span)
             except MachineError as error:
                 if "every: unknown" not in str(error):
                     raise
                 times, table, names = interval_means(self.pages(begin, end, channels), *span)  # of an earlier program
         index = pd.to_datetime(np.round(times * 1e6).astype(np.int64), unit="us", utc=True)
         return pd.DataFrame(table, index=index.rename("time"), columns=names)
+
+    def _readings(
+        self,
+        begin: datetime,
+        end: datetime,
+        channels: Sequence[str] | None,
+        table_of: Callable[[Iterator[HistoryPage]], TimeTable],
+    ) -> TimeTable:
+        """A table of pages of blocks; of rows, if the gateway is of an earlier program, or a stored block damaged."""
+        try:
+            return table_of(self._pages(begin, end, channels, form="blocks"))
+        except MachineError as error:
+            if "form: unknown" not in str(error):
+                raise
+        except ValueError as error:
+            if "block of readings" not in str(error):
+                raise
+        return table_of(self.pages(begin, end, channels))
 
     def day(
         self,

@@ -1,8 +1,14 @@
 """What a person may tell a running gateway to do, as values."""
 
+from collections import deque
 from dataclasses import dataclass
 from datetime import datetime
 from enum import StrEnum
+from typing import Final
+
+UNPROVED: Final = "(unknown)"
+"""Instead of an operator's name, which never has a bracket: of a command whose sender did not prove to be one."""
+_MOST_REFUSALS, _WITHIN_S = 10, 3600.0
 
 
 class CommandName(StrEnum):
@@ -24,7 +30,7 @@ class CommandName(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """A command of a person who has proved to be who they say."""
+    """A command of a person who has proved to be who they say, or, only to be refused, of UNPROVED."""
 
     name: CommandName
     by: str
@@ -39,6 +45,23 @@ class CommandOutcome:
     accepted: bool
     text: str
     """What happens now, or why nothing does."""
+
+
+class Refusals:
+    """Which refused commands are stored: ten an hour, so that nobody fills the disk, and how many others there were."""
+
+    def __init__(self) -> None:
+        self._stored_s = deque[float](maxlen=_MOST_REFUSALS)
+        self._left_out = 0
+
+    def stored(self, why: str, now_s: float) -> str | None:
+        """What to store of one that was refused; None: nothing. now_s: monotonic."""
+        if len(self._stored_s) == _MOST_REFUSALS and now_s - self._stored_s[0] < _WITHIN_S:
+            self._left_out += 1
+            return None
+        self._stored_s.append(now_s)
+        others, self._left_out = self._left_out, 0
+        return f"{why} ({others} more were refused before, and are not stored)" if others else why
 
 
 @dataclass(frozen=True, slots=True)

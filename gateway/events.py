@@ -114,11 +114,13 @@ class StoreHealth:
     waiting: int = 0
     """Rows that wait in memory."""
     dropped: int = 0
-    """Rows that had to go because too many waited: raw readings, steps of the compensation, events; never more."""
+    """Rows that were dropped because too many waited: raw readings, steps of the compensation, events; never more."""
     free_mb: float | None = None
     """Free space on the disk; None: unknown."""
     mended: str = ""
     """What became of a damaged database, in words; empty: it was whole."""
+    oldest_s: float | None = None
+    """How long the oldest of the waiting rows has waited, real seconds; None: none waits."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,17 +1,30 @@
 """Tables of the readings in history pages: a row for each time or interval, a column for each channel."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from datetime import datetime
+from typing import NamedTuple
 
 import numpy as np
+from msgspec.structs import astuple
 from numpy.typing import NDArray
 
 from drivers.base import Quality
-from gateway.telemetry import HistoryPage
+from gateway.reading_blocks import ReadingBlock, unpack
+from gateway.telemetry import HistoryBlock, HistoryPage
 
 _GOOD = Quality.GOOD.value
 _Array = NDArray[np.float64]
 _Places = NDArray[np.int64]
+TimeTable = tuple[_Array, _Array, list[str]]
+"""Times, a row for each, and the columns' names."""
+
+
+class _GoodReadings(NamedTuple):
+    """The good readings of a page or a block."""
+
+    time: _Array
+    column: _Places
+    value: _Array
 
 
 class _ChannelColumns:
@@ -25,15 +38,30 @@ class _ChannelColumns:
     def names(self) -> list[str]:
         return list(self._of)
 
-    def good(self, page: HistoryPage) -> tuple[_Array, _Places, _Array]:
-        """Time, column and value of the good readings of a page."""
+    def good(self, page: HistoryPage) -> Iterator[_GoodReadings]:
+        """Those of a page, also of its blocks. Raises ValueError for a block that is damaged."""
         if not self._fixed:
             for name in page.names:
                 self._of.setdefault(name, len(self._of))
         column_of = np.array([self._of.get(name, -1) for name in page.names], np.int64)
-        good = np.array([quality == _GOOD for quality in page.quality], np.bool_)
-        at = column_of[np.array(page.channel, np.int64)]
-        return np.array(page.time, np.float64)[good], at[good], np.array(page.value, np.float64)[good]
+        for block in page.blocks:
+            yield _of_block(block, page, column_of)
+        if page.time:
+            at = column_of[np.array(page.channel, np.int64)]
+            good = np.array([quality == _GOOD for quality in page.quality], np.bool_) & (at >= 0)
+            yield _GoodReadings(np.array(page.time, np.float64)[good], at[good], np.array(page.value, np.float64)[good])
+
+
+def _of_block(block: HistoryBlock, page: HistoryPage, column_of: _Places) -> _GoodReadings:
+    columns = unpack(ReadingBlock(*astuple(block)))
+    column_of_number = np.full(1 << 16, -1)
+    column_of_number[list(page.numbers)] = column_of
+    at = column_of_number[columns.channel]
+    good_number = page.qualities.index(_GOOD) if _GOOD in page.qualities else -1
+    good = (columns.quality == good_number) & (at >= 0)
+    if good.all():
+        return _GoodReadings(columns.time, at, columns.value)
+    return _GoodReadings(columns.time[good], at[good], columns.value[good])
 
 
 def asked_s(begin: datetime, every_s: float) -> int | None:
@@ -42,30 +70,44 @@ def asked_s(begin: datetime, every_s: float) -> int | None:
     return int(every_s) if whole and 1 <= every_s <= (3600 if every_s % 60 else 86400) else None
 
 
-def as_read(pages: Iterable[HistoryPage], channels: Sequence[str] | None) -> tuple[_Array, _Array, list[str]]:
-    """Times, a row for each, and the columns' names."""
+def as_read(pages: Iterable[HistoryPage], channels: Sequence[str] | None) -> TimeTable:
+    """Of each time at which a channel was read."""
     columns = _ChannelColumns(channels)
-    parts = [columns.good(page) for page in pages]
-    times, row = np.unique(np.concatenate([part[0] for part in parts]), return_inverse=True)
-    table = np.full((len(times), len(columns.names)), np.nan)
-    table[row, np.concatenate([part[1] for part in parts])] = np.concatenate([part[2] for part in parts])
+    parts = [part for page in pages for part in columns.good(page)]
+    different = [_different(part.time) for part in parts]
+    times, place = _different(np.concatenate([np.empty(0), *(own for own, _ in different)]))
+    table, begin = np.full((len(times), len(columns.names)), np.nan), 0
+    for part, (own, row) in zip(parts, different, strict=True):
+        end = begin + len(own)
+        table[place[begin:end][row], part.column] = part.value
+        begin = end
     return times, table, columns.names
+
+
+def _different(times: _Array) -> tuple[_Array, _Places]:
+    """The different ones, ascending, and the place of each in these; those that ascend already need no sorting."""
+    steps = np.diff(times)
+    if (steps >= 0.0).all():
+        first = np.concatenate([np.ones(min(1, len(times)), np.bool_), steps > 0.0])
+        return times[first], np.cumsum(first) - 1
+    return np.unique(times, return_inverse=True)
 
 
 def interval_means(
     pages: Iterable[HistoryPage], channels: Sequence[str] | None, begin_s: float, end_s: float, every_s: float
-) -> tuple[_Array, _Array, list[str]]:
-    """The same for intervals; holds one page at a time."""
+) -> TimeTable:
+    """Of each interval; holds one page at a time."""
     if not every_s > 0:
         raise ValueError(f"every_s = {every_s!r}: expected more than 0")
     times = np.arange(begin_s, end_s, every_s)
     columns = _ChannelColumns(channels)
     sums, counts = np.zeros((len(times), 0)), np.zeros((len(times), 0))
     for page in pages:
-        at_s, column, value = columns.good(page)
+        parts = list(columns.good(page))
         wider = ((0, 0), (0, len(columns.names) - sums.shape[1]))
         sums, counts = np.pad(sums, wider), np.pad(counts, wider)
-        row = np.minimum(((at_s - begin_s) // every_s).astype(np.int64), len(times) - 1)
-        np.add.at(sums, (row, column), value)
-        np.add.at(counts, (row, column), 1.0)
+        for at_s, column, value in parts:
+            row = np.minimum(((at_s - begin_s) // every_s).astype(np.int64), len(times) - 1)
+            np.add.at(sums, (row, column), value)
+            np.add.at(counts, (row, column), 1.0)
     return times, np.divide(sums, counts, out=np.full_like(sums, np.nan), where=counts > 0), columns.names

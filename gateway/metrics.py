@@ -98,7 +98,7 @@ class GatewayFigures(Collector):
             yield CounterMetricFamily("talc_decisions", "Decisions made", value=self._counts["decisions"])
 
     def _of_health(self) -> Iterator[Metric]:
-        build = GaugeMetricFamily("talc_build", "1; what runs", labels=("machine", "version"))
+        build = GaugeMetricFamily("talc_build", "Always 1; the labels say what runs", labels=("machine", "version"))
         build.add_metric((self._machine, self._version), 1.0)
         yield build
         health, store = self._health, self._store
@@ -115,7 +115,9 @@ class GatewayFigures(Collector):
             failing = float(bool(store.problem))
             yield GaugeMetricFamily("talc_store_failing", "1: nothing can be stored now", failing)
             yield GaugeMetricFamily("talc_store_waiting_rows", "Rows that wait in memory", store.waiting)
-            yield CounterMetricFamily("talc_store_dropped_rows", "Rows that had to go", store.dropped)
+            yield CounterMetricFamily(
+                "talc_store_dropped_rows", "Rows that were dropped because too many waited", store.dropped
+            )
             if store.free_mb is not None:
                 yield GaugeMetricFamily("talc_store_free_bytes", "Free space on the store's disk", store.free_mb * 1e6)
 

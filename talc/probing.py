@@ -123,7 +123,8 @@ def report_poses(poses_rad: FloatArray, radius_m: float, height_m: float, sigma_
     full[: values.size] = values
     rank = int((full > _RANK_TOLERANCE * full[0]).sum()) if full[0] > 0 else 0
     loose = (rows[rank:] ** 2).sum(axis=0) > 1e-6
-    spread = np.sqrt(np.diag(np.linalg.pinv(design.T @ design))) * sigma_um
+    variance = np.diag(np.linalg.pinv(design.T @ design))
+    spread = np.sqrt(np.maximum(variance, 0.0)) * sigma_um  # rounding makes 0 of a loose error negative
     return PoseReport(
         rank=rank,
         condition=float(full[0] / full[-1]) if rank == 9 else math.inf,

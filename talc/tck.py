@@ -80,7 +80,7 @@ class Ensemble:
         return np.asarray(sum(m.assigned @ p for m, p in own) / (self._length * length), dtype=np.float64)
 
 
-def _mixture(series: FloatArray, components: int, draw: np.random.Generator) -> _SegmentMixture:
+def _mixture(series: FloatArray, components: int, draw: "np.random.Generator") -> _SegmentMixture:
     """Fitted to a part of the series on one segment."""
     n, steps = series.shape
     a0, b0, n0 = draw.uniform(0.001, 1.0), draw.uniform(0.005, 0.2), draw.uniform(0.001, 0.2)

@@ -72,12 +72,11 @@ class Board:
         gone: list[Reading] = []
         again_s = now_s + STALE_AFTER_PERIODS * min(self._periods.values(), default=1.0)
         for channel, reading in self._latest.items():
-            if channel in self._expired or not _ages(reading):
-                continue
             stale_s = reading.monotonic_s + STALE_AFTER_PERIODS * self._periods[channel]
             if now_s < stale_s:
-                again_s = min(again_s, stale_s)
-            else:
+                if stale_s < again_s and _ages(reading):
+                    again_s = stale_s
+            elif channel not in self._expired and _ages(reading):
                 self._expired.add(channel)
                 gone.append(_stale(reading, now_s))
         return gone, again_s

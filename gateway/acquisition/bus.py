@@ -34,8 +34,8 @@ class PolledBus:
 
     @contextmanager
     def limited(self, left_s: float) -> Iterator[None]:
-        """Inside, no request of a bus that can be told so waits for longer than this."""
-        if self._limited is None:
+        """Inside, no request of a bus that can be told so waits for longer than this. Raises what the bus raises."""
+        if self._limited is None or left_s == math.inf:
             yield
             return
         self._limited.limit(left_s)

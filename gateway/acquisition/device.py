@@ -63,20 +63,36 @@ class PolledDevice:
         began_s = self._clock.monotonic()
         try:
             async with asyncio.timeout(self._line.read_limit_s):
-                if not self._connected:
-                    await uncancelled(self.driver.connect())
-                    self._connected = True
+                await self._connect()
                 asked_s = self._clock.monotonic()
                 readings = self._complete(await uncancelled(self.driver.read(again=again)))
         except Exception as error:
-            self.cost_s = self._clock.monotonic() - began_s
-            self.answered_s, self.error = None, error
-            self.heard |= isinstance(error, DriverError) and error.heard
+            self._failed(began_s, error)
             raise
         self.answered_s, self.error = self._clock.monotonic() - asked_s, None
         self.ever_answered, self.heard, self.lost, self.silent = True, True, 0, 0
         self._units |= {reading.channel: reading.unit for reading in readings}
         return [self._judged(reading) for reading in readings]
+
+    async def greet(self) -> None:
+        """Connect it, if it is not. Raises as `read`."""
+        began_s = self._clock.monotonic()
+        try:
+            async with asyncio.timeout(self._line.read_limit_s):
+                await self._connect()
+        except Exception as error:
+            self._failed(began_s, error)
+            raise
+
+    async def _connect(self) -> None:
+        if not self._connected:
+            await uncancelled(self.driver.connect())
+            self._connected = True
+
+    def _failed(self, began_s: float, error: Exception) -> None:
+        self.cost_s = self._clock.monotonic() - began_s
+        self.answered_s, self.error = None, error
+        self.heard |= isinstance(error, DriverError) and error.heard
 
     @property
     def asks_later(self) -> bool:

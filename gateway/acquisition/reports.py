@@ -46,6 +46,8 @@ class LineReports:
 
     def answered(self, subject: str, readings: Sequence[Reading]) -> None:
         """A device answered; some of its channels may still be bad."""
+        if self._problems.none_lately and all(reading.quality.usable for reading in readings):
+            return  # as almost always
         self._problems.clear(subject, f"{subject}: answers again")
         for reading in readings:
             channel, quality = f"channel {reading.channel}", reading.quality.value
@@ -64,10 +66,17 @@ class LineReports:
         else:
             self._problems.clear(subject, f"{subject}: the devices answer in time again")
         if self._shared is not None:
-            self._others(self._shared.other_master())
+            self._shared_by(self._shared)
 
-    def _others(self, evidence: str) -> None:
+    def _shared_by(self, line: SharedLine) -> None:
         subject = f"line of bus {self._bus}"
+        try:
+            evidence = line.other_master()
+        except MemoryError:
+            raise
+        except Exception as error:  # noqa: BLE001 - a driver's bug must not end the other buses
+            self.failed(subject, error)
+            return
         if evidence:
             advice = "only one may ask; end the other, or give it a line of its own"
             self._problems.report(subject, "shared", f"bus {self._bus}: {OTHER_MASTER}: {evidence} ({advice})")

@@ -88,6 +88,8 @@ class BusRunner:
     async def run(self) -> None:
         """Poll until cancelled; then close the devices and the bus."""
         try:
+            with self._clock.hold():
+                await self._greet()
             await self._periodic.run(self._poll, lambda missed: self._reports.polled(self._answered_s, missed))
         finally:
             with self._clock.hold():
@@ -104,6 +106,23 @@ class BusRunner:
                     await self._ask_once_more(self._unsure.popleft(), due)
             else:
                 self._publish_fault(device)
+
+    async def _greet(self) -> None:
+        """Before the first period, connect the devices: nobody knows yet how long one takes, so one that is silent
+        costs its full time. Then it would come between the first readings of the others."""
+        began_s = self._clock.monotonic()
+        if len(self.devices) == 1 or not await self._open_bus(began_s):
+            return
+        for device in self.devices:
+            try:
+                await device.greet()
+            except MemoryError:
+                raise
+            except Exception as error:  # noqa: BLE001 - a driver's bug must not end the other buses
+                if not self._may_be_asked_again(device, error):
+                    await self._failed(device, began_s, error)
+            if not self._bus.is_open:
+                return
 
     async def _poll(self, due: float) -> None:
         """One period: read healthy devices, try some failing ones, give the channels of the rest a fault reading."""
@@ -157,8 +176,8 @@ class BusRunner:
             rest_s = self._left_s(due) - self._reserve_s
             fits = self._least_s(unsure.device) <= rest_s
             if self._bus.is_open and (fits or (unsure.asks == 1 and (late or (first and unsure.steady)))):
-                with self._bus.limited(rest_s if fits else math.inf):
-                    late |= await self._ask_once_more(unsure, due) or unsure.device.heard
+                within_s = rest_s if fits else math.inf
+                late |= await self._ask_once_more(unsure, due, within_s) or unsure.device.heard
                 first = False
             else:
                 await self._failed(unsure.device, due, unsure.error)
@@ -178,18 +197,18 @@ class BusRunner:
     async def _ask_later(self, due: float) -> None:
         """Let one device that is silent for a part of it be asked for that, if it fits into the rest of the period."""
         rest_s = self._left_s(due) - self._reserve_s
-        device = next((d for d in self.devices if d.asks_later and self._may_cost_s(d) <= rest_s), None)
-        if device is None or not self._bus.is_open:
-            return
-        try:
-            with self._bus.limited(rest_s):
-                await device.ask_later()
-        except MemoryError:
-            raise
-        except (DriverError, OSError, TimeoutError):
-            pass  # the next read says what is wrong
-        except Exception as error:  # noqa: BLE001 - a driver's bug must not end the other buses
-            self._reports.failed(device.subject, error)
+        for device in self.devices if self._bus.is_open else ():
+            try:
+                if device.asks_later and self._may_cost_s(device) <= rest_s:
+                    with self._bus.limited(rest_s):
+                        await device.ask_later()
+                    return
+            except MemoryError:
+                raise
+            except (DriverError, OSError, TimeoutError):
+                return  # the next read says what is wrong
+            except Exception as error:  # noqa: BLE001 - a driver's bug must not end the other buses
+                self._reports.failed(device.subject, error)
 
     def _left_s(self, due: float) -> float:
         return due + self.line.period_s - self._clock.monotonic()
@@ -238,9 +257,9 @@ class BusRunner:
                 self._unsure.append(_Unsure(device, error, steady))
         return error is None
 
-    async def _ask_once_more(self, unsure: _Unsure, due: float) -> bool:
-        """The same for a device that may answer this time; one that does not may be asked once more."""
-        error = await self._read(unsure.device, again=True)
+    async def _ask_once_more(self, unsure: _Unsure, due: float, within_s: float = math.inf) -> bool:
+        """The same for a device that may answer this time, within so many seconds; otherwise it may be asked again."""
+        error = await self._read(unsure.device, again=True, within_s=within_s)
         if error is not None:
             unsure.asks += 1
             if not (isinstance(unsure.error, DriverError) and not unsure.error.hurried):
@@ -253,10 +272,11 @@ class BusRunner:
                 self._unsure.append(unsure)
         return error is None
 
-    async def _read(self, device: PolledDevice, *, again: bool = False) -> Exception | None:
+    async def _read(self, device: PolledDevice, *, again: bool = False, within_s: float = math.inf) -> Exception | None:
         """Read one device and publish its readings; otherwise returns why it could not be read."""
         try:
-            readings = await device.read(again=again)
+            with self._bus.limited(within_s):
+                readings = await device.read(again=again)
         except MemoryError:
             raise
         except Exception as error:  # noqa: BLE001 - likewise

@@ -52,7 +52,7 @@ async def _greeting(target: AgentUnderTest) -> dict[str, Any]:
     except Told as refusal:
         raise Unreachable(f"the agent refuses the login: {refusal}") from None
     except Broken as broken:
-        raise Unreachable(f"the login came to {broken}") from None
+        raise Unreachable(f"the login ended with {broken}") from None
     return greeting if isinstance(greeting, dict) else {}
 
 

@@ -8,6 +8,7 @@ import logging
 from contextlib import AbstractContextManager
 from datetime import datetime
 
+from gateway.cli.notify import ServiceManager
 from gateway.clock import ServiceClock
 from gateway.config import GatewayConfig
 
@@ -85,3 +86,16 @@ class WatchedClock:
     def origin(self) -> str:
         """See ServiceClock."""
         return self._clock.origin()
+
+
+async def feed(manager: ServiceManager, every_s: float, clock: WatchedClock, stop: asyncio.Event) -> None:
+    """Notify systemd while every loop runs, or while the service stops; otherwise log which loops are stuck."""
+    told: list[str] = []
+    while True:
+        stuck = [] if stop.is_set() else clock.stuck()
+        if not stuck:
+            manager.alive()
+        elif stuck != told:
+            log.critical("systemd is no longer notified, because these loops are stuck: %s", ", ".join(stuck))
+        told = stuck
+        await asyncio.sleep(every_s)

@@ -4,8 +4,10 @@ import asyncio
 import socket
 
 import click
+from rich.console import Console
 
 from gateway.cli.demo_machine import STEPS_PER_HOUR, Demo, on_emulated_machine
+from gateway.cli.demo_page import PAGE_LOG, demo_page
 from gateway.cli.report import write
 from gateway.cli.running import serve
 from gateway.cli.signals import stop_on_signals
@@ -23,7 +25,10 @@ _LEAVINGS = (
     "clock",
     "report.html",
     "report.png",
+    PAGE_LOG,
 )
+_USE = "[machine.bench]\ntolerance_um = 8.0\nsphere_radius_mm = 200.0\nsphere_height_mm = 80.0\n"
+"""What its page knows of it: a job's tolerance, and [probing] of simulators/bench/gateway.toml."""
 
 
 def run_demo(demo: Demo) -> None:
@@ -34,16 +39,19 @@ def run_demo(demo: Demo) -> None:
     for name in _LEAVINGS:
         (demo.folder / name).unlink(missing_ok=True)
     console = terminal()
-    page = f"talc-gateway web --connect tcp/127.0.0.1:{demo.zenoh_port}"
-    console.print(f"its page, from a second terminal: {page}", highlight=False, soft_wrap=True)
-    asyncio.run(_run(demo))
+    asyncio.run(_run(demo, console))
     console.print()
     write(demo.folder / "gateway.sqlite", demo.folder / "report.html", truth=demo.folder / "truth.csv")
     console.print(f"replay: talc-gateway replay {demo.folder / 'gateway.sqlite'}")
 
 
-async def _run(demo: Demo) -> None:
-    async with on_emulated_machine(demo) as (config, clock):
+async def _run(demo: Demo, console: Console) -> None:
+    async with (
+        demo_page(demo.folder, demo.zenoh_port, _USE) as page,
+        on_emulated_machine(demo) as (config, clock),
+    ):
+        said = "its page: not installed; pip install 'talc-gateway[web]'" if page is None else await page.line()
+        console.print(said, highlight=False, soft_wrap=True)
         stop = asyncio.Event()
         stop_on_signals(stop)
         state = ViewState(machine=config.machine.name)

@@ -50,12 +50,20 @@ _CLOCK = Ailment(
 )
 
 
-def show(config: GatewayConfig, root: Path = Path("/")) -> bool:
-    """Print every finding; True if there is none.
+_OF_OTHERS = (
+    "not looked at: which programs of other users have a serial line of this configuration open; only root can see that"
+)
+
+
+def show(config: GatewayConfig, root: Path = Path("/"), *, sees_all: bool | None = None) -> bool:
+    """Print every finding, and what this user cannot see; True if there is no finding.
 
     root: where /sys, /proc and /run are
+    sees_all: whether this user sees the open files of all users' processes; None: root does
     """
     console = terminal()
+    if sees_all is None:
+        sees_all = os.geteuid() == 0
     found = list(ailments(config, root, synchronised=clock_synchronised() is True))
     for finding in found:
         console.print(
@@ -63,6 +71,8 @@ def show(config: GatewayConfig, root: Path = Path("/")) -> bool:
         )
     if not found:
         console.print("nothing found")
+    if not sees_all and any(_serial_port(bus) for bus in config.buses):
+        console.print(_OF_OTHERS, soft_wrap=True)
     return not found
 
 

@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from importlib.metadata import version
 
+from gateway.cli.terminal import counted
 from gateway.config import GatewayConfig, unarmed
 from gateway.telemetry import keys
 
@@ -10,8 +11,8 @@ from gateway.telemetry import keys
 def contents(config: GatewayConfig) -> str:
     """How much of everything the configuration has."""
     return (
-        f"{len(config.buses)} buses, {len(config.devices)} devices, {len(config.channels)} channels, "
-        f"{len(config.states)} machine states"
+        f"{counted(len(config.buses), 'bus', 'buses')}, {counted(len(config.devices), 'device')}, "
+        f"{counted(len(config.channels), 'channel')}, {counted(len(config.states), 'machine state')}"
     )
 
 
@@ -29,7 +30,7 @@ def opening(config: GatewayConfig) -> Iterator[str]:
     )
     for bus in config.buses:
         channels = sum(len(device.channels) for device in config.devices_of(bus.name))
-        yield f"bus {bus.name}: {bus.kind} at {bus.place}, {channels} channels every {bus.period_s:g} s"
+        yield f"bus {bus.name}: {bus.kind} at {bus.place}, {counted(channels, 'channel')} every {bus.period_s:g} s"
     control = "none" if config.nc is None else f"{config.nc.kind} at {config.nc.address}"
     yield f"control: {control}; {armed(config)}"
     telemetry = config.telemetry

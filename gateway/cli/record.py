@@ -9,7 +9,7 @@ import click
 from drivers.base import Reading
 from gateway.acquisition import Acquisition, lines_of
 from gateway.cli.signals import stop_on_signals, until
-from gateway.cli.terminal import terminal
+from gateway.cli.terminal import counted, terminal
 from gateway.clock import RealClock
 from gateway.config import AgentSection, GatewayConfig, OpcUaSection, packed_toml
 from gateway.polling import Notice
@@ -65,7 +65,9 @@ async def _record(config: GatewayConfig, path: Path, seconds: float | None, most
     most_bytes = round(most_mb * 1e6)
     with WireLogWriter(path, packed_toml(config), clock.utc(), most_bytes=most_bytes) as log:
         lines = lines_of(config, clock, log.tap)
-        console.print(f"recording {len(lines)} buses to {path}; Ctrl-C stops", highlight=False, soft_wrap=True)
+        console.print(
+            f"recording {counted(len(lines), 'bus', 'buses')} to {path}; Ctrl-C stops", highlight=False, soft_wrap=True
+        )
         async with Acquisition(lines, clock, take, noticed, quiet=True):
             async for _ in until(stop, _LOOK_EVERY_S, seconds):
                 if log.ended:
@@ -74,8 +76,9 @@ async def _record(config: GatewayConfig, path: Path, seconds: float | None, most
         console.print(f"ended: {log.ended}", style="yellow", highlight=False, soft_wrap=True)
     if log.dropped:
         console.print(f"{log.dropped} lines were lost: the disk was too slow", style="yellow", highlight=False)
-    counted = ", ".join(f"{bus} {count}" for bus, count in log.counts.items())
-    console.print(f"{path}: {counted} lines; {len(bad)} channels not good at the end", highlight=False, soft_wrap=True)
+    lines_of_each = ", ".join(f"{bus} {counted(count, 'line')}" for bus, count in log.counts.items())
+    not_good = f"{counted(len(bad), 'channel')} not good at the end"
+    console.print(f"{path}: {lines_of_each}; {not_good}", highlight=False, soft_wrap=True)
     if not good:
         console.print("nothing could be read: no channel was good at any time", style="red", highlight=False)
     return bool(good)

@@ -1,4 +1,4 @@
-"""`talc-gateway run`."""
+"""`talc-gateway run`: runs the service of one configuration until it is stopped."""
 
 import asyncio
 import logging
@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 
-from gateway.cli.alive import WatchedClock
+from gateway.cli.alive import WatchedClock, feed
 from gateway.cli.memory import give_back_large_blocks
 from gateway.cli.notify import ServiceManager
 from gateway.cli.opening import opening
@@ -19,6 +19,7 @@ from gateway.cli.signals import stop_on_signals
 from gateway.clock import RealClock
 from gateway.config import GatewayConfig, packed_toml
 from gateway.events import ConfigurationApplied, GatewayEvent
+from gateway.learning_group import UndividedError, divide
 from gateway.recordings import WireLogWriter
 from gateway.service import Service
 
@@ -38,6 +39,7 @@ def run_service(config: GatewayConfig, path: Path, record: Path | None = None, r
     if logging.getLogger().level > logging.INFO:
         logging.getLogger("gateway").setLevel(logging.INFO)  # a service says what it does
     give_back_large_blocks()
+    _divide()
     manager = ServiceManager()
 
     async def main() -> None:
@@ -62,7 +64,7 @@ def run_service(config: GatewayConfig, path: Path, record: Path | None = None, r
             beside.append(asyncio.create_task(reloading.run(service), name="reload"))
             beside.append(asyncio.create_task(_tell_end(manager, stop, lambda: running), name="end"))
             if manager.watchdog_s is not None:
-                feeding = _feed(manager, manager.watchdog_s / _SIGNS_PER_LIMIT, clock, stop)
+                feeding = feed(manager, manager.watchdog_s / _SIGNS_PER_LIMIT, clock, stop)
                 beside.append(asyncio.create_task(feeding, name="watchdog"))
 
         began_s = clock.monotonic()
@@ -79,25 +81,27 @@ def run_service(config: GatewayConfig, path: Path, record: Path | None = None, r
     asyncio.run(main())
 
 
-async def _feed(manager: ServiceManager, every_s: float, clock: WatchedClock, stop: asyncio.Event) -> None:
-    """Notify systemd while every loop runs, or while the service stops; otherwise log which loops are stuck."""
-    told: list[str] = []
-    while True:
-        stuck = [] if stop.is_set() else clock.stuck()
-        if not stuck:
-            manager.alive()
-        elif stuck != told:
-            log.critical("systemd is no longer notified, because these loops are stuck: %s", ", ".join(stuck))
-        told = stuck
-        await asyncio.sleep(every_s)
+def _divide() -> None:
+    try:
+        if divide():
+            log.info(
+                "what learns has a control group of its own: a tenth of the gateway's processor time, if both want it"
+            )
+    except UndividedError as error:
+        log.info("what learns has no control group of its own, only a lower priority: %s", error)
 
 
 async def _tell_end(manager: ServiceManager, stop: asyncio.Event, running: Callable[[], GatewayConfig]) -> None:
     """Once `stop` is set, ask for the time that taking the offsets back may need."""
     await stop.wait()
-    longest_s = _STOP_MARGIN_S + ramp_s(running())
+    longest_s = stop_s(running())
     log.info("stopping; this takes up to %.0f s", longest_s)
     manager.stopping("stopping", longest_s)
+
+
+def stop_s(config: GatewayConfig) -> float:
+    """How long a stop may take, s."""
+    return _STOP_MARGIN_S + ramp_s(config)
 
 
 def ramp_s(config: GatewayConfig) -> float:

@@ -90,7 +90,7 @@ async def serve(
         sinks.append(SnapshotKeeper(past, store, config).take)
         if wire_log is not None:
             sinks.append(_reconfiguring(wire_log, packed_toml(config)))
-        identity = Identity.of(boot, store.earlier_boot)
+        identity = Identity.of(boot, store.predecessor)
         tap = None if wire_log is None else wire_log.tap
         sink = in_order([*sinks, *more])
         for text in news:
@@ -123,6 +123,7 @@ def _store(config: GatewayConfig, boot: str, clock: ServiceClock) -> Store:
             most_mb=config.storage.most_mb,
         ),
         silent_s=_SILENT_S,
+        origin=clock.origin(),
     )
 
 

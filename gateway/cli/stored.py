@@ -1,26 +1,42 @@
 """Answers queries on `history`, `course` and `stored` from the database, opened for reading at each query."""
 
-from datetime import datetime
+from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
 
-from gateway.storage import Position, RowsPage, StoreError, course_between, means_page, readings_page, rows_after
+from gateway.storage import (
+    QUALITIES,
+    BlocksPage,
+    Position,
+    RowsPage,
+    StoredReasons,
+    StoreError,
+    blocks_page,
+    course_between,
+    means_page,
+    readings_page,
+    rows_after,
+)
 from gateway.storage.columns import CellKind
 from gateway.telemetry import (
     CoursePage,
     CourseRequest,
     CourseSource,
+    HistoryBlock,
     HistoryPage,
     HistoryRequest,
     HistorySource,
     StoredColumn,
+    StoredReason,
     StoredRequest,
     StoredRows,
     StoredSource,
     StoredTable,
     courses,
+    reason_of_each,
 )
+from talc.names import THERMAL_ERRORS
 
 
 def history_of(path: Path) -> HistorySource:
@@ -29,6 +45,8 @@ def history_of(path: Path) -> HistorySource:
     def find(asked: HistoryRequest) -> HistoryPage:
         try:
             wanted = path, asked.begin, asked.end, asked.channels, asked.limit
+            if asked.blocks:
+                return _in_blocks(blocks_page(*wanted, asked.after))
             page = (
                 readings_page(*wanted, asked.after)
                 if asked.every_s is None
@@ -43,12 +61,20 @@ def history_of(path: Path) -> HistorySource:
     return find
 
 
+def _in_blocks(page: BlocksPage) -> HistoryPage:
+    return HistoryPage(
+        page.period_s, page.names, page.units, [], [], [], [], page.next,
+        tuple(HistoryBlock(*block) for block in page.blocks), page.numbers, tuple(q.value for q in QUALITIES),
+    )  # fmt: skip
+
+
 def course_of(path: Path, step_s: float) -> CourseSource:
     """Estimates and measurements of a database."""
 
     def find(asked: CourseRequest) -> CoursePage:
         try:
-            found = course_between(path, asked.begin, asked.end, asked.limit, step_s, temperatures=asked.temperatures)
+            wanted = path, asked.begin, asked.end, asked.limit, step_s
+            found = course_between(*wanted, temperatures=asked.temperatures, reasons=asked.reasons)
         except StoreError as error:
             raise OSError(str(error)) from error
         columns = np.round(found.temperatures, 2).T.tolist()
@@ -59,9 +85,20 @@ def course_of(path: Path, step_s: float) -> CourseSource:
             courses(found.measured, found.measured_sigma),
             [_number(value) for value in found.residual_um.tolist()],
             {n: [_number(v) for v in column] for n, column in zip(found.temperature_names, columns, strict=True)},
+            [_reason(each) for each in found.reasons],
         )
 
     return find
+
+
+def _reason(given: StoredReasons) -> StoredReason:
+    return StoredReason(
+        datetime.fromtimestamp(given.time, UTC).isoformat(),
+        given.reasons.k,
+        reason_of_each(given.reasons),
+        {error: _number(value) for error, value in zip(THERMAL_ERRORS, given.sigma.tolist(), strict=True)},
+        None if given.measured is None else given.measured.isoformat(),
+    )
 
 
 def rows_of(path: Path) -> StoredSource:

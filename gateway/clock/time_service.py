@@ -4,6 +4,7 @@ import ctypes
 import os
 import socket
 import struct
+from collections.abc import Callable
 from pathlib import Path
 
 _TIMEX_BYTES = 512
@@ -14,7 +15,7 @@ _TIMESYNCD = Path("/run/systemd/timesync")
 """Where systemd-timesyncd leaves the file `synchronized` once it has set the clock."""
 _CHRONYD = ("127.0.0.1", 323)
 """chrony's command port, on which every local user may ask for `tracking`; only root can open a port below 1024."""
-_CHRONYD_WAIT_S = 0.05
+CHRONYD_WAIT_S = 0.05
 """The service's loop waits that long at most; without chrony the kernel refuses at once."""
 
 # chrony's candm.h, version 6 of its protocol (since chrony 2.0): a request is as long as its answer.
@@ -28,15 +29,26 @@ _ANSWER = struct.Struct("!BBxxHHH6xI8xI20xxxH")
 """Version, type, command, reply, status, sequence; of `tracking` the reference and the leap status. More follows."""
 
 
-def clock_synchronised(timesyncd: Path = _TIMESYNCD, chronyd: tuple[str, int] = _CHRONYD) -> bool | None:
+def kernel_synchronised() -> bool | None:
+    """Whether the kernel knows of a time service that keeps the clock; None: it may not be asked."""
+    libc = ctypes.CDLL(None)
+    state = libc.adjtimex(ctypes.create_string_buffer(_TIMEX_BYTES)) if hasattr(libc, "adjtimex") else -1
+    return bool(state != _TIME_ERROR) if state >= 0 else None
+
+
+def clock_synchronised(
+    timesyncd: Path = _TIMESYNCD,
+    chronyd: tuple[str, int] = _CHRONYD,
+    kernel: Callable[[], bool | None] = kernel_synchronised,
+) -> bool | None:
     """Whether a time server keeps the computer's clock; None: unknown.
 
     The kernel knows it of any time service. Where asking it is denied, as by ProtectClock of a systemd unit, chrony
     tells, or systemd-timesyncd's file; of another time service nothing is known then.
 
-    chronyd: address of its command port
+    chronyd: address of its command port; kernel: asks the kernel
     """
-    known = _kernel()
+    known = kernel()
     if known is None:
         known = chrony_synchronised(chronyd)
     if known is None and timesyncd.is_dir():
@@ -44,18 +56,12 @@ def clock_synchronised(timesyncd: Path = _TIMESYNCD, chronyd: tuple[str, int] = 
     return known
 
 
-def _kernel() -> bool | None:
-    libc = ctypes.CDLL(None)
-    state = libc.adjtimex(ctypes.create_string_buffer(_TIMEX_BYTES)) if hasattr(libc, "adjtimex") else -1
-    return bool(state != _TIME_ERROR) if state >= 0 else None
-
-
 def chrony_synchronised(chronyd: tuple[str, int] = _CHRONYD) -> bool | None:
     """Whether chrony has set the clock by a server; None: it does not answer."""
     sequence = int.from_bytes(os.urandom(4), "big")
     try:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as line:
-            line.settimeout(_CHRONYD_WAIT_S)
+            line.settimeout(CHRONYD_WAIT_S)
             line.connect(chronyd)
             line.send(_ASK.pack(6, _REQUEST, _TRACKING, 0, sequence))
             answer = line.recv(1024)

@@ -22,15 +22,15 @@ if TYPE_CHECKING:
     from gateway.config.consequences import unarmed
     from gateway.config.controls import AgentNc, LinuxCncNc, MtConnectNc, Nc, SinumerikNc
     from gateway.config.extended import other_kinds, validate
-    from gateway.config.extensions import ControlSection, OtherBus
+    from gateway.config.extensions import OUTLETS, ControlSection, OtherBus, asked, sections_of_others
     from gateway.config.fields import NAME_FORM, Name
     from gateway.config.file import draft, load, parse
     from gateway.config.metrics import Metrics
     from gateway.config.model import Channel, GatewayConfig
     from gateway.config.packed import packed_toml, unpacked
     from gateway.config.prior import PriorError, PriorFile, described, parse_prior, prior_for
-    from gateway.config.problems import ConfigError, Problem, place, shown, suggestion
-    from gateway.config.reading import read_as, read_text
+    from gateway.config.problems import ConfigError, Problem, place, read_sections, shown, suggestion
+    from gateway.config.reading import any_section_of, data_of, kinds_in, read_as, read_text
     from gateway.config.rules import cautions
     from gateway.config.sections import Compensation, Device, Probing, Storage
     from gateway.config.talc_only import TalcOnly, load_talc_only
@@ -58,15 +58,15 @@ else:
             ".consequences": ("unarmed",),
             ".controls": ("AgentNc", "LinuxCncNc", "MtConnectNc", "Nc", "SinumerikNc"),
             ".extended": ("other_kinds", "validate"),
-            ".extensions": ("ControlSection", "OtherBus"),
+            ".extensions": ("OUTLETS", "ControlSection", "OtherBus", "asked", "sections_of_others"),
             ".fields": ("NAME_FORM", "Name"),
             ".file": ("draft", "load", "parse"),
             ".metrics": ("Metrics",),
             ".model": ("Channel", "GatewayConfig"),
             ".packed": ("packed_toml", "unpacked"),
             ".prior": ("PriorError", "PriorFile", "described", "parse_prior", "prior_for"),
-            ".problems": ("ConfigError", "Problem", "place", "shown", "suggestion"),
-            ".reading": ("read_as", "read_text"),
+            ".problems": ("ConfigError", "Problem", "place", "read_sections", "shown", "suggestion"),
+            ".reading": ("data_of", "kinds_in", "any_section_of", "read_as", "read_text"),
             ".rules": ("cautions",),
             ".sections": ("Compensation", "Device", "Probing", "Storage"),
             ".talc_only": ("TalcOnly", "load_talc_only"),
@@ -78,6 +78,7 @@ else:
 
 __all__ = [
     "NAME_FORM",
+    "OUTLETS",
     "AgentNc",
     "AgentSection",
     "BusSection",
@@ -114,13 +115,17 @@ __all__ = [
     "TalcOnly",
     "Telemetry",
     "TelemetryTls",
+    "any_section_of",
+    "asked",
     "cautions",
     "certificate_end",
     "certificate_ends",
     "credential_problems",
+    "data_of",
     "described",
     "draft",
     "endpoint",
+    "kinds_in",
     "load",
     "load_talc_only",
     "other_kinds",
@@ -130,7 +135,9 @@ __all__ = [
     "place",
     "prior_for",
     "read_as",
+    "read_sections",
     "read_text",
+    "sections_of_others",
     "shown",
     "suggestion",
     "toml_value",

@@ -30,18 +30,26 @@ class SinumerikNc(SinumerikControl):
     states: Mapping[Name, StateNode] = Field(default_factory=dict)
 
     def settings(
-        self, poses_deg: Poses, states: Iterable[str], *, asks: bool = True, writes: bool = True
+        self,
+        poses_deg: Poses,
+        states: Iterable[str],
+        *,
+        asks: bool = True,
+        writes: bool = True,
+        watchdog_s: float | None = None,
     ) -> SinumerikSettings:
         """The driver's settings for a probing cycle of these poses.
 
         states: those of `known_states` that models use. Only these are read, so that a bit that is not wired does not
-        keep the gateway from connecting. asks, writes: see SinumerikSettings. Raises SetupError naming the field and
+        keep the gateway from connecting. asks, writes: see SinumerikSettings. watchdog_s: of the control; a session
+        that writes ends before it begins to ramp, so that no later write acts. Raises SetupError naming the field and
         the value; no network.
         """
         known = self.known_states()
         given: dict[str, object] = {name: getattr(self, name) for name in SinumerikControl.model_fields}
         chosen = {"poses": len(poses_deg), "states": {name: known[name] for name in states}}
-        return settings_of(SinumerikSettings, given | chosen | {"asks": asks, "writes": writes})
+        session = {"session_s": watchdog_s / 2} if writes and watchdog_s is not None else {}
+        return settings_of(SinumerikSettings, given | chosen | session | {"asks": asks, "writes": writes})
 
     def known_states(self) -> Mapping[str, StateNode]:
         """Every machine state that can be an input."""

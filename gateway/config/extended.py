@@ -4,16 +4,26 @@ import json
 from collections.abc import Iterator, Mapping
 from functools import cache
 from pathlib import Path
-from typing import Annotated, Any, Union, get_args
+from typing import Any, get_args
 
 from pydantic import Field, create_model
 
 from drivers.section import strictly
 from gateway.config.buses import BusSection
 from gateway.config.controls import Nc
-from gateway.config.extensions import BUSES, CONTROLS, ExtensionError, extensions, section_of
+from gateway.config.extensions import (
+    BUSES,
+    CONTROLS,
+    ControlSection,
+    ExtensionError,
+    OtherBus,
+    extensions,
+    section_of,
+    sections_of_others,
+)
 from gateway.config.model import GatewayConfig, with_database
 from gateway.config.problems import Problem
+from gateway.config.reading import any_section_of, kinds_in
 
 
 def _sections(union: object) -> dict[str, type[Any]]:
@@ -23,25 +33,20 @@ def _sections(union: object) -> dict[str, type[Any]]:
 
 
 _OWN = {CONTROLS: _sections(Nc), BUSES: _sections(BusSection)}
+_BASES: Mapping[str, type[Any]] = {CONTROLS: ControlSection, BUSES: OtherBus}
 
 
 def config_class(data: Mapping[str, object]) -> tuple[type[GatewayConfig], list[Problem]]:
     """The class for these data of a file, and the kinds that cannot be used."""
-    added: dict[str, dict[str, type[Any]]] = {CONTROLS: {}, BUSES: {}}
-    problems = []
-    for group, kind, where in _kinds(data):
-        if kind in _OWN[group]:
-            continue
-        offered = extensions(group)
-        for name in [kind] if kind in offered else offered:  # of an unknown kind the message tells all that there are
-            try:
-                added[group][name] = section_of(name, offered[name])
-            except ExtensionError as error:
-                if name == kind:
-                    problems.append(Problem(where, str(error)))
+    added, problems = dict[str, tuple[type[Any], ...]](), list[Problem]()
+    for group, base in _BASES.items():
+        named = [(kind, where) for of, kind, where in _kinds(data) if of == group]
+        sections, wrong = sections_of_others(group, base, _OWN[group], named)
+        added[group] = tuple(sections)
+        problems += wrong
     if not any(added.values()):
         return GatewayConfig, problems
-    return _extended(tuple(added[CONTROLS].values()), tuple(added[BUSES].values())), problems
+    return _extended(added[CONTROLS], added[BUSES]), problems
 
 
 def other_kinds() -> tuple[list[str], list[str]]:
@@ -54,7 +59,7 @@ def other_kinds() -> tuple[list[str], list[str]]:
                 broken.append(f"kind '{kind}' of the package {packages} is not used: the gateway has that kind itself")
                 continue
             try:
-                section_of(kind, offered)
+                section_of(kind, offered, _BASES[group])
             except ExtensionError as error:
                 broken.append(str(error))
             else:
@@ -67,19 +72,13 @@ def _kinds(data: Mapping[str, object]) -> Iterator[tuple[str, str, str]]:
     nc = data.get("nc")
     if isinstance(nc, Mapping) and isinstance(nc.get("kind"), str):
         yield CONTROLS, nc["kind"], "[nc], kind"
-    buses = data.get("bus")
-    for number, bus in enumerate(buses if isinstance(buses, list) else (), start=1):
-        if isinstance(bus, Mapping) and isinstance(bus.get("kind"), str):
-            name = bus.get("name")
-            yield BUSES, bus["kind"], f"bus '{name}', kind" if isinstance(name, str) else f"bus number {number}, kind"
+    yield from ((BUSES, kind, where) for kind, where in kinds_in(data, "bus"))
 
 
 @cache
 def _extended(controls: tuple[type[Any], ...], buses: tuple[type[Any], ...]) -> type[GatewayConfig]:
-    union: Any = Union  # made of values, which a type checker does not follow
     several: Any = tuple
-    nc: Any = Annotated[union[(*_OWN[CONTROLS].values(), *controls)], Field(discriminator="kind")]
-    bus: Any = Annotated[union[(*_OWN[BUSES].values(), *buses)], Field(discriminator="kind")]
+    nc, bus = any_section_of((*_OWN[CONTROLS].values(), *controls)), any_section_of((*_OWN[BUSES].values(), *buses))
     return create_model(
         "GatewayConfig",
         __base__=GatewayConfig,

@@ -1,25 +1,27 @@
-"""Controls and buses of other packages, found by their entry points; see docs/extensions.md.
+"""Controls, buses and outlets of other packages, found by their entry points; see docs/extensions.md.
 
 A package is loaded only when the file uses a kind that the gateway does not have, or when `check` looks at all of them.
 """
 
 import inspect
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from importlib.metadata import EntryPoint, entry_points
-from typing import ClassVar, Final, TypeVar
+from typing import Any, ClassVar, Final, TypeVar
 
 from drivers.base import Bus, Clock, Driver, DriverError, SetupError, SystemClock
 from drivers.nc import NumericalControl
 from drivers.section import Positive, Section
 from drivers.tap import Tap
 from gateway.config.polled import Polled
+from gateway.config.problems import Problem
 from gateway.config.sections import Device
 
 CONTROLS: Final = "talc_gateway.controls"
 BUSES: Final = "talc_gateway.buses"
+OUTLETS: Final = "talc_gateway.outlets"
 T = TypeVar("T")
 Poses = Sequence[tuple[float, float]]
 """A and C of each pose, degrees."""
@@ -131,22 +133,25 @@ class Extension:
         dist = self.entry.dist
         return self.entry.value if dist is None else f"{dist.name} {dist.version}"
 
-    def section(self) -> type[ControlSection] | type[OtherBus]:
-        """The class that the entry point names. Raises ExtensionError."""
-        base = ControlSection if self.entry.group == CONTROLS else OtherBus
+    def section(self, base: type[Any]) -> type[Any]:
+        """The class that the entry point names, derived from `base`. Raises ExtensionError."""
         try:
-            found = self.entry.load()
+            found: Any = self.entry.load()
         except (Exception, SystemExit) as error:  # whatever the package does when it is imported
             raise self._unusable(f"{type(error).__name__}: {error}") from error
-        if not (isinstance(found, type) and issubclass(found, base)):
-            raise self._unusable(f"{self.entry.value} is no class derived from gateway.config.{base.__name__}")
+        is_one = isinstance(found, type) and issubclass(found, base)
+        if not is_one:
+            public = ".".join(base.__module__.split(".")[:2])
+            raise self._unusable(f"{self.entry.value} is no class derived from {public}.{base.__name__}")
         if inspect.isabstract(found):
             missing = ", ".join(sorted(found.__abstractmethods__))
             raise self._unusable(f"{self.entry.value} does not define {missing}")
-        allowed = getattr(found.model_fields["kind"].annotation, "__args__", ())
+        kind = found.model_fields.get("kind")
+        allowed = getattr(None if kind is None else kind.annotation, "__args__", ())
         if allowed != (self.kind,):
             raise self._unusable(f'{self.entry.value} has kind {allowed}: expected Literal["{self.kind}"]')
-        return found
+        made: type[Any] = found
+        return made
 
     def _unusable(self, why: str) -> ExtensionError:
         return ExtensionError(
@@ -155,15 +160,38 @@ class Extension:
 
 
 def extensions(group: str) -> dict[str, list[Extension]]:
-    """Kind to the packages that offer it. group: CONTROLS or BUSES. Loads none of them."""
+    """Kind to the packages that offer it. group: CONTROLS, BUSES or OUTLETS. Loads none of them."""
     found: dict[str, list[Extension]] = {}
     for entry in entry_points(group=group):
         found.setdefault(entry.name, []).append(Extension(entry))
     return found
 
 
-def section_of(kind: str, offered: Sequence[Extension]) -> type[ControlSection] | type[OtherBus]:
-    """The class of a kind. Raises ExtensionError, also when two packages offer it."""
+def section_of(kind: str, offered: Sequence[Extension], base: type[Any]) -> type[Any]:
+    """The class of a kind, derived from `base`. Raises ExtensionError, also when two packages offer it."""
     if len(offered) > 1:
         raise ExtensionError(f"kind '{kind}' is offered by {' and '.join(it.package for it in offered)}; remove one")
-    return offered[0].section()
+    return offered[0].section(base)
+
+
+def sections_of_others(
+    group: str, base: type[Any], own: Collection[str], named: Iterable[tuple[str, str]]
+) -> tuple[list[type[Any]], list[Problem]]:
+    """The classes of the kinds that a file names and the gateway does not have, and why some cannot be used.
+
+    base: what they derive from
+    own: kinds that the gateway has itself
+    named: each kind that the file names, and where
+    """
+    found, problems = dict[str, type[Any]](), list[Problem]()
+    for kind, where in named:
+        if kind in own:
+            continue
+        offered = extensions(group)
+        for name in [kind] if kind in offered else offered:  # of an unknown kind the message tells all that there are
+            try:
+                found[name] = section_of(name, offered[name], base)
+            except ExtensionError as error:
+                if name == kind:
+                    problems.append(Problem(where, str(error)))
+    return list(found.values()), problems

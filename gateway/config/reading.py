@@ -1,12 +1,13 @@
 """Reads TOML files, those of a gateway and others. Loads no model of a configuration."""
 
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import TypeVar
+from typing import Annotated, Any, TypeVar, Union
 
-from pydantic import BaseModel
+from pydantic import BaseModel, Field
 
 from drivers.problems import toml_data
-from gateway.config.problems import ConfigError, Problem, read_sections
+from gateway.config.problems import ConfigError, Problem, place, read_sections
 from talc.presets import completed
 
 M = TypeVar("M", bound=BaseModel)
@@ -15,7 +16,7 @@ M = TypeVar("M", bound=BaseModel)
 def read_text(path: Path) -> str:
     """The text of a file. Raises ConfigError."""
     try:
-        return path.read_text(encoding="utf-8")
+        return path.read_text(encoding="utf-8-sig")  # editors of Windows begin a file with a byte order mark
     except OSError as error:
         raise ConfigError(path, [Problem("", f"cannot be read: {error.strerror or error}")]) from None
     except UnicodeDecodeError as error:
@@ -37,3 +38,17 @@ def data_of(text: str, path: Path) -> dict[str, object]:
         raise ConfigError(path, [Problem("", f"is not valid TOML: {error}")]) from None
     talc = data.get("talc")
     return {**data, "talc": completed(talc)} if isinstance(talc, dict) else data
+
+
+def kinds_in(data: Mapping[str, object], section: str) -> Iterator[tuple[str, str]]:
+    """Each `kind` in the tables `[[section]]` of data that are not checked yet, and its place."""
+    tables = data.get(section)
+    for index, table in enumerate(tables if isinstance(tables, list) else ()):
+        if isinstance(table, Mapping) and isinstance(kind := table.get("kind"), str):
+            yield kind, place((section, index, "kind"), data)
+
+
+def any_section_of(sections: Iterable[type[Any]]) -> Any:
+    """The type of whichever of these classes has the `kind` that is given."""
+    union: Any = Union  # made of values, which a type checker does not follow
+    return Annotated[union[tuple(sections)], Field(discriminator="kind")]

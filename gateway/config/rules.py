@@ -126,7 +126,7 @@ def _memory(config: GatewayConfig) -> Iterator[Problem]:
             "[talc] method",
             f"the learner of {inputs} inputs takes {needed / 1e9:.1f} GB from the first measurement on, and as much "
             "again at a start and at each day's snapshot; the Debian package's service may have 1 GB: raise MemoryMax, "
-            "or move channels that say nothing of the errors to a gateway without [nc]",
+            "or move channels that say nothing about the errors to a gateway without [nc]",
         )
 
 

@@ -30,6 +30,7 @@ class Grid(Section):
 
 
 DEFAULT_DATABASE = "gateway.sqlite"
+KeptDays = Annotated[float, Field(gt=0, le=36_500)]
 
 
 class Storage(Section):
@@ -37,16 +38,16 @@ class Storage(Section):
 
     path: FilePath = Path(DEFAULT_DATABASE)
     """SQLite database; a relative path starts at the configuration's folder."""
-    keep_samples_days: Positive = 7.0
+    keep_samples_days: KeptDays = 7.0
     """After this many days of running, raw readings are thinned to minute statistics, and compensation steps and
     reasons are deleted; 30 channels at 1 Hz take about 80 MB a day. Frames and decisions (0.2 MB a day), measurements,
     models and events are kept."""
-    keep_minutes_days: Positive = 400.0
+    keep_minutes_days: KeptDays = 400.0
     """After this many days of running, the minute statistics are deleted; 30 channels take about 2 MB a day."""
     most_mb: Positive = 4000.0
     """When the database is larger than this, the oldest readings are thinned early, and then the oldest minute
     statistics are deleted."""
-    commit_s: Positive = 10.0
+    commit_s: Annotated[float, Field(gt=0, le=3600)] = 20.0
     """Readings are committed at least this often (real time): a power cut loses no more."""
     compensate_unstored: bool = False
     """What the compensation does while nothing can be stored, such as on a full disk. False: it goes to its declared

@@ -164,10 +164,12 @@ def _users_problems(telemetry: Telemetry) -> Iterator[Problem]:
     text = yield from _read(field, path, _text)
     if text is None:
         return
-    lines = [line for line in text.splitlines() if line.strip()]
+    lines = [(number, line) for number, line in enumerate(text.splitlines(), start=1) if line.strip()]
     if not lines:
         yield Problem(field, f"'{path}' is empty: nobody could connect")
-    for number, line in enumerate(lines, start=1):
+    for number, line in lines:
         user, _, password = line.partition(":")
         if not (user.strip() and password.strip()):
             yield Problem(field, f"'{path}', line {number}: expected user:password")
+        elif not line.strip().isprintable():  # a byte order mark, say: nobody would type this name
+            yield Problem(field, f"'{path}', line {number}: {line.strip()!r} contains a character that nobody sees")

@@ -1,4 +1,7 @@
-"""Takes the commands of people who have proved who they are: each is answered, reported and stored."""
+"""Takes the commands of people who have proved who they are: each is answered, reported and stored.
+
+Of those that are refused because there are too many, or because nobody proved anything, a few are stored.
+"""
 
 import asyncio
 import logging
@@ -10,7 +13,7 @@ from typing import assert_never
 
 from gateway.acquisition import ReloadError
 from gateway.clock import ServiceClock
-from gateway.commands import Command, CommandName, CommandOutcome, Disarmed, Pause
+from gateway.commands import UNPROVED, Command, CommandName, CommandOutcome, Disarmed, Pause, Refusals
 from gateway.events import CommandGiven, EventReported, Sink
 from gateway.nc import NcLink
 from gateway.probing import Outlook, Standing
@@ -59,13 +62,21 @@ class CommandTaker:
         self.reload = reload
         self._turn = asyncio.Lock()
         self._taken_s = deque[float](maxlen=_MOST)
+        self._refusals = Refusals()
 
     async def take(self, command: Command, refused: str = "") -> CommandOutcome:
-        """Obey, or refuse. refused: why this person may not give it; empty: they may."""
+        """Obey, or refuse. refused: why this person may not give it, or nobody proved to be one; empty: they may."""
         async with self._turn:
             now_s, at = self._clock.monotonic(), self._clock.utc()
+            if command.by == UNPROVED:  # must not use up what operators may give; the door lets few of them pass
+                outcome = CommandOutcome(command, at, accepted=False, text=refused or "nobody proved to give it")
+                self._report(outcome)
+                return outcome
             if self._too_many(command, now_s):
-                return CommandOutcome(command, at, accepted=False, text="too many commands; wait a minute")
+                outcome = CommandOutcome(command, at, accepted=False, text="too many commands; wait a minute")
+                if (text := self._refusals.stored(outcome.text, now_s)) is not None:
+                    self._report(replace(outcome, text=text))
+                return outcome
             self._taken_s.append(now_s)
             if not refused and command.name not in _BY_CAUTION and (why := await self._unstored()):
                 refused = f"it cannot be stored: {why}"

@@ -15,6 +15,7 @@ from drivers.nc import (
     LINEAR_AXES,
     FollowsErrors,
     FollowsPosition,
+    ForgetsWrites,
     LinearOffsets,
     NcSnapshot,
     NineErrors,
@@ -84,6 +85,11 @@ class _Contained:
     async def read_compensation(self) -> Triple:
         answer = await self._call("read_compensation", self._nc.read_compensation())
         return self._told("read_compensation", lambda: _triple(answer))
+
+    @property
+    def late_write_s(self) -> float:
+        """0 where the driver does not know."""
+        return self._told("late_write_s", lambda: _late(self._nc))
 
     async def claim(self, owner: int, terms: WatchdogTerms, predecessor: int | None = None) -> None:
         await self._call("claim", self._nc.claim(owner, terms, predecessor))
@@ -250,6 +256,13 @@ def _reach(values: object) -> tuple[float, float] | None:
     if not (0.0 <= along < math.inf and 0.0 <= across < math.inf):
         raise ValueError(f"{values!r}: expected two lengths")
     return along, across
+
+
+def _late(nc: NumericalControl) -> float:
+    value = float(nc.late_write_s) if isinstance(nc, ForgetsWrites) else 0.0
+    if not value >= 0.0:
+        raise ValueError(f"{value!r}: expected seconds, 0 or more")
+    return value
 
 
 def _pairs(pairs: frozenset[tuple[int, int]]) -> frozenset[tuple[int, int]]:

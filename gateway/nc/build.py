@@ -17,7 +17,8 @@ def control_of(nc: Nc, config: GatewayConfig, clock: ServiceClock) -> NumericalC
         case SinumerikNc():
             asks, writes = config.probing.armed, config.compensation.mode == "compensate"
             names = (state.name for state in config.states)
-            return make_sinumerik(nc.settings(poses, names, asks=asks, writes=writes), clock)
+            settings = nc.settings(poses, names, asks=asks, writes=writes, watchdog_s=config.compensation.watchdog_s)
+            return make_sinumerik(settings, clock)
         case AgentNc() | LinuxCncNc():
             return AgentControl(nc.settings(poses, ()), clock)
         case MtConnectNc():

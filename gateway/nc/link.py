@@ -10,7 +10,7 @@ from contextlib import AsyncExitStack
 from typing import assert_never
 
 from drivers.base import DriverError, Quality
-from drivers.nc import FollowsErrors, NcSnapshot, NumericalControl
+from drivers.nc import FollowsErrors, ForgetsWrites, NcSnapshot, NumericalControl
 from gateway.clock import ServiceClock
 from gateway.commands import Disarmed, Pause
 from gateway.nc.boundary import contained_control
@@ -72,7 +72,15 @@ class NcLink:
         )
         self._pace = NcPace(settings.period_s, listeners.notify)
         self._lease = Lease(nc, clock, settings.identity, compensation, listeners.notify)
-        self._writer = OffsetWriter(self._form, self._lease, clock, compensation, settings.period_s, self._store)
+        self._writer = OffsetWriter(
+            self._form,
+            self._lease,
+            clock,
+            compensation,
+            settings.period_s,
+            lambda: nc.late_write_s if isinstance(nc, ForgetsWrites) else 0.0,
+            self._store,
+        )
         self._hold = Hold(self._form, clock)
         self._prober = Prober(
             nc,

@@ -17,18 +17,18 @@ class Identity:
     """Who claims a control. Each run has a number of its own, so that a copy of this computer is another gateway.
 
     After a crash the control may still believe the run before this one to be alive. The database tells a gateway which
-    run that was; a copy of the database tells of a run that is not the one on the control.
+    run that was, if it was on this computer since it was switched on: in a copy it may be at work elsewhere.
     """
 
     owner: int = 1
     """Number of this run on the control; 1 .. 2**31 - 1."""
     predecessor: int | None = None
-    """Number of the run before it; None: it is the first."""
+    """Number of the run before it; None: it is the first, or that one may still be at work."""
 
     @classmethod
-    def of(cls, boot: str, earlier_boot: str | None) -> "Identity":
+    def of(cls, boot: str, predecessor: str | None) -> "Identity":
         """From the names of the runs, which are random (gateway.storage.boot_id)."""
-        return cls(_number(boot), None if earlier_boot is None else _number(earlier_boot))
+        return cls(_number(boot), None if predecessor is None else _number(predecessor))
 
 
 def _number(boot: str) -> int:

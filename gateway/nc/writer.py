@@ -17,8 +17,13 @@ from gateway.nc.states import Source
 from talc.frame import FloatArray
 
 _LATE_S = 10.0
-"""For so long after a write without an answer it may still arrive: the offsets stand where it would find them, so that
-it is a step of one period's slew at most."""
+"""For so long at least after a write without an answer it may still arrive: the offsets stand where it would find them,
+so that it is a step of one period's slew at most."""
+_APART, _WAITS = 0.99, 0.1
+"""Two writes that the control does not slew act at least so much of a period apart; the later one waits for this part
+of a period at most, or for the next period."""
+_LATEST_S = 120.0
+"""For so long at most, whatever the control says: TCP's maximum segment lifetime (RFC 9293)."""
 
 
 class OffsetWriter:
@@ -30,6 +35,7 @@ class OffsetWriter:
     lease: asked before every write, and disarmed by a mismatch
     settings: mode, bound_um, slew_um_per_s and when_stale are used
     period_s: time between two steps
+    late_write_s: for how long the control lets a write without an answer take effect; 0: unknown
     store: called with every step that differs from the one before, and with every write that was not confirmed
     """
 
@@ -40,16 +46,20 @@ class OffsetWriter:
         clock: ServiceClock,
         settings: Compensation,
         period_s: float,
+        late_write_s: Callable[[], float],
         store: Callable[[Write], None],
     ) -> None:
         self._form, self._lease, self._clock = form, lease, clock
         self._settings, self._period, self._store = settings, period_s, store
+        self._late_write_s = late_write_s
         self._slew: Slew | None = None
         self._left: FloatArray | None = None
         self._unanswered: FloatArray | None = None
         """The last write that got no answer, until it is seen in force."""
-        self._sent_s = -math.inf
-        """When it was sent."""
+        self._until_s = -math.inf
+        """Until when it may take effect."""
+        self._acted_s = -math.inf
+        """When the last write that was answered has taken effect at the latest."""
         self._last_step: Step | None = None
 
     @property
@@ -118,6 +128,9 @@ class OffsetWriter:
         if send and source is not Source.STOPPED and await self._may_arrive(now_s):
             self.stand(now_s, snapshot, Source.UNANSWERED, k)
             return
+        if send and await self._too_soon(now_s):
+            self.stand(now_s, snapshot, source, k)
+            return
         step = self._begun.follow(now_s, wanted, source, self._here(snapshot))
         if send:
             await self._send(step, snapshot, k)
@@ -137,9 +150,21 @@ class OffsetWriter:
         finally:
             self._record(step, snapshot, k, written=written, read_back=read_back)
 
+    async def _too_soon(self, now_s: float) -> bool:
+        """Whether a write would act within one period of the last one, which came late because this process or the line
+        stood still: both together would be a step of two periods. A little earlier than due, it waits."""
+        if self._form.together:
+            return False  # the control slews
+        due_s = self._acted_s + _APART * self._period
+        if due_s - now_s > _WAITS * self._period:
+            return True
+        if now_s < due_s:
+            await self._clock.sleep_until(due_s)
+        return False
+
     async def _may_arrive(self, now_s: float) -> bool:
         """Whether a write without an answer may still change what is in force."""
-        if self._unanswered is None or now_s - self._sent_s >= _LATE_S:
+        if self._unanswered is None or now_s >= self._until_s:
             return False
         self._continue_from(await self._form.read())
         self._lease.check_fresh()
@@ -159,6 +184,7 @@ class OffsetWriter:
         """Whether the driver sends it. Offsets found at the start may exceed what the driver ever sends, and no ramp
         leads back from there."""
         self._left = None  # not known until it is read back
+        sent_s = self._clock.monotonic()
         try:
             await self._form.write(coefficients)
         except NotSendable as error:
@@ -166,8 +192,11 @@ class OffsetWriter:
             self._lease.disarm(f"{text}; {DISARMED}")
             return False
         except (NoAnswer, ConnectError):
-            self._unanswered, self._sent_s = coefficients, self._clock.monotonic()
+            late_s = min(max(self._late_write_s(), _LATE_S), _LATEST_S)
+            self._unanswered, self._until_s = coefficients, self._clock.monotonic() + late_s
             raise
+        answered_s = self._clock.monotonic()
+        self._acted_s = sent_s if answered_s - sent_s < _WAITS * self._period else answered_s
         return True
 
     async def _read_back(self, coefficients: FloatArray) -> FloatArray:

@@ -37,7 +37,7 @@ async def contained(work: Awaitable[T], operation: str) -> T:
 
 
 async def uncancelled(work: Awaitable[T]) -> T:
-    """Await a driver. Raises RuntimeError for a cancellation that nobody requested.
+    """Await a driver. Raises RuntimeError for a cancellation that nobody requested, and for an exit of the program.
 
     A library that closes its connection cancels the futures of its own requests. Passed on, that would silently end the
     calling task as if it had been cancelled.
@@ -49,3 +49,5 @@ async def uncancelled(work: Awaitable[T]) -> T:
         if task is None or task.cancelling():
             raise
         raise RuntimeError("the library cancelled its own request") from error
+    except SystemExit as error:
+        raise RuntimeError("the library wanted to end the program") from error

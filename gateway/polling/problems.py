@@ -1,6 +1,7 @@
 """Reports problems: each once when it begins and once when it ends, unless it is intermittent."""
 
 import logging
+import traceback
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -56,6 +57,13 @@ class Problems:
         self._clock, self._notify, self._log, self._most, self._quiet = clock, notify, log, most, quiet
         self._window_s = max(_STEADY_S, _STEADY_PERIODS * period_s)
         self._subjects: dict[str, _SubjectHistory] = {}
+        self._traced: set[tuple[str, str, int]] = set()
+        """Where the unexpected exceptions arose whose traceback is in the log."""
+
+    @property
+    def none_lately(self) -> bool:
+        """Whether no subject has a problem, nor had one lately."""
+        return not self._subjects
 
     @property
     def window_s(self) -> float:
@@ -65,7 +73,7 @@ class Problems:
     def report(self, subject: str, kind: str, text: str, *, bug: Exception | None = None) -> None:
         """The subject has a problem. Call it whenever that is seen: it is reported when it begins or changes its kind.
 
-        bug: an unexpected exception; it is logged with its traceback
+        bug: an unexpected exception; it is logged, the first time with its traceback
         """
         now_s = self._clock.monotonic()
         history = self._subjects.setdefault(subject, _SubjectHistory())
@@ -86,8 +94,20 @@ class Problems:
             if history.muted:
                 text += f"; it is intermittent: reported again when it has been steady for {self._window_s:g} s"
         if bug is not None or not self._quiet:
-            self._log.warning("%s", text, exc_info=bug)
+            self._log.warning("%s", text, exc_info=self._first_of(bug))
         self._notify(Notice(subject, text))
+
+    def _first_of(self, bug: Exception | None) -> Exception | None:
+        """The same, unless one of its kind and place has been logged."""
+        if bug is None:
+            return None
+        frames = traceback.extract_tb(bug.__traceback__)
+        file, line = (frames[-1].filename, frames[-1].lineno or 0) if frames else ("", 0)
+        place = (type(bug).__name__, file, line)
+        if place in self._traced:
+            return None
+        self._traced.add(place)
+        return bug
 
     def clear(self, subject: str, text: str) -> None:
         """The subject has no problem. Call it whenever that is seen: the end of a reported problem is reported."""

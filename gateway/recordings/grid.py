@@ -210,4 +210,5 @@ def _read(table: FileTable, roles: Roles, columns: Columns, times: Times, proble
     if not time_s:
         problems.add("", "contains nothing but a heading")
         return _FileRows(np.empty(0), np.empty((0, len(names))), np.empty(0, dtype=np.int64))
-    return _FileRows(np.concatenate(time_s), np.concatenate(values) * scale, np.array(places))
+    with np.errstate(invalid="ignore"):  # a signalling NaN of a Parquet file is missing, as any other NaN
+        return _FileRows(np.concatenate(time_s), np.concatenate(values) * scale, np.array(places))

@@ -203,6 +203,7 @@ def _encoding_of(path: Path) -> str:
         what = "is a workbook of a spreadsheet; save the sheet as *CSV UTF-8*"
         raise RecordingError(path, [Problem("", what)])
     other: Problem | None = None
+    windows = True
     with path.open("rb") as file:
         for number, line in enumerate(file, 1):
             try:
@@ -211,7 +212,9 @@ def _encoding_of(path: Path) -> str:
                 byte = f"byte {error.start + 1} of the line is {line[error.start]:#04x}"
                 what = f"is neither Parquet nor UTF-8 text: {byte}; save the table as CSV UTF-8"
                 other = other or Problem(f"line {number}", what)
-            if other is not None and not _is_windows(line):
+            if other is not None or not line.isascii():
+                windows = windows and _is_windows(line)
+            if other is not None and not windows:
                 raise RecordingError(path, [other])
     return "utf-8-sig" if other is None else _WINDOWS
 

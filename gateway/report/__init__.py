@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 from drivers.first_use import on_first_use
 
 if TYPE_CHECKING:
+    from gateway.report.coordinates import CoordinateRow, by_coordinate
     from gateway.report.data import SHIFTS, TRUTH_WIDTH, AdoptedModels, CycleSeen, NotYet, ReportData, Truth
     from gateway.report.figures import Summary, SummaryRow, summary, table
     from gateway.report.first_lines import by_shift, losses, verdict
@@ -15,6 +16,7 @@ else:
     __getattr__ = on_first_use(
         __name__,
         {
+            ".coordinates": ("CoordinateRow", "by_coordinate"),
             ".data": ("SHIFTS", "TRUTH_WIDTH", "AdoptedModels", "CycleSeen", "NotYet", "ReportData", "Truth"),
             ".figures": ("Summary", "SummaryRow", "summary", "table"),
             ".first_lines": ("by_shift", "losses", "verdict"),
@@ -28,6 +30,7 @@ __all__ = [
     "SHIFTS",
     "TRUTH_WIDTH",
     "AdoptedModels",
+    "CoordinateRow",
     "CycleSeen",
     "NotYet",
     "ReportData",
@@ -35,6 +38,7 @@ __all__ = [
     "SummaryRow",
     "Truth",
     "build",
+    "by_coordinate",
     "by_shift",
     "local_moment",
     "losses",

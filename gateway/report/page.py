@@ -11,6 +11,7 @@ from markupsafe import Markup
 
 from drivers.base import Quality
 from gateway.report.charts import ChartGroup, error_charts, input_charts, tool_charts
+from gateway.report.coordinates import by_coordinate
 from gateway.report.data import NotYet, ReportData
 from gateway.report.figures import summary
 from gateway.report.first_lines import by_shift, losses, verdict
@@ -73,6 +74,7 @@ def build(data: ReportData) -> str:
         verdict=verdict(data, s),
         losses=losses(data, s),
         shifts=by_shift(data, s),
+        coordinates=by_coordinate(data),
         begin=data.moment(first),
         end=data.moment(float(data.time_s[-1])),
         lasted=hours(s.hours * 3600.0),

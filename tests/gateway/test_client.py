@@ -12,15 +12,18 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from msgspec.structs import replace
 
 from drivers.base import SystemClock
 from gateway.client import Machine, MachineError
 from gateway.config import Telemetry
 from gateway.events import DecisionMade, EventReported, Health, HealthChecked, ReadingsTaken, StoreHealth
 from gateway.nc import NcState
+from gateway.reading_blocks import READING_ROW, pack
 from gateway.telemetry import (
     DecisionMessage,
     EventMessage,
+    HistoryBlock,
     HistoryPage,
     HistoryRequest,
     Published,
@@ -193,6 +196,68 @@ async def test_a_table_of_means_is_that_of_the_gateway_where_it_makes_them(earli
                 machine.history(BEGIN, end, every_s=float("nan"))
     assert table["a"].tolist() == pytest.approx([20.0, 22.0, np.nan], nan_ok=True)
     assert [every_s for every_s in asked if every_s is not None] == [60], "of others, the readings themselves"
+
+
+def as_blocks(page: HistoryPage) -> HistoryPage:
+    """The same readings, each channel and quality by a number that is not its place."""
+    rows = np.zeros(len(page.time), READING_ROW)
+    rows["time"], rows["channel"], rows["value"] = page.time, [7 + 3 * at for at in page.channel], page.value
+    qualities = ("bad", "stale", "good")
+    rows["quality"] = [qualities.index(quality) for quality in page.quality]
+    numbers = tuple(7 + 3 * at for at in range(len(page.names)))
+    blocks = tuple(HistoryBlock(*pack(part)) for part in (rows[:1], rows[1:]) if len(part))
+    return HistoryPage(page.period_s, page.names, page.units, [], [], [], [], page.next, blocks, numbers, qualities)
+
+
+@pytest.mark.parametrize(
+    ("how", "forms"),
+    [("new", [True, True]), ("of an earlier program", [True, False, False]), ("damaged", [True, False, False])],
+)
+@pytest.mark.parametrize("every_s", [None, 0.5])
+async def test_a_table_of_single_readings_comes_in_blocks_where_it_can(
+    how: str, forms: list[bool], every_s: float | None
+) -> None:
+    port, asked = free_port(), list[bool]()
+
+    def find(request: HistoryRequest) -> HistoryPage:
+        asked.append(request.blocks)
+        if not request.blocks:
+            return stored(request)
+        if how == "of an earlier program":
+            raise ValueError("form: unknown; expected one of from, to, channels, limit, after, every")
+        page = as_blocks(stored(request))
+        return page if how == "new" else replace(page, blocks=(replace(page.blocks[0], value=b"x"),))
+
+    settings, span = Telemetry(listen=(here(port),)), (BEGIN, BEGIN + timedelta(minutes=3))
+    async with TelemetryPublisher(settings, "mill", (), SystemClock(), "b", simulated=False, history=find):
+        with Machine(connect=here(port)) as machine:
+            table = machine.history(*span, every_s=every_s)
+            only = machine.history(*span, ["b"], every_s=every_s)
+    assert asked == forms * 2
+    found = {(at - BEGIN).total_seconds(): row for at, *row in table.itertuples() if not np.isnan(row).all()}
+    half = every_s is not None
+    expected = {0.0: [20.0, np.nan], 60.0 if half else 60.125: [21.0, -1.5], 61.0: [23.0, np.nan]}
+    assert list(found) == list(expected)
+    for at, row in found.items():
+        assert row == pytest.approx(expected[at], nan_ok=True)
+    assert only["b"].dropna().tolist() == [-1.5]
+
+
+async def test_what_a_gateway_refuses_is_not_asked_for_a_second_time_in_another_form() -> None:
+    port, asked = free_port(), list[bool]()
+
+    def find(request: HistoryRequest) -> HistoryPage:
+        asked.append(request.blocks)
+        raise OSError("the disk does not answer")
+
+    settings = Telemetry(listen=(here(port),))
+    async with TelemetryPublisher(settings, "mill", (), SystemClock(), "b", simulated=False, history=find):
+        with (
+            Machine(connect=here(port)) as machine,
+            pytest.raises(MachineError, match="history: the disk does not answer"),
+        ):
+            machine.day(date(2026, 3, 2))
+    assert asked == [True]
 
 
 @pytest.mark.slow

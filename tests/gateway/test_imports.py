@@ -53,7 +53,7 @@ def loaded_by(command: Sequence[str], asked: str = "") -> set[str]:
 
 
 def test_a_gateway_without_opc_ua_loads_none_of_the_heavy_libraries() -> None:
-    heavy = {"asyncua", "scipy", "osqp", "matplotlib", "jinja2", "cantools", "cryptography"}
+    heavy = {"asyncua", "scipy", "osqp", "matplotlib", "jinja2", "cantools", "cryptography", "numpy.random"}
     assert loaded("import gateway.cli.main, gateway.cli.run").isdisjoint(heavy)
 
 
@@ -83,6 +83,7 @@ def test_the_outlets_load_neither_a_bus_nor_numpy(tmp_path: Path) -> None:
     assert not modules & (NEVER_BESIDE | {"asyncua", "numpy", "gateway.config.model"})
 
 
+@pytest.mark.slow
 def test_the_opc_ua_server_and_the_collector_load_no_bus(tmp_path: Path) -> None:
     shown = tmp_path / "opcua.toml"
     shown.write_text('[machine.m000]\nmanufacturer = "Muster AG"\n', encoding="utf-8")

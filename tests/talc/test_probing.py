@@ -80,6 +80,8 @@ def test_a_report_says_what_poses_determine_and_how_well() -> None:
     assert few.condition == np.inf
     assert {"EY0A", "EY0C"} <= set(few.inseparable)
     assert np.isinf(few.sigma[0])
+    tiny = report_poses(np.array([[0.0, -1.1], [0.0, 1.3], [0.0, 2.4]]), 0.0008157361212418004, 37.52632382042245, 1.0)
+    assert not np.isnan(tiny.sigma).any(), "rounding makes a variance negative here"
     whole = report_poses(np.vstack([flat, np.deg2rad([[90.0, 0.0], [-90.0, 0.0]])]), 0.2, 0.08, 1.0)
     assert (whole.rank, whole.inseparable) == (9, ())
     # The uncertainties are the scatter of what repeated noisy cycles say.

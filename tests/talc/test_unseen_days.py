@@ -6,7 +6,7 @@ import pytest
 from benchmarks.unseen_days import WAYS, UnseenOutcome, Way, run
 from talc.settings import ControlSettings
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.slow(minutes=1)
 
 
 @pytest.fixture(scope="module")

@@ -9,10 +9,10 @@ from typing import Any
 
 import pytest
 
-from drivers.base import Quality, Reading
-from tests.benches.scripted_bus import ScriptedPlant
+from drivers.base import NoAnswer, Quality, Reading
+from tests.benches.scripted_bus import ScriptedBus, ScriptedDevice, ScriptedPlant
 
-BUGS = [ValueError("bad value"), IndexError("list index"), struct.error("unpack"), AssertionError()]
+BUGS = [ValueError("bad value"), IndexError("list index"), struct.error("unpack"), AssertionError(), SystemExit(1)]
 CANCELLED = asyncio.CancelledError()
 
 
@@ -53,6 +53,88 @@ async def test_what_a_bus_raises_when_it_opens_or_closes_ends_nothing(error: Bas
         delattr(plant.bus, "connect")
         await plant.clock.run_until(60.0)
         assert plant.of("a")[-1].quality is Quality.GOOD
+
+
+class OddBus(ScriptedBus):
+    """One whose parts beside its requests have a bug: a limit of time, and the ear for another master."""
+
+    def __init__(self, broken: str) -> None:
+        super().__init__()
+        self.broken = broken
+
+    def limit(self, left_s: float) -> None:
+        if self.broken == "limit" and left_s < math.inf:
+            raise ValueError("no such limit")
+
+    def other_master(self) -> str:
+        if self.broken == "other_master":
+            raise ValueError("no such byte")
+        return ""
+
+
+def odd_plant(broken: str, *names: str) -> ScriptedPlant:
+    plant = ScriptedPlant(*names)
+    plant.bus = OddBus(broken)
+    plant.devices = {name: ScriptedDevice(name, plant.clock, plant.bus) for name in names}
+    return plant
+
+
+async def test_a_bus_that_cannot_be_told_its_limit_costs_the_device_that_is_asked_again() -> None:
+    plant = odd_plant("limit", "a", "b")
+    async with plant.running():
+        await plant.clock.run_until(5.0)
+        plant.devices["a"].fault_once = NoAnswer("late")
+        await plant.clock.run_until(20.0)
+    assert [r.quality for r in plant.of("a")].count(Quality.COMM_FAULT) == 1
+    assert plant.of("a")[-1].quality is Quality.GOOD
+    assert {r.quality for r in plant.of("b")} == {Quality.GOOD}
+    assert "unexpected ValueError: no such limit" in plant.notices[0].text
+
+
+async def test_a_bus_that_fails_to_say_who_else_is_on_its_line_is_read_all_the_same() -> None:
+    plant = odd_plant("other_master", "a")
+    async with plant.running():
+        await plant.clock.run_until(20.0)
+    assert len(plant.of("a")) == 21
+    assert {r.quality for r in plant.of("a")} == {Quality.GOOD}
+    assert plant.told() == [("line of bus rtu1", False)]
+
+
+class AskingDevice(ScriptedDevice):
+    """One that has a bug where it says whether it is to be asked for something later."""
+
+    @property
+    def asks_later(self) -> bool:
+        if self.asked:
+            raise ValueError("no such address")
+        return False
+
+    async def ask_later(self) -> None:
+        pass
+
+
+async def test_a_device_that_fails_to_say_whether_it_is_asked_later_ends_no_other(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    plant = ScriptedPlant("a", "b")
+    plant.devices["a"] = AskingDevice("a", plant.clock, plant.bus)
+    async with plant.running():
+        await plant.clock.run_until(20.0)
+    assert len(plant.of("b")) == 21
+    assert {r.quality for r in plant.of("b")} == {Quality.GOOD}
+    assert {notice.subject for notice in plant.notices} == {"device a"}
+    assert len([record for record in caplog.records if record.exc_info]) == 1
+
+
+async def test_a_bug_that_comes_and_goes_has_its_traceback_in_the_log_once(caplog: pytest.LogCaptureFixture) -> None:
+    plant = ScriptedPlant("a")
+    async with plant.running():
+        for hour in range(4):
+            plant.devices["a"].fault_once = ValueError(f"bad value {hour}")
+            await plant.clock.run_until(3600.0 * hour + 60.0)
+    told = [record for record in caplog.records if "unexpected ValueError" in record.getMessage()]
+    assert [record.getMessage()[-1] for record in told] == ["0", "1", "2", "3"]
+    assert [bool(record.exc_info) for record in told] == [True, False, False, False]
 
 
 WRONG: dict[str, Callable[[Any], object]] = {

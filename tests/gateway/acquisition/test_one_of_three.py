@@ -1,8 +1,8 @@
 """One dead device out of three on a bus: the two others keep their period within 20 %, with the default settings.
 
 The lines are those that the gateway makes of a configuration that states only what it must. The dead one may be any of
-the three, and may fall silent or be dead from the start. Then the first readings of those asked after it come
-`timeout_s` later, as nobody knows yet how long a device takes; all others are in time.
+the three, and may fall silent or be dead from the start. Then the first readings of all others come `timeout_s` later,
+as nobody knows yet how long a device takes.
 """
 
 import asyncio
@@ -139,11 +139,11 @@ async def test_one_of_three_is_dead_from_the_start(kind: str, dead: int, tmp_pat
         began_s = time.monotonic()
         async with polled(wire, tmp_path, readings):
             await asyncio.sleep(PERIODS * PERIOD_S)
-    others = {unit: worst(readings, unit, began_s + PERIOD_S) for unit in UNITS if unit != dead}
+    others = {unit: worst(readings, unit) for unit in UNITS if unit != dead}
     firsts = {unit: next(r for r in readings if r.channel == f"c{unit}").monotonic_s - began_s for unit in others}
     print(kind, dead, "dead from the start", others, "first readings after", firsts)
     assert max(others.values()) <= MOST
-    assert all(first_s <= (TIMEOUT_S if unit > dead else 0.0) + 0.05 for unit, first_s in firsts.items())
+    assert max(firsts.values()) <= TIMEOUT_S + 0.1
 
 
 async def test_units_that_are_slow_but_in_time_are_read_from_the_first_period_on(tmp_path: Path) -> None:

@@ -1,9 +1,14 @@
 """The service manager gets signs of life only while every loop goes on."""
 
 import asyncio
+import socket
 from contextlib import AbstractContextManager, nullcontext
+from pathlib import Path
 
-from gateway.cli.alive import WatchedClock
+import pytest
+
+from gateway.cli.alive import WatchedClock, feed
+from gateway.cli.notify import ServiceManager
 from gateway.config import GatewayConfig, parse, validate
 from gateway.past import Past
 from gateway.service import Service
@@ -130,3 +135,38 @@ async def test_a_bus_that_a_reload_removes_is_no_longer_expected() -> None:
     time.now = 3600.0
     clock.expect(GatewayConfig.model_construct(**{**dict(config), "buses": (), "devices": ()}))
     assert set(clock.stuck()) == set(LOOPS)
+
+
+async def test_systemd_is_notified_while_every_loop_runs_and_while_the_service_stops(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    time, stop = _HeldClock(), asyncio.Event()
+    clock = WatchedClock(time)
+    clock.expect(configuration("first"))
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as systemd:
+        systemd.bind(str(tmp_path / "notify"))
+        systemd.setblocking(False)
+        manager = ServiceManager({"NOTIFY_SOCKET": str(tmp_path / "notify")})
+        feeding = asyncio.create_task(feed(manager, 0.0, clock, stop))
+        try:
+            assert await signs(systemd) > 1
+            time.now = 3600.0
+            assert await signs(systemd) == 0, "no loop has waited for an hour"
+            (told,) = [record.getMessage() for record in caplog.records]
+            assert told.startswith("systemd is no longer notified, because these loops are stuck: grid, ")
+            stop.set()
+            assert await signs(systemd) > 1, "what ends may take its time"
+        finally:
+            feeding.cancel()
+
+
+async def signs(systemd: socket.socket) -> int:
+    """How many signs of life arrive in a few rounds."""
+    for _ in range(3):
+        await asyncio.sleep(0.0)
+    found = 0
+    while True:
+        try:
+            found += systemd.recv(100) == b"WATCHDOG=1"
+        except BlockingIOError:
+            return found

@@ -141,4 +141,16 @@ def test_check_finds_rows_that_are_none_and_passes_a_whole_database(running: Pat
         connection.execute("UPDATE frame SET inputs = x'00' WHERE k = 3")
     answer = run("check", running)
     assert answer.exit_code == 1
-    assert "frame: 1 rows hold no values of this gateway" in answer.output
+    assert "frame: 1 rows hold values that this gateway never writes" in answer.output
+
+
+def test_check_names_a_damaged_page_of_readings(running: Path) -> None:
+    copy = running.with_name("copy.sqlite")
+    assert run("backup", running, "-o", copy).exit_code == 0
+    with closing(sqlite3.connect(copy)) as connection:
+        (page,) = connection.execute("SELECT rootpage FROM sqlite_master WHERE name = 'reading'").fetchone()
+        (size,) = connection.execute("PRAGMA page_size").fetchone()
+    with copy.open("r+b") as file:
+        file.seek((page - 1) * size)
+        file.write(bytes(size))
+    assert run("check", copy).exit_code == 1

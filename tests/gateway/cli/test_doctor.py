@@ -12,7 +12,7 @@ import pytest
 from click.testing import CliRunner
 
 from gateway.cli import main
-from gateway.cli.doctor import ailments
+from gateway.cli.doctor import ailments, show
 from gateway.cli.doctor_files import unread_files
 from gateway.config import GatewayConfig, load
 from gateway.events import EventReported, FrameMade, MeasurementEnded
@@ -169,12 +169,30 @@ def test_a_disk_that_is_nearly_full_is_found(config: GatewayConfig, root: Path) 
     assert "MB are free on the disk of" in what
 
 
+def test_a_folder_for_the_database_that_is_not_there_is_found(
+    config: GatewayConfig, root: Path, tmp_path: Path
+) -> None:
+    storage = config.storage.model_copy(update={"path": tmp_path / "data" / "gateway.sqlite"})
+    assert found(config.model_copy(update={"storage": storage}), root) == [f"{tmp_path}/data does not exist"]
+
+
 def test_a_second_program_on_a_serial_line_is_found(config: GatewayConfig, root: Path, tmp_path: Path) -> None:
     for process in ("17", "23"):
         (root / "proc" / process / "fd").mkdir(parents=True)
         (root / "proc" / process / "fd" / "5").symlink_to(tmp_path / "line")
     write(root / "proc/23/comm", "minicom\n")
     assert found(config, root) == [f"bus 'rtu1': {tmp_path}/line is open in 2 processes: 17, 23 (minicom)"]
+
+
+def test_who_does_not_see_the_programs_of_others_is_told_so(
+    config: GatewayConfig, root: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for sees_all in (True, False):
+        show(config, root, sees_all=sees_all)
+        assert ("programs of other users" in capsys.readouterr().out) is not sees_all
+    without = config.model_copy(update={"buses": [bus for bus in config.buses if bus.name != "rtu1"]})
+    show(without, root, sees_all=False)
+    assert "programs of other users" not in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(("other", "seen"), [("/dev/ptmx", False), ("/dev/null", True)])

@@ -60,8 +60,8 @@ def test_the_service_tells_systemd_when_it_is_ready_alive_and_stopping(tmp_path:
     assert began[-1] == ["READY=1", "STATUS=machine mill"]
     assert ended == ["STOPPING=1", "STATUS=stopping", "EXTEND_TIMEOUT_USEC=60000000"], "no control: no ramp"
     mark = load(file).fingerprint()[:16]
-    assert f"runs machine mill, configuration {mark}: 1 buses, 1 devices, 1 channels, 0 machine states" in said
-    assert "bus rtu1: modbus_rtu at /nowhere/adapter, 1 channels every 1 s" in said
+    assert f"runs machine mill, configuration {mark}: 1 bus, 1 device, 1 channel, 0 machine states" in said
+    assert "bus rtu1: modbus_rtu at /nowhere/adapter, 1 channel every 1 s" in said
     assert "control: none; compensation monitor, probing not armed" in said
     assert f"store: {tmp_path}/gateway.sqlite" in said
     assert "nothing will be learnt and nothing corrected: there is no [nc]" in said

@@ -77,19 +77,19 @@ def test_where_nobody_answers_nothing_is_known() -> None:
 @pytest.fixture
 def patient(monkeypatch: pytest.MonkeyPatch) -> None:
     """A busy computer does not make an answer late."""
-    monkeypatch.setattr(time_service, "_CHRONYD_WAIT_S", 60.0)
+    monkeypatch.setattr(time_service, "CHRONYD_WAIT_S", 60.0)
 
 
-def test_without_the_kernel_chrony_is_believed_and_else_the_file_of_timesyncd(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, patient: None
-) -> None:
-    monkeypatch.setattr(time_service, "_kernel", lambda: None)  # as under ProtectClock
+def test_without_the_kernel_chrony_is_believed_and_else_the_file_of_timesyncd(tmp_path: Path, patient: None) -> None:
+    def asked(timesyncd: Path, chronyd: tuple[str, int]) -> bool | None:
+        return clock_synchronised(timesyncd, chronyd, kernel=lambda: None)  # as under ProtectClock
+
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as gone:
         gone.bind(("127.0.0.1", 0))
         nobody = gone.getsockname()
-    assert clock_synchronised(tmp_path / "absent", nobody) is None
-    assert clock_synchronised(tmp_path, nobody) is False
+    assert asked(tmp_path / "absent", nobody) is None
+    assert asked(tmp_path, nobody) is False
     (tmp_path / "synchronized").touch()
-    assert clock_synchronised(tmp_path, nobody) is True
+    assert asked(tmp_path, nobody) is True
     with chronyd(UNSET) as place:
-        assert clock_synchronised(tmp_path, place) is False
+        assert asked(tmp_path, place) is False

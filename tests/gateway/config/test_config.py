@@ -56,6 +56,30 @@ def test_every_mistake_has_its_line(case: Path) -> None:
     assert found == expected
 
 
+def test_a_file_may_begin_with_a_byte_order_mark(tmp_path: Path) -> None:
+    file = CASES / "valid" / "gateway.toml"
+    (tmp_path / "gateway.toml").write_bytes(b"\xef\xbb\xbf" + file.read_bytes())
+    assert load(tmp_path / "gateway.toml").machine == load(file).machine
+
+
+@pytest.mark.parametrize(
+    ("section", "field", "value", "most"),
+    [
+        ("storage", "commit_s", 1e300, "3600"),
+        ("storage", "keep_samples_days", 1e300, "36500"),
+        ("storage", "keep_minutes_days", 1e300, "36500"),
+        ("storage", "unstored_after_s", 2e9, "1e+09"),
+        ("probing", "poll_s", 1e300, "1e+09"),
+        ("compensation", "watchdog_s", 1e300, "1e+09"),
+    ],
+)
+def test_a_number_that_nobody_means_is_refused(section: str, field: str, value: float, most: str) -> None:
+    with pytest.raises(ConfigError) as refused:
+        from_data({**tomllib.loads(valid_text()), section: {field: value}}, Path("gateway.toml"))
+    assert f"[{section}] {field}: " in str(refused.value)
+    assert f"{value:g}: expected at most {most}" in str(refused.value)
+
+
 def test_no_message_shows_the_validation_library() -> None:
     texts = [(case / "expected.txt").read_text(encoding="utf-8") for case in CASES.iterdir()]
     assert not [text for text in texts if "pydantic" in text or "http" in text or "Input should" in text]

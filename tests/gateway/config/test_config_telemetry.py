@@ -134,14 +134,23 @@ def test_an_expired_certificate_is_refused_and_one_that_ends_soon_is_a_warning(t
         ("", "'users' is empty: nobody could connect"),
         ("alice:wonderland\nbob\n", "'users', line 2: expected user:password"),
         (None, "'users' cannot be read: No such file"),
+        ("\n\ufeffalice:wonderland\n", "'users', line 2: '\\ufeffalice:wonderland' contains a character that nobody"),
+        ("al\0ice:wonderland\n", "'users', line 1: 'al\\x00ice:wonderland' contains a character that nobody"),
     ],
 )
 def test_a_file_of_users_has_a_password_for_each(tmp_path: Path, users: str | None, said: str) -> None:
     if users is not None:
-        (tmp_path / "users").write_text(users)
+        (tmp_path / "users").write_text(users, encoding="utf-8")
     code, output = checked(tmp_path, '[telemetry]\nusers_file = "users"\n')
     assert code == 2
     assert f"[telemetry] users_file: {said}" in output
+
+
+@pytest.mark.parametrize("users", ["", ".", "/"])
+def test_what_is_no_file_of_users_is_refused(tmp_path: Path, users: str) -> None:
+    code, output = checked(tmp_path, f'[telemetry]\nusers_file = "{users}"\n')
+    assert code == 2
+    assert f"[telemetry] users_file: {str(Path(users))!r}: expected the path of a file" in output
 
 
 def test_what_is_less_safe_than_it_could_be_is_a_warning(tmp_path: Path) -> None:

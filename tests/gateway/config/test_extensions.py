@@ -3,7 +3,7 @@
 import asyncio
 import subprocess
 import sys
-from collections.abc import AsyncIterator, Callable, Iterator
+from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager, suppress
 from pathlib import Path
 
@@ -17,8 +17,10 @@ from gateway.cli import main
 from gateway.clock import RealClock
 from gateway.config import ConfigError, GatewayConfig, parse, validate
 from gateway.nc import control_of
-from tests.benches.extension_package import example_files, example_wheel, files_of, install
+from tests.benches.extension_package import example_wheel, files_of, install
 from tests.benches.stream_server import stream_server
+
+pytestmark = pytest.mark.usefixtures("no_package_stays_loaded")
 
 BUS = """
 [machine]
@@ -58,22 +60,6 @@ profile = "advantech_adam6015"
 [device.channels]
 ambient = 0
 """
-
-
-@pytest.fixture(autouse=True)
-def _nothing_stays_loaded() -> Iterator[None]:
-    before = set(sys.modules)
-    yield
-    for name in set(sys.modules) - before:
-        if name.split(".")[0] in ("talc_example", "other_package"):
-            del sys.modules[name]
-
-
-@pytest.fixture
-def example(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    install(example_files(), tmp_path / "site")
-    monkeypatch.syspath_prepend(str(tmp_path / "site"))
-    return tmp_path
 
 
 def check(folder: Path, text: str) -> Result:

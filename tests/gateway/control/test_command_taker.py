@@ -4,7 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from drivers.nc import OperatingMode, ProbingState, ProgramState, RequestStatus
-from gateway.commands import Command, CommandName, Pause
+from gateway.commands import UNPROVED, Command, CommandName, Pause
 from gateway.config import parse
 from gateway.events import CommandGiven
 from gateway.nc import Source
@@ -194,17 +194,45 @@ async def test_without_a_disk_a_pause_counts_at_once_and_nothing_else_does() -> 
         assert at.told.outcomes == []
 
 
-async def test_too_many_commands_are_not_stored_but_a_pause_always_counts() -> None:
+async def test_of_too_many_commands_ten_an_hour_are_stored_and_a_pause_always_counts() -> None:
     bench = LinkBench("compensate")
     async with commanded(bench, follow=6.0) as at:
         for _ in range(20):
             assert (await at.give(RESUME)).accepted
         assert (await at.give(RESUME)).text == "too many commands; wait a minute"
         assert (await at.give(PAUSE)).accepted
-        assert not (await at.give(PAUSE)).accepted
-        assert len(at.told.of(CommandGiven)) == 21
+        for _ in range(30):
+            assert not (await at.give(PAUSE, "ben")).accepted
+        stored = [event.outcome for event in at.told.of(CommandGiven)]
+        assert [o.accepted for o in stored] == [True] * 20 + [False, True] + [False] * 9
+        assert {(o.command.by, o.text) for o in stored[22:]} == {("ben", "too many commands; wait a minute")}
         bench.clock.spend(61.0)
         assert (await at.give(RESUME)).accepted
+        bench.clock.spend(3600.0)
+        for _ in range(21):
+            await at.give(RESUME)
+        assert at.told.of(CommandGiven)[-1].outcome.text == (
+            "too many commands; wait a minute (21 more were refused before, and are not stored)"
+        )
+
+
+async def test_what_nobody_proved_is_stored_changes_nothing_and_uses_up_nobody_s_commands(tmp_path: Path) -> None:
+    bench, path = LinkBench("compensate"), tmp_path / "a.sqlite"
+    async with commanded(bench, follow=0.0) as at:
+        with Store(path, "boot", bench.clock) as store:
+            for name in CommandName:
+                for _ in range(10):
+                    assert not (await at.give(name, UNPROVED, "by and key are not those of an operator")).accepted
+            assert not (await at.give(PAUSE, UNPROVED)).accepted, "whatever the door says"
+            assert (bench.link.paused, bench.link.disarmed) == (None, None)
+            assert (await at.give(RESUME)).accepted
+            for event in at.told.all:
+                store.record(event)
+    with History(path) as history:
+        stored = history.commands()
+    assert stored[0].command == Command(MEASURE, UNPROVED)
+    assert stored[0].text == "by and key are not those of an operator"
+    assert [o.command.by for o in stored if o.accepted] == ["anna"]
 
 
 async def test_a_pause_survives_restarts_and_the_loss_of_the_database_until_it_is_resumed(tmp_path: Path) -> None:

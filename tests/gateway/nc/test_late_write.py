@@ -7,6 +7,8 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from itertools import pairwise
 
+import pytest
+
 from drivers.nc import Triple
 from tests.benches.nc_link_bench import LinkBench, decision
 
@@ -71,6 +73,20 @@ async def test_a_write_that_never_arrives_holds_the_ramp_for_ten_seconds() -> No
     assert longest == 11.0, "ten seconds after the lost write, which came a period after the one before"
 
 
+@pytest.mark.parametrize(("told_s", "stands_s"), [(30.0, 30.0), (3600.0, 120.0), (5.0, 10.0)])
+async def test_it_stands_for_as_long_as_the_control_would_take_the_write_within_two_minutes(
+    told_s: float, stands_s: float
+) -> None:
+    async with losing() as bench:
+        bench.control.late_write_s = told_s
+        await bench.clock.run_until(11.0)
+        stood = bench.control.in_force
+        await bench.clock.run_until(10.0 + stands_s)
+        assert bench.control.in_force == stood
+        await bench.clock.run_until(13.0 + stands_s)
+        assert bench.control.in_force[2] != stood[2], "towards the target again, or from it when that is stale"
+
+
 async def test_stopped_meanwhile_it_takes_the_offsets_back_at_once() -> None:
     async with losing() as bench:
         await bench.clock.run_until(16.0)
@@ -124,3 +140,19 @@ async def test_what_another_program_sets_after_a_lost_write_still_disarms() -> N
         await bench.clock.run_until(45.0)
         assert bench.control.in_force == (5.0, 0.0, 3.0)
     assert not bench.link.armed
+
+
+@pytest.mark.parametrize("halt_s", [0.3, 0.95])
+async def test_after_a_halt_two_writes_are_a_period_apart(halt_s: float) -> None:
+    """This process stands still between its decision and its write: the next one is due soon after it."""
+    bench = LinkBench("compensate")
+    bench.link.follow(decision(25.0))
+    async with bench.running():
+        await bench.clock.run_until(5.0)
+        bench.control.halts_s = halt_s
+        await bench.clock.run_until(30.0)
+        assert bench.control.halts_s == 0.0
+    moved = [(at, um[2]) for at, um in bench.control.writes if at < 20.0]
+    assert min(after[0] - before[0] for before, after in pairwise(moved)) >= 0.99
+    assert bench.control.in_force == (0.0, 0.0, 25.0)
+    assert bench.link.armed

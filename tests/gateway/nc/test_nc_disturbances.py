@@ -2,11 +2,21 @@
 
 import pytest
 
-from tests.benches.nc_disturbances import KINDS, PERIOD_S, SLEW_UM_PER_S, disturbed
+from simulators.nc import Activity, DayPart, LoadCase, MeanLoads
+from simulators.nc.nck import Nck
+from tests.benches.emulated_bench import Rigid
+from tests.benches.nc_disturbances import (
+    KINDS,
+    PERIOD_S,
+    SLEW_UM_PER_S,
+    ShiftRecord,
+    disturbed,
+    largest_changes,
+)
 
-pytestmark = [pytest.mark.slow, pytest.mark.simulated_time]
 
-
+@pytest.mark.slow
+@pytest.mark.simulated_time
 async def test_whatever_happens_to_gateway_and_line_nothing_moves_farther_in_a_period_than_the_slew_allows() -> None:
     found = await disturbed("errors", len(KINDS), 5)
     assert set(found.counts) == set(KINDS)
@@ -15,6 +25,21 @@ async def test_whatever_happens_to_gateway_and_line_nothing_moves_farther_in_a_p
     assert found.disarmed == 0
 
 
-async def test_the_record_shows_a_step_where_the_control_does_not_slew() -> None:
+@pytest.mark.slow
+@pytest.mark.simulated_time
+async def test_where_the_control_does_not_slew_a_write_that_the_network_holds_makes_no_step_either() -> None:
     found = await disturbed("k0", 1, 5, kinds=("late",), late_s=(30.0, 40.0))
-    assert found.largest_um["late"] > SLEW_UM_PER_S * PERIOD_S * 1.5
+    assert found.largest_um["late"] <= SLEW_UM_PER_S * PERIOD_S * (1 + 1e-9)
+    assert found.moved_um > 3.0
+    assert found.disarmed == 0
+
+
+def test_the_record_shows_a_step_and_a_slope_where_it_is_largest() -> None:
+    nck = Nck(Rigid(), LoadCase([DayPart(0.0, 1e6, Activity.PAUSE, MeanLoads())]))
+    record = ShiftRecord(nck)
+    nck.write_k0(0, 0.003, 5.0)
+    nck.slope[1] = 1e-5  # 2 µm at the end of the travel
+    nck.write_k0(0, 0.0035, 15.0)
+    largest, moved = largest_changes(record, [(1.0, "step"), (10.0, "slope")], (0.0, 20.0))
+    assert largest == pytest.approx({"step": 3.0, "slope": 2.0})
+    assert moved == pytest.approx(3.5)

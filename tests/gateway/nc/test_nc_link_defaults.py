@@ -1,7 +1,11 @@
 """The link with the limits of a new configuration: nothing of the compensation is set but its mode."""
 
+import math
 from dataclasses import replace
 from itertools import pairwise
+
+import numpy as np
+import pytest
 
 from gateway.nc import Source
 from tests.benches.nc_link_bench import LinkBench, answer_wrongly, decision
@@ -39,3 +43,15 @@ async def test_an_axis_that_should_move_and_stands_still_is_frozen_after_two_min
         assert passed_on >= 118
         await bench.clock.run_until(130.0)
         assert len(bench.states) - passed_on <= 3
+
+
+async def test_an_error_without_a_model_is_corrected_by_its_last_measurement_for_sixteen_hours() -> None:
+    bench = LinkBench("compensate", shipped=True, measured=[40.0 - 57600.0] * 9)
+    known = replace(decision(7.0), predicted=np.array([3.0, *[math.nan] * 8]))
+    known.corrected[0] = 3.0
+    async with bench.running():
+        bench.link.follow(known)
+        await bench.clock.run_until(39.0)
+        assert bench.control.in_force == pytest.approx((0.0, 3.0, 7.0))
+        await bench.clock.run_until(60.0)
+        assert bench.control.in_force == pytest.approx((0.0, 3.0, 0.0))

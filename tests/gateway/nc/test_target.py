@@ -59,6 +59,17 @@ def test_a_missing_input_counts_from_when_it_went_missing() -> None:
     assert at.errors(Quality.GOOD, 37.1)[1] is Source.INPUTS_STALE
 
 
+def test_by_default_an_input_may_be_missing_for_half_an_hour() -> None:
+    at, lacking = (
+        Target(Compensation(), LastMeasured(200.0, [0.0] * 9), {}),
+        replace(decision(4.0), substituted=("bed",)),
+    )
+    for now_s in (0.0, 900.0, 1800.0):
+        at.follow(lacking, now_s)
+    assert at.errors(Quality.GOOD, 1800.0)[1] is Source.PREDICTION
+    assert at.errors(Quality.GOOD, 1800.1)[1] is Source.INPUTS_STALE
+
+
 def test_times_that_are_not_known_are_too_old_until_they_are_known() -> None:
     settings = Compensation(stale_after_s=60.0, inputs_stale_after_s=30.0)
     unknown = -math.inf

@@ -212,6 +212,10 @@ def test_bytes_that_are_no_text_are_reported_by_line(tmp_path: Path) -> None:
         path.write_bytes("\n".join([*GOOD[:4], "1500,20,1 "]).encode() + strange)
         with pytest.raises(RecordingError, match=rf"line 5: is neither .*: byte 11 of the line is 0x{strange[0]:x}; "):
             read_recording(path, Columns(), 300.0)
+    # UTF-8 with a byte that Windows-1252 leaves out, above a line that is no UTF-8: neither fits both.
+    path.write_bytes("\n".join([*GOOD[:3], "900,20,1 \u010f"]).encode() + b"\n1200,20,1\xb0")
+    with pytest.raises(RecordingError, match=r"line 5: is neither .*: byte 10 of the line is 0xb0; "):
+        read_recording(path, Columns(), 300.0)
     path.write_bytes(b"\xff\xfet\x00i")
     with pytest.raises(RecordingError, match="is not valid UTF-16"):
         read_recording(path, Columns(), 300.0)
@@ -244,6 +248,15 @@ def test_timestamps_of_parquet_need_neither_pandas_nor_their_zone(tmp_path: Path
     pyarrow.parquet.write_table(pyarrow.table(columns | {"stamp": times}), path)
     with pytest.raises(RecordingError, match=r"column 'stamp': holds .*, not numbers; --ignore 'stamp' leaves it out"):
         read_recording(path, Columns(), 300.0)
+
+
+def test_a_signalling_nan_in_parquet_is_a_missing_value(tmp_path: Path) -> None:
+    t1, path = np.arange(20.0), tmp_path / "nan.parquet"
+    t1[3:4].view(np.uint64)[0] = 0x7FF0_0000_0000_0001
+    times = [START + timedelta(minutes=5 * i) for i in range(20)]
+    pyarrow.parquet.write_table(pyarrow.table({"time": times, "t1": t1, "EX0C": [1.0] * 20}), path)
+    recording = read_recording(path, Columns(), 300.0)
+    assert np.flatnonzero(np.isnan(recording.inputs[:, 0])).tolist() == [3]
 
 
 def test_text_in_parquet_is_reported_by_row(tmp_path: Path) -> None:

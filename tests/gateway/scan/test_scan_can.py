@@ -69,6 +69,7 @@ async def test_nodes_are_recognised_by_profile_vendor_and_inputs() -> None:
     assert found[5].reads == "20.00 21.50 -3.00 40.00 degC"
     assert found[127].what.options == {"vendor": "axiomatic"}
     assert found[9].what.inputs == (0, 2, 3)
+    assert found[9].what.options == {}, "no vendor is guessed"
     assert [doubt.split(" ")[0] for doubt in found[9].what.doubts] == ["input", "vendor:"]
 
 

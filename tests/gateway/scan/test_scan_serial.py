@@ -247,6 +247,7 @@ async def test_stopping_waits_for_the_request_under_way() -> None:
     assert report.asked == len(requests) == 1
 
 
+@pytest.mark.simulated_time
 def test_command_writes_a_configuration_that_validates(tmp_path: Path) -> None:
     file = tmp_path / "gateway.toml"
     with beside(line({1: M7015(lambda: SIX), 7: Pta8d08(lambda: EIGHT)}, baud=9600)) as path:

@@ -216,6 +216,14 @@ async def test_a_clock_that_is_never_synchronised_leaves_the_age_unknown_for_the
     assert same_day.ages.monotonic_of(later.frames[0].k) == pytest.approx(-3600.0, abs=STEP_S)
 
 
+def test_a_synchronised_clock_before_the_last_step_tells_no_age(config: GatewayConfig) -> None:
+    """One of the two time servers was wrong, and nobody knows which."""
+    past = earlier(config)
+    ages = ages_of(past, started(Boot(FRIDAY - timedelta(hours=1), synchronised=True)))
+    assert math.isinf(ages.pause_s)
+    assert ages.monotonic_of(past.last_k) == -math.inf
+
+
 async def test_a_restart_of_the_service_alone_needs_no_wall_clock(config: GatewayConfig) -> None:
     before = last_k(config)
     at = RestartedGrid(config, started(Boot(FRIDAY)), "monday")

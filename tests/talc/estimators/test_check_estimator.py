@@ -21,13 +21,11 @@ ESTIMATORS: list[Any] = [
     talc.ClusterKernelARX(max_nb=0, max_inputs=2),
     talc.SparseOutputError(max_nb=1),
 ]
-CHECKED = [e for e in ESTIMATORS if not isinstance(e, talc.ClusterKernelARX)]
-"""Its ensembles take minutes; all that the checks look at is in its base class."""
 
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:y.*no model:UserWarning", "ignore:.*does not inherit from:UserWarning")
-@pytest.mark.parametrize("estimator", CHECKED, ids=lambda e: type(e).__name__)
+@pytest.mark.parametrize("estimator", ESTIMATORS, ids=lambda e: type(e).__name__)
 def test_the_checks_that_apply_pass(estimator: Any) -> None:
     from sklearn.utils.estimator_checks import check_estimator  # two seconds, which `make test` need not spend
 
