@@ -9,6 +9,7 @@ from benchmarks.rows import BenchRow
 
 _SUBJECTS = (
     "demo",
+    "demo_bounds",
     "demo_models",
     "acquisition",
     "sensor_check",

@@ -242,7 +242,7 @@ def _process(*module: str) -> Iterator[dict[str, Any]]:
 
 
 @contextmanager
-def _bench(folder: Path) -> Iterator[dict[str, Any]]:
+def emulated_machine(folder: Path) -> Iterator[dict[str, Any]]:
     """The bench's emulated machine at real time."""
     epoch = datetime.now(UTC)
     clock = SharedClock(folder / "clock", epoch=epoch, owner=True)
@@ -335,7 +335,7 @@ def _starved(cost: Cost) -> str:
 def _bench_rows() -> list[BenchRow]:
     table = []
     for nc in (False, True):
-        with TemporaryDirectory() as name, _bench(Path(name)) as addresses:
+        with TemporaryDirectory() as name, emulated_machine(Path(name)) as addresses:
             cost = measured(bench_config(Path(name), addresses, nc=nc))
         if nc:
             table.append(_row("the same, and an NC read and written at 1 Hz", cost, ""))

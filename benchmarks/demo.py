@@ -8,7 +8,6 @@ import math
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from datetime import UTC, datetime, timedelta
-from typing import Literal
 
 import numpy as np
 
@@ -30,6 +29,7 @@ from talc.settings import TalcSettings
 from talc.training import train
 
 SEEDS = range(1, 21)
+LEARNER = TalcSettings(method="learner")
 _HOURS = 72.0
 _EPOCH = datetime(2026, 1, 5, 6, tzinfo=UTC)
 _TICK_S, _NC_S, _READ_S, _GRID_S = 10, 30, 100, 300
@@ -70,17 +70,25 @@ class DemoLoop:
     ----------
     seed: of weather, loads and noise
     hours: of simulated time
-    method: `models` are trained between two steps, which on a machine takes seconds
+    settings: models are trained between two steps, which on a machine takes seconds
+    sent: (T, 9) errors that go to the control after each grid step instead of the decision's; NaN counts as zero
     """
 
-    def __init__(self, seed: int, hours: float, method: Literal["learner", "models"] = "learner") -> None:
+    def __init__(
+        self,
+        seed: int,
+        hours: float,
+        settings: TalcSettings = LEARNER,
+        *,
+        sent: FloatArray | None = None,
+    ) -> None:
         self._clock = _TimeByHand()
         self._machine = BenchMachine(seed, self._clock, hours)
         self._nck = self._machine.control.nck
         self._channels = load_machine().channels
         names = (*self._channels, "spindle_growth", *_STATES)
         self._names = names
-        self._controller = Controller(names, TalcSettings(method=method), _GRID_S)
+        self._controller = Controller(names, settings, _GRID_S)
         self._plan = ProbingSchedule(
             prefer_idle_s=_PROBING.prefer_idle_s,
             insist_after_s=_PROBING.insist_after_s,
@@ -106,7 +114,7 @@ class DemoLoop:
         self._finished: Measurement | None = None
         self._decisions: list[Decision] = []
         self._frames: list[Frame] = []
-        self._hours = hours
+        self._hours, self._sent = hours, sent
 
     def run(self) -> ReportData:
         """All of it, as the report takes it."""
@@ -124,6 +132,11 @@ class DemoLoop:
                 self._step()
         return self._data()
 
+    @property
+    def frames(self) -> Sequence[Frame]:
+        """One of each grid step so far."""
+        return self._frames
+
     def _temperatures(self) -> list[float]:
         values = self._machine.temperatures(self._channels)()
         return [round(v, 1 if i < _STEPS_OF else 2) for i, v in enumerate(values)]
@@ -132,7 +145,8 @@ class DemoLoop:
         """Offsets follow the latest decision; while the machine probes they stand still."""
         if not self._decisions or self._number or state.probing:
             return
-        now, errors = self._clock.now, np.nan_to_num(self._decisions[-1].corrected)
+        now, last = self._clock.now, len(self._decisions) - 1
+        errors = np.nan_to_num(self._decisions[last].corrected if self._sent is None else self._sent[last])
         wanted = self._form.wanted(errors, _where(state), RADIUS_MM * 1e-3)
         step = self._slew.follow(now, wanted)
         for i, value in enumerate(self._form.errors_of(np.array(step.coefficients_um))):

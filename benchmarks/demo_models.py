@@ -13,6 +13,7 @@ from benchmarks.rows import BenchRow
 from gateway.report import ReportData
 from talc.indicators import rms
 from talc.names import ERROR_UNITS, MICROMETRE, THERMAL_ERRORS
+from talc.settings import TalcSettings
 
 SEEDS = range(1, 11)
 HOURS, CALIBRATION_S = 72.0, 25 * 3600.0
@@ -34,7 +35,7 @@ class LaterHours:
 
 def run(seed: int, method: Literal["learner", "models"]) -> LaterHours:
     """72 h of the demo."""
-    return later(DemoLoop(seed, HOURS, method).run(), CALIBRATION_S)
+    return later(DemoLoop(seed, HOURS, TalcSettings(method=method)).run(), CALIBRATION_S)
 
 
 def later(data: ReportData, since_s: float) -> LaterHours:

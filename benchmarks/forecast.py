@@ -21,7 +21,7 @@ from talc.learner import ForecastRecord
 from talc.settings import TalcSettings
 
 _SETTINGS = TalcSettings(method="learner")
-_HOURS, _DAY, _EVERY, _POSITIONS = 96, 288, 12, 6
+HOURS, _DAY, _EVERY, _POSITIONS = 96, 288, 12, 6
 AHEAD = (6, 12, 24, 48, 96)
 """Steps of 5 min."""
 _FADING = 12.0
@@ -58,7 +58,7 @@ def _continued(controller: Controller, inputs: FloatArray) -> FloatArray:
 
 
 def _run(kind: str, seed: int) -> ForecastOutcome:
-    m = machine(kind, seed, _HOURS)
+    m = machine(kind, seed, HOURS)
     rows = len(m.inputs)
     used, valid = moments(12, 24, rows), np.ones(len(m.names), dtype=np.bool_)
     controller, record = Controller(m.names, _SETTINGS), ForecastRecord(AHEAD, 300.0)

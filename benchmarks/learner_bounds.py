@@ -20,7 +20,7 @@ from talc.learner.features import LagBank
 from talc.learner.learner import SPAN, TIME_CONSTANTS_S
 from talc.learner.mixture import Mixture
 
-_DAY, _HOURS, _STEP_S = 288, 96, 300.0
+_DAY, HOURS, _STEP_S = 288, 96, 300.0
 _WAYS = (
     "the learner",
     "the mixture, never taken for zero",
@@ -30,9 +30,9 @@ _WAYS = (
 )
 
 
-def predictions(days: Days, used: BoolArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+def predictions(days: Days, used: BoolArray, *, after: bool = False) -> tuple[FloatArray, FloatArray, FloatArray]:
     """(T, 9, E) of each filter, (T, 9) of their mixture, and (T, 9) the probability that an error is not zero; before a
-    row's measurement. The first row is measured."""
+    row's measurement, or after it. The first row is measured."""
     inputs = days.inputs.shape[1]
     bank = LagBank(inputs, TIME_CONSTANTS_S, _STEP_S, SPAN)
     mixture = Mixture(inputs, bank.lags, _STEP_S)
@@ -45,10 +45,13 @@ def predictions(days: Days, used: BoolArray) -> tuple[FloatArray, FloatArray, Fl
             bank.advance(deviation)
             mixture.elapse(1)
         x = bank.features()
+        learnt = used[k] and after
+        if learnt:
+            mixture.learn(x, days.measured[k], days.sigma, np.zeros(len(days.sigma)))
         each.append(mixture.each(x))
         together.append(mixture.predict(x)[0])
         believed.append(mixture.believed)
-        if used[k]:
+        if used[k] and not learnt:
             mixture.learn(x, days.measured[k], days.sigma, np.zeros(len(days.sigma)))
     return np.array(each), np.array(together), np.array(believed)
 
@@ -73,7 +76,7 @@ def ways(truth: FloatArray, each: FloatArray, together: FloatArray, believed: Fl
 
 def _figures(kind: str, seed: int, every: int) -> FloatArray:
     """(5, 9) over measure-and-hold, after the first day."""
-    days = machine(kind, seed, _HOURS)
+    days = machine(kind, seed, HOURS)
     used, after = moments(every, 24, len(days.truth)), slice(_DAY + 1, None)
     found = ways(days.truth[after], *(part[after] for part in predictions(days, used)))
     hold = np.array([rms(e) for e in (days.truth - held(days, used))[after].T])

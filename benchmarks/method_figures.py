@@ -1,5 +1,9 @@
-"""`python -m benchmarks.method_figures`: draws the figures of docs/method.md, from the recording FL_THERMAL."""
+"""`python -m benchmarks.method_figures`: draws the figures of docs/method.md, from the recording FL_THERMAL.
 
+With the path of a folder, there instead of in docs.
+"""
+
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -78,4 +82,4 @@ def _save(figure: Figure, path: Path) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    main(*map(Path, sys.argv[1:]))

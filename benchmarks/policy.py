@@ -23,16 +23,16 @@ from studies import Days
 from talc.frame import BoolArray, FloatArray
 
 _LIMITS_UM = (2.5, 3.5, 5.0, 7.0, 10.0)
-_FIXED_MIN = (20.0, 30.0, 45.0, 60.0, 90.0, 120.0, 180.0, 240.0, 360.0, 480.0)
-_HOURS, _STEP_S, _POSITIONS = 96, 300.0, 6
-_FEW = tuple(product(("day", "axes"), (0, 5, 6)))
+FIXED_MIN = (20.0, 30.0, 45.0, 60.0, 90.0, 120.0, 180.0, 240.0, 360.0, 480.0)
+HOURS, _STEP_S, _POSITIONS = 96, 300.0, 6
+FEW = tuple(product(("day", "axes"), (0, 5, 6)))
 """Two kinds of load; a machine as it is and two scattered ones."""
-_FEW_HOURS, _TEMPERATURES, _SEEN = 12 * 24, 29, 6
+FEW_HOURS, _TEMPERATURES, _SEEN = 12 * 24, 29, 6
 _ON_H, _FREE_DAYS = 14.0, (5, 6)
 """Switched on for so many hours a day, and not at all at the weekend."""
 
 
-def few(kind: str, seed: int, hours: int = _FEW_HOURS) -> Series:
+def few(kind: str, seed: int, hours: int = FEW_HOURS) -> Series:
     """A machine of which six temperatures are seen, and which is off at night and at the weekend."""
 
     def off(k: int) -> bool:
@@ -68,14 +68,14 @@ def series_of(days: Days, on: BoolArray, inputs: Sequence[int]) -> Series:
 def _series(kind: str, seed: int, is_few: bool) -> Series:
     if is_few:
         return few(kind, seed)
-    days = machine(kind, seed, _HOURS)
+    days = machine(kind, seed, HOURS)
     return series_of(days, np.ones(len(days.inputs), dtype=np.bool_), range(len(days.names)))
 
 
 def compared(series: Series) -> list[Saving]:
     """One for each limit."""
     sweeps = [Sweep(0.0, limit=limit) for limit in _LIMITS_UM]
-    sweeps += [Sweep(0.0, interval_min=interval) for interval in _FIXED_MIN]
+    sweeps += [Sweep(0.0, interval_min=interval) for interval in FIXED_MIN]
     points: list[Point] = [sweep.points(Learning(), series, 0, True)[0] for sweep in sweeps]
     return savings(points[: len(_LIMITS_UM)], points[len(_LIMITS_UM) :])
 
@@ -88,7 +88,7 @@ def rows() -> list[BenchRow]:
     """All rows of the table; takes ten minutes."""
     table = []
     with ProcessPoolExecutor(os.cpu_count()) as pool:
-        for machines, is_few, goal in ((MACHINES, False, "≤ 0.6, never above 1.1"), (_FEW, True, "")):
+        for machines, is_few, goal in ((MACHINES, False, "≤ 0.6, never above 1.1"), (FEW, True, "")):
             found = list(pool.map(_of_machine, *zip(*((*m, is_few) for m in machines), strict=True)))
             name = f"{len(machines)} machines" + (", six temperatures, off at night" if is_few else "")
             for i, limit in enumerate(_LIMITS_UM):

@@ -20,9 +20,9 @@ from talc.settings import TalcSettings, TrainingSettings
 from talc.training import train
 from talc.window import Structure, Window
 
-_TRIALS = 12
+TRIALS = 12
 """Number of candidates of the textbook implementation that are timed."""
-_PLACED = 240
+PLACED = 240
 """Number of our candidates: enough that the swarm's one-off preparation does not count."""
 
 
@@ -84,14 +84,14 @@ def rows() -> list[BenchRow]:
     scaled = (u - u.mean(axis=0)) / u.std(axis=0)
     regression = Regression(Window(scaled, y, y, float(day.measured[:, 1].std())), 5, 5)
     # A swarm converges to candidates that are cheaper than random ones; compare only like with like.
-    ours = median_s(partial(select_by_swarm, regression, seed=0, swarm=_PLACED, iterations=0), 3) / _PLACED
+    ours = median_s(partial(select_by_swarm, regression, seed=0, swarm=PLACED, iterations=0), 3) / PLACED
     textbook = {}
     for loop in (True, False):
         draw = np.random.default_rng(0)
         start = time.perf_counter()
-        for _ in range(_TRIALS):
+        for _ in range(TRIALS):
             _textbook_candidate(regression, draw, loop)
-        textbook[loop] = (time.perf_counter() - start) / _TRIALS
+        textbook[loop] = (time.perf_counter() - start) / TRIALS
     replayed = sorted(_replayed(weeks, train(_job(day, search))) for _ in range(3))[1]
     return [
         BenchRow("`search`, nine errors, 24 h", f"{short:.2f} s", goal="≤ 2 s"),
@@ -100,7 +100,7 @@ def rows() -> list[BenchRow]:
         BenchRow(
             "a random candidate of such a swarm by ADMM and a Python loop",
             f"{textbook[True] / ours:.0f} × ours",
-            f"{textbook[True] * 1e3:.0f} ms, mean of {_TRIALS}; ours {ours * 1e3:.2f} ms",
+            f"{textbook[True] * 1e3:.0f} ms, mean of {TRIALS}; ours {ours * 1e3:.2f} ms",
             "≥ 100 ×",
         ),
         BenchRow(

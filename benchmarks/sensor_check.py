@@ -23,11 +23,11 @@ from talc.sensor_check import judge, rows_needed
 from talc.sensor_model import CHANGE_STEPS, SensorModel, learn
 from talc.settings import SensorCheckSettings
 
-_DAY, _DAYS = 288, 12
-_SEEDS = range(200, 216)
+_DAY, DAYS = 288, 12
+SEEDS = range(200, 216)
 _LEARNT = (1, 2, 4, 8)
 _OFFSETS_K = (0.3, 0.5, 1.0, 2.0, 3.0)
-_DRAWS = 5
+DRAWS = 5
 """Windows per machine and days of learning, with one fault of each size and as many exchanges."""
 _SETTINGS = SensorCheckSettings()
 _SENSORS = 29
@@ -40,7 +40,7 @@ class SensorOutcome:
     told: list[str] = field(default_factory=list)
     watched_days: float = 0.0
     found: dict[tuple[int, float], int] = field(default_factory=dict)
-    """Days learnt and offset (0: an exchange), to how many of `_DRAWS` were found and named."""
+    """Days learnt and offset (0: an exchange), to how many of `DRAWS` were found and named."""
     smallest: dict[int, list[float]] = field(default_factory=dict)
     alike: list[tuple[str, str]] = field(default_factory=list)
     """After eight days, one entry per pair and window."""
@@ -82,7 +82,7 @@ def _detect(names: tuple[str, ...], x: FloatArray, seed: int, outcome: SensorOut
         model = learn(names, x[: days * _DAY], good[: days * _DAY], _SETTINGS, loads)
         if model is None:
             raise RuntimeError(f"nothing was learnt from {days} days")
-        for _ in range(_DRAWS):
+        for _ in range(DRAWS):
             end = int(draw.integers(days * _DAY + n, len(x)))
             window = x[max(0, end - rows_needed(model, _SETTINGS)) : end]
             healthy = judge(model, names, window, good[: len(window)], _SETTINGS)
@@ -111,7 +111,7 @@ def run(kind: str, seed: int, *, loads: bool = False) -> SensorOutcome:
 
     loads: whether the watch knows the speeds and the coolant, too
     """
-    m = machine("day" if kind == "off" else kind, seed, 24 * _DAYS, off=_is_off if kind == "off" else None)
+    m = machine("day" if kind == "off" else kind, seed, 24 * DAYS, off=_is_off if kind == "off" else None)
     known = [*range(_SENSORS), *(range(_SENSORS + 1, len(m.names)) if loads else ())]  # the one between is a length
     names, x, outcome = tuple(m.names[i] for i in known), m.inputs[:, known], SensorOutcome()
     asyncio.run(_watch(names, x, outcome))
@@ -127,10 +127,10 @@ def _is_off(k: int) -> bool:
 
 def rows() -> list[BenchRow]:
     """False alarms, detection after so many days of learning, and the pairs that look alike."""
-    jobs = [(kind, seed) for kind in ("day", "axes", "off") for seed in _SEEDS]
+    jobs = [(kind, seed) for kind in ("day", "axes", "off") for seed in SEEDS]
     with ProcessPoolExecutor(os.cpu_count()) as pool:
         every = list(pool.map(run, *zip(*jobs, strict=True)))
-    outcomes, off = every[: 2 * len(_SEEDS)], every[2 * len(_SEEDS) :]
+    outcomes, off = every[: 2 * len(SEEDS)], every[2 * len(SEEDS) :]
     goal = f"≤ {2 * _SETTINGS.false_alarms_per_year:.0f} a year"
     table = []
     for text, some in (("", outcomes), (", switched off at night and, as not learnt, at the weekend", off)):
@@ -141,7 +141,7 @@ def rows() -> list[BenchRow]:
         )
     for days in _LEARNT:
         shares = {
-            size: sum(o.found[days, size] for o in outcomes) / (_DRAWS * len(outcomes)) for size in (0.0, *_OFFSETS_K)
+            size: sum(o.found[days, size] for o in outcomes) / (DRAWS * len(outcomes)) for size in (0.0, *_OFFSETS_K)
         }
         smallest = np.percentile([v for o in outcomes for v in o.smallest[days]], [10, 50, 90])
         offsets = ", ".join(f"{size:g} K {shares[size]:.0%}" for size in _OFFSETS_K)

@@ -19,7 +19,7 @@ from talc.frame import BoolArray, FloatArray
 from talc.indicators import rms
 from talc.settings import ControlSettings, TalcSettings
 
-_DAY, _HOURS, _INTERVAL = 288, 96, 24
+_DAY, HOURS, _INTERVAL = 288, 96, 24
 _TEMPER, _KEPT, _SHARED, _LEAST_NOISE = 0.3, 0.97, 0.01, 0.25
 """As in talc.learner.mixture."""
 _SHARES = {"an eighteenth of the weight": 1.0 / 18.0, "half of the weight": 0.5}
@@ -51,7 +51,7 @@ def mixed(days: Days, used: BoolArray, ways: list[tuple[FloatArray, FloatArray]]
 
 def _figures(kind: str, seed: int, every: int) -> tuple[dict[str, FloatArray], float]:
     """(2, 9) E_RMS over measure-and-hold and over none after the first day, by way; seconds that trainings took."""
-    days = machine(kind, seed, _HOURS)
+    days = machine(kind, seed, HOURS)
     used = moments(every, _INTERVAL, len(days.truth))
     learner = control(days, TalcSettings(method="learner"), measured=used)
     begin = time.process_time()

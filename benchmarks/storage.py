@@ -7,25 +7,29 @@ import sys
 import tempfile
 import time
 from contextlib import closing
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import numpy as np
 
 from benchmarks.rows import BenchRow
-from drivers.base import Quality, SystemClock
+from drivers.base import Clock, Quality, SystemClock
 from gateway.acquisition import Sample
 from gateway.config import GatewayConfig, parse
 from gateway.events import CompensationStepped, DecisionMade, FrameMade, MeasurementEnded, ReadingsTaken
 from gateway.nc import Source, Step, Write
 from gateway.past import Past, SnapshotKeeper, controller_of, past_in
 from gateway.probing import Outcome
-from gateway.storage import Store
-from talc.frame import Frame, Measurement, Why
+from gateway.storage import Retention, Store
+from talc.frame import FloatArray, Frame, Measurement, Why
 
 _DEVICES, _EACH = 7, 4
 _CHANNELS, _STEP_S, _STEPS_A_YEAR = _DEVICES * _EACH, 300, 365 * 288
 _REAL_S = 400
-"""At the real pace; the log is checkpointed several times."""
+"""At the real pace. At the end the log is put into the database, as when it has grown to its limit."""
+_BEGAN = datetime(2026, 1, 1, tzinfo=UTC)
+_KEEP_EVERY_S = 600
+"""As the store's thread does it."""
 _AT_ONCE, _DECIDED, _RESTARTS = 20_000, 300, 7
 _TEXT = """
 [machine]
@@ -63,7 +67,10 @@ def rows() -> list[BenchRow]:
     with tempfile.TemporaryDirectory(dir=".") as folder:  # not in /tmp, which may be memory
         table = [
             BenchRow(
-                "written to the disk in a day, 28 channels at 1 Hz", f"{wear(Path(folder)):.2f} GB", "", "≤ 0.5 GB"
+                "written to the disk in a day, 28 channels at 1 Hz",
+                f"{(new := wear(Path(folder))) + (old := thinning(Path(folder))):.2f} GB",
+                f"{new:.2f} GB in the first week; {old:.2f} GB more when as many readings become old as are new",
+                "≤ 0.5 GB",
             )
         ]
     return [*table, restart_row(1.0), restart_row(5.0)]
@@ -91,52 +98,112 @@ def restart_row(years: float) -> BenchRow:
     )
 
 
+class PlayedClock:
+    """Seconds since a fixed date; `now_s` is set."""
+
+    now_s = 0.0
+
+    def monotonic(self) -> float:
+        return self.now_s
+
+    def utc(self) -> datetime:
+        return _BEGAN + timedelta(seconds=self.now_s)
+
+
 def wear(folder: Path, real_s: int = _REAL_S) -> float:
-    """GB a day of all that is stored, at the real pace: readings, steps of the grid each 300 s and of the compensation
-    each 20 s, and a measurement each 2 h. The daily snapshot is added.
+    """GB a day of all that is stored, at the real pace, in the first week: readings, steps of the grid each 300 s and
+    of the compensation each 20 s, a measurement each 2 h and a snapshot a day.
     """
-    config, clock, draw = config_in(folder), SystemClock(), np.random.default_rng(1)
-    x = 20.0 + draw.normal(0, 2, _CHANNELS)
+    config, clock, machine = config_in(folder), SystemClock(), StoredMachine()
     with Store(config.storage.path, "boot", clock, commit_s=config.storage.commit_s) as store:
         past = past_in(store, config)
         store.begin(config.canonical(), config.fingerprint(), "")
         store.flush()
         began_bytes, began_s = _written(config), time.monotonic()
         for second in range(real_s):
-            x += draw.normal(0, 0.01, _CHANNELS)
-            for device in range(_DEVICES):
-                store.record(ReadingsTaken(_readings(device, x, clock, second * _DEVICES + device)))
-            if second % 20 == 0:
-                write = Write(clock.utc(), "compensate", _STILL, second, {"X": 1.0}, True, (1.0, 2.0, 3.0))
-                store.record(CompensationStepped(write))
-            if second % _STEP_S == _STEP_S // 2:
-                frame = Frame(second, x.copy(), np.ones(_CHANNELS, np.bool_), None)
-                store.record(FrameMade(frame))
-                store.record(DecisionMade(past.controller.step(frame)))
+            machine.record(second, store, past, clock)
             time.sleep(max(0.0, began_s + second + 1 - time.monotonic()))
         store.flush()
         a_day = (_written(config) - began_bytes) * 86400.0 / real_s
-        measured = Measurement(draw.normal(0, 5, 9), np.full(9, 0.5))
-        now = clock.utc()
-        outcome = Outcome(1, Why.INTERVAL, now, now, draw.normal(0, 1, (6, 3)), (0.0, 0.0, 0.0), measured, 0.4)
-        before = _written(config)
-        store.record(MeasurementEnded(outcome))
-        store.flush()
-        a_day += 12 * (_written(config) - before)
-        before = _written(config)
-        keeper = SnapshotKeeper(past, store, config, every_steps=1)
-        frame = Frame(real_s, x, np.ones(_CHANNELS, np.bool_), measured)
-        keeper.take(FrameMade(frame))
-        keeper.take(DecisionMade(past.controller.step(frame)))
-        store.flush()
-        return (a_day + _written(config) - before) / 1e9
+        return (a_day + _seldom(store, past, config, clock, machine.x)) / 1e9
 
 
-def _readings(device: int, x: np.ndarray, clock: SystemClock, sequence: int) -> list[Sample]:
-    now, own = clock.utc(), range(_EACH * device, _EACH * (device + 1))
+def thinning(folder: Path, turns: int = 30) -> float:
+    """GB a day that the minute statistics of readings that become old add, from the second week on."""
+    return played(folder / "thinned", turns, 1.0 / 24.0) - played(folder / "kept", turns, 1e3)
+
+
+def played(folder: Path, turns: int, samples_days: float) -> float:
+    """GB a day of what comes each second, played with a commit each `commit_s`.
+
+    An hour of readings stays instead of a week: after the first third of the turns, as many become old as are new. Each
+    ten minutes the store is opened anew, which makes it do what it does each ten minutes; another connection keeps the
+    log from being put into the database by that. The kernel's own writes of the log's index, while time passes, are
+    not in it.
+    """
+    folder.mkdir()
+    config, clock, machine = config_in(folder), PlayedClock(), StoredMachine()
+    path, every, retention = config.storage.path, round(config.storage.commit_s), Retention(samples_days=samples_days)
+    with Store(path, "first", clock) as store:
+        past = past_in(store, config)
+        store.begin(config.canonical(), config.fingerprint(), "")
+    began_bytes = 0
+    with closing(sqlite3.connect(path)) as other:
+        other.execute("SELECT count(*) FROM boot").fetchall()  # opens the file, and holds up nothing
+        for turn in range(turns):
+            if turn == turns // 3:
+                began_bytes = _written(config)
+            with Store(path, f"run {turn}", clock, retention=retention) as store:
+                for second in range(turn * _KEEP_EVERY_S, (turn + 1) * _KEEP_EVERY_S):
+                    clock.now_s = float(second)
+                    machine.record(second, store, past, clock)
+                    if second % every == every - 1:
+                        store.flush()
+        return (_written(config) - began_bytes) * 86400.0 / ((turns - turns // 3) * _KEEP_EVERY_S) / 1e9
+
+
+class StoredMachine:
+    """What a gateway stores of a machine in each second."""
+
+    def __init__(self) -> None:
+        self._draw = np.random.default_rng(1)
+        self.x = 20.0 + self._draw.normal(0, 2, _CHANNELS)
+
+    def record(self, second: int, store: Store, past: Past, clock: Clock) -> None:
+        self.x += self._draw.normal(0, 0.01, _CHANNELS)
+        for device in range(_DEVICES):
+            store.record(ReadingsTaken(_readings(device, self.x, clock, second)))
+        if second % 20 == 0:
+            write = Write(clock.utc(), "compensate", _STILL, second, {"X": 1.0}, True, (1.0, 2.0, 3.0))
+            store.record(CompensationStepped(write))
+        if second % _STEP_S == _STEP_S // 2:
+            frame = Frame(second // _STEP_S, self.x.copy(), np.ones(_CHANNELS, np.bool_), None)
+            store.record(FrameMade(frame))
+            store.record(DecisionMade(past.controller.step(frame)))
+
+
+def _seldom(store: Store, past: Past, config: GatewayConfig, clock: Clock, x: FloatArray) -> int:
+    """Bytes a day of twelve measurements and a snapshot, each with the log put into the database."""
+    measured = Measurement(np.linspace(-5.0, 5.0, 9), np.full(9, 0.5))
+    now, before = clock.utc(), _written(config)
+    outcome = Outcome(1, Why.INTERVAL, now, now, np.ones((6, 3)), (0.0, 0.0, 0.0), measured, 0.4)
+    store.record(MeasurementEnded(outcome))
+    store.flush()
+    a_measurement, before = _written(config) - before, _written(config)
+    keeper = SnapshotKeeper(past, store, config, every_steps=1)
+    frame = Frame(_REAL_S, x, np.ones(_CHANNELS, np.bool_), measured)
+    keeper.take(FrameMade(frame))
+    keeper.take(DecisionMade(past.controller.step(frame)))
+    store.flush()
+    return 12 * a_measurement + _written(config) - before
+
+
+def _readings(device: int, x: FloatArray, clock: Clock, sequence: int) -> list[Sample]:
+    """Each device reads once a second; its reads are numbered together with those of the others."""
+    number = sequence * _DEVICES + device
     return [
-        Sample(f"t{i}", round(float(x[i]), 2), "degC", Quality.GOOD, now, clock.monotonic(), sequence=sequence)
-        for i in own
+        Sample(f"t{i}", round(float(x[i]), 2), "degC", Quality.GOOD, clock.utc(), clock.monotonic(), sequence=number)
+        for i in range(_EACH * device, _EACH * (device + 1))
     ]
 
 

@@ -6,6 +6,7 @@ by the last measured error, measured at the same times. Errors are judged before
 """
 
 import os
+from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
 
@@ -18,11 +19,12 @@ from talc.frame import BoolArray, FloatArray
 from talc.indicators import TWO_SIDED_95, peak_to_peak, rms
 from talc.settings import ControlSettings, TalcSettings, TrainingSettings
 
-_DAY, _HOURS = 288, 96
+_DAY, HOURS = 288, 96
 _INTERVAL = 24
 """Steps: 2 h."""
-_SEEDS = range(8)
-_REPEATS = 4
+KINDS: tuple[str, ...] = ("day", "axes")
+SEEDS: Sequence[int] = range(8)
+REPEATS = 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +89,7 @@ WAYS = (
 
 def run(way: Way, kind: str, seed: int, noise_seed: int | None = None) -> UnseenOutcome:
     """One machine through calibration and three days."""
-    m = machine(kind, seed, _HOURS, noise_seed=noise_seed)
+    m = machine(kind, seed, HOURS, noise_seed=noise_seed)
     course = control(m, way.settings, measured=way.measured(len(m.truth)))
     after = slice(_DAY + 1, None)
     left, hold = m.truth - course.estimate, m.truth - held(m, course.used)
@@ -135,7 +137,7 @@ def _line(way: Way, outcomes: list[UnseenOutcome], default: list[UnseenOutcome])
 def _spread(way: Way, outcomes: list[UnseenOutcome]) -> BenchRow:
     swing = np.array([o.swing for o in outcomes])
     return BenchRow(
-        f"E_PV of {way.name} under {_REPEATS} draws of noise",
+        f"E_PV of {way.name} under {REPEATS} draws of noise",
         f"mean {swing[:, :6].mean():.1f} µm, standard deviation {swing[:, :6].std(axis=0, ddof=1).mean():.2f} µm",
         f"{np.mean([o.updates for o in outcomes]):.1f} updates",
     )
@@ -153,12 +155,12 @@ def rows() -> list[BenchRow]:
     with ProcessPoolExecutor(os.cpu_count()) as pool:
         default: list[UnseenOutcome] = []
         for way in WAYS:
-            jobs = [(way, kind, seed) for kind in ("day", "axes") for seed in _SEEDS]
+            jobs = [(way, kind, seed) for kind in KINDS for seed in SEEDS]
             outcomes = list(pool.map(run, *zip(*jobs, strict=True)))
             default = default or outcomes
             table.append(_line(way, outcomes, default))
         for way in spread_ways:
-            repeats = range(100, 100 + _REPEATS)
-            outcomes = list(pool.map(run, [way] * _REPEATS, ["day"] * _REPEATS, [0] * _REPEATS, repeats))
+            repeats = range(100, 100 + REPEATS)
+            outcomes = list(pool.map(run, [way] * REPEATS, ["day"] * REPEATS, [0] * REPEATS, repeats))
             table.append(_spread(way, outcomes))
     return table

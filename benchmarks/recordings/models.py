@@ -101,6 +101,7 @@ def _controlled(
 _WEEK_STEPS = 2016
 _SEARCH = TrainingSettings(selector="search", window_steps=_WEEK_STEPS)
 _SWARM = TrainingSettings(selector="pso", max_na=5, max_nb=5, estimator="least_squares", window_steps=_WEEK_STEPS)
+_CLUSTERS = TrainingSettings(selector="tck", max_na=1, max_nb=1, estimator="least_squares", window_steps=_WEEK_STEPS)
 _MOST_BY_SWARM = 3
 
 
@@ -108,9 +109,14 @@ def papers(*, gaps: bool) -> tuple[Models, ...]:
     """The methods that the learner is compared with. gaps: the recording has some, which leave these models few good
     rows; they are therefore also run as if there were none."""
     if not gaps:
-        return Models("`search`", _SEARCH), Models("`pso`", _SWARM, most_trainings=_MOST_BY_SWARM)
+        return (
+            Models("`search`", _SEARCH),
+            Models("`pso`", _SWARM, most_trainings=_MOST_BY_SWARM),
+            Models("`tck`", _CLUSTERS),
+        )
     return (
         Models("`search`", _SEARCH),
         Models("`search`, gaps cut out", _SEARCH, gaps=False),
         Models("`pso`, gaps cut out", _SWARM, gaps=False, most_trainings=_MOST_BY_SWARM),
+        Models("`tck`, gaps cut out", _CLUSTERS, gaps=False),
     )

@@ -19,13 +19,15 @@ ROOT = Path(__file__).parents[2]
 TWO = (("day", 0), ("axes", 1))
 SMALL: dict[str, dict[str, object]] = {
     "demo": {"SEEDS": (1,)},
+    "demo_bounds": {"SEEDS": (1,), "HOURS": 4.0},
     "demo_models": {"SEEDS": (1,), "HOURS": 26.0},
-    "forecast": {"MACHINES": TWO, "_HOURS": 36},
-    "learner_bounds": {"MACHINES": TWO, "_HOURS": 28},
-    "policy": {"MACHINES": TWO[:1], "_FEW": TWO[1:], "_HOURS": 24, "_FEW_HOURS": 24, "_FIXED_MIN": (60.0, 240.0)},
-    "selection": {"_TRIALS": 1, "_PLACED": 24},
-    "sensor_check": {"_SEEDS": (200,), "_DAYS": 10, "_DRAWS": 1},
-    "sparse_expert": {"MACHINES": TWO[:1], "_HOURS": 28},
+    "forecast": {"MACHINES": TWO, "HOURS": 36},
+    "learner_bounds": {"MACHINES": TWO, "HOURS": 28},
+    "policy": {"MACHINES": TWO[:1], "FEW": TWO[1:], "HOURS": 24, "FEW_HOURS": 24, "FIXED_MIN": (60.0, 240.0)},
+    "selection": {"TRIALS": 1, "PLACED": 24},
+    "sensor_check": {"SEEDS": (200,), "DAYS": 10, "DRAWS": 1},
+    "sparse_expert": {"MACHINES": TWO[:1], "HOURS": 28},
+    "unseen_days": {"KINDS": ("day",), "SEEDS": (0,), "HOURS": 26, "REPEATS": 2},
 }
 """What of a subject's module is made smaller."""
 

@@ -71,10 +71,17 @@ def test_the_readme_s_table_is_that_of_the_twenty_seeds() -> None:
     rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in block.splitlines()]
     results = {row[0]: row for row in rows}
     readme = (ROOT / "README.md").read_text("utf-8")
-    table = re.findall(r"^\| (E\w+0\w|ER0T|EZ0T|tool [XYZ]) \| ([^|]+) \| ([^|]+) \| ([^|]+) \|$", readme, re.MULTILINE)
+    cells = r" ([^|]+) \|" * 5
+    table = re.findall(rf"^\| (E\w+0\w|ER0T|EZ0T|tool [XYZ]) \|{cells}$", readme, re.MULTILINE)
     assert len(table) == 12
-    for name, without, compensated, less in table:
+    for name, without, compensated, less, peak_without, peak in table:
         unit = "µm/m" if name in ("EA0C", "EB0C", "EC0C") else "µm"
         row = results[f"{name}, E_RMS, {unit}"]
         assert compensated == row[1]
         assert f"{without} without; {less.removesuffix(' %')} % less" == row[2]
+        row = results[f"{name}, E_PV, {unit}"]
+        assert peak == row[1]
+        assert row[2].startswith(f"{peak_without} without;")
+    said = " ".join(readme.split())
+    assert f"Each seed takes {results['measurements'][1]} measurements" in said
+    assert f"Pd is {results['productivity Pd, %'][1]} %" in said

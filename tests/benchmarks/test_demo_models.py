@@ -10,6 +10,7 @@ from benchmarks.demo_models import NAMES, LaterHours, later, table
 from gateway.report import Truth
 from talc.control import Controller
 from talc.frame import Phase
+from talc.settings import TalcSettings
 from tests.benches.small_run import STEP_S, small_run
 
 HOUR_S = 3600.0
@@ -50,7 +51,7 @@ def test_models_are_trained_and_adopted_at_the_end_of_the_calibration(monkeypatc
     adopted = []
     adopt = Controller.adopt
     monkeypatch.setattr(Controller, "adopt", lambda controller, models: adopted.append(adopt(controller, models)))
-    run = DemoLoop(1, 26.0, "models").run()
+    run = DemoLoop(1, 26.0, TalcSettings(method="models")).run()
     assert adopted
     began = run.judged_from
     assert began is not None
