@@ -18,20 +18,17 @@ bench: $(VENV)/.ready
 study: $(VENV)/.ready
 	$(BIN)/python -m studies $(NAME) --results docs/results.md --pages docs/studies
 
-# The pictures of the documentation, drawn anew; takes as long as the demo.
+# The pictures of the documentation, drawn anew; takes as long as the demo. PICTURES=folder: there, not in docs.
+# DEMO="--hours 2": a shorter demo; OUT=folder: its files, instead of out; SHOTS="tests/...": the tests that take pictures of the page for operators.
+PICTURES ?= docs
+DEMO ?=
+OUT ?= out
+SHOTS ?= tests/system/test_page_in_browser.py
 pictures: $(VENV)/.ready
-	$(BIN)/python -m benchmarks.method_figures
-	$(BIN)/talc-gateway demo --folder out/demo
-	cp out/demo/report.png docs/demo.png
-	$(PYTEST) tests/system/test_page_in_browser.py  # needs Debian's chromium, and npm
-	cp out/page/page-1400-light.png docs/page-1400-light.png
-	cp out/page/page-1400-dark.png docs/page-1400-dark.png
-	cp out/page/page-1024-light.png docs/page-1024-light.png
-	cp out/page/page-1024-dark.png docs/page-1024-dark.png
-	cp out/page/page-390-light.png docs/page-390-light.png
-	cp out/page/page-390-dark.png docs/page-390-dark.png
-	cp out/page/page-gone.png docs/page-gone.png
-	cp out/page/page-month.png docs/page-month.png
+	$(BIN)/python -m benchmarks.method_figures $(PICTURES)
+	$(BIN)/talc-gateway demo --folder $(OUT)/demo $(DEMO)
+	cp $(OUT)/demo/report.png $(PICTURES)/demo.png
+	PAGE_PICTURES=$(PICTURES) $(PYTEST) $(SHOTS)  # needs Debian's chromium, and npm
 
 # The documentation as a site, out/site; links and references that lead nowhere are errors.
 site: $(VENV)/.ready
@@ -83,10 +80,10 @@ imports: $(VENV)/.ready
 
 # Tests against programs of others (libmodbus; node-opcua, modbus-serial, canopen) need Debian and npm packages; .ci/run installs them,
 # and runs the slow ones too. Tests about the computer's own time (realtime) run alone, after the others.
-# One worker more than cores, as some tests wait; each takes ten seconds to import and collect all tests. The tests start
-# many Python programs: without byte code on disk, each would compile every module again.
+# Two workers more than cores, as many tests wait; each takes five seconds of a core to import and collect all tests, twice
+# that the first time. The tests start many Python programs: without byte code on disk, each would compile every module again.
 TESTS ?= not peer and not slow
-WORKERS ?= $(shell expr $$(nproc) + 1)
+WORKERS ?= $(shell expr $$(nproc) + 2)
 PYTEST := env -u PYTHONDONTWRITEBYTECODE $(BIN)/python -m pytest --durations=15
 
 # The checks run beside the tests; if one of them fails, the tests still run to their end, and make fails.

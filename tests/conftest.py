@@ -11,6 +11,7 @@ from collections.abc import AsyncIterator, Generator, Iterator
 import pytest
 from hypothesis import HealthCheck, settings
 
+from tests.benches.dealing import dealt
 from tests.benches.processes import open_links
 from tests.benches.simulated_time import real_monotonic_s, simulated_time
 
@@ -29,9 +30,17 @@ _GRACE_S = 30.0
 """Threads of C libraries end a moment after their object is closed, on a busy computer some seconds."""
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """The slow ones first, so that no worker has one left when the others have ended."""
-    items.sort(key=lambda item: item.get_closest_marker("slow") is None)
+def _minutes(item: pytest.Item) -> float | None:
+    """As its marker `slow` states; about ten seconds, if that states nothing."""
+    slow = item.get_closest_marker("slow")
+    return None if slow is None else float(slow.kwargs.get("minutes", 0.2))
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """After the choice of tests."""
+    workers = int(getattr(config, "workerinput", {}).get("workercount", 1))
+    items[:] = dealt(items, lambda item: item.path, _minutes, workers)
 
 
 def pytest_collection_finish() -> None:
@@ -83,7 +92,7 @@ def no_leaks(request: pytest.FixtureRequest) -> Iterator[None]:
         request.getfixturevalue("_no_leaked_tasks")
     threads, channels = set(threading.enumerate()), _open_channels()
     yield
-    deadline = time.monotonic() + _GRACE_S
+    deadline, pause_s = time.monotonic() + _GRACE_S, 0.001
     while True:
         # The loop's default executor ends with the loop, which is after this fixture.
         now = [t for t in threading.enumerate() if not t.name.startswith("asyncio_")]
@@ -91,7 +100,9 @@ def no_leaks(request: pytest.FixtureRequest) -> Iterator[None]:
         new_channels = _open_channels() - channels
         if not (new_threads or new_channels) or time.monotonic() > deadline:
             break
-        gc.collect()
-        time.sleep(0.01)
+        time.sleep(pause_s)
+        pause_s = min(2.0 * pause_s, 0.1)
+        if pause_s == 0.1:  # it takes 0.2 s once the large libraries are imported, and most only need a moment
+            gc.collect()
     assert not new_threads, f"threads left behind: {new_threads}"
     assert not new_channels, f"sockets or terminals left open: {new_channels}"

@@ -50,6 +50,12 @@ def test_service_memory() -> None:
     assert own < pss < 300.0
 
 
+def test_years_memory_has_learnt_and_stored() -> None:
+    *_, first, last = said("tests.benches.years_memory", "--years", "0.02", "--step-s", "3600")
+    assert numbers(last)[2:4] == numbers(first)[2:4], "descriptors and threads"
+    assert numbers(last)[4] > numbers(first)[4], "what happens is stored"
+
+
 @pytest.mark.peer
 def test_page_memory() -> None:
     _, _, *rows = said("tests.benches.page_memory", "0.005")
@@ -68,13 +74,33 @@ def test_page_browsers() -> None:
 
 
 @pytest.mark.peer
+@pytest.mark.realtime
+def test_page_gone_at_once() -> None:
+    """A killed gateway's connection ends; a lost network would take Zenoh's lease of 10 s."""
+    *_, row = said("tests.benches.page_gone", "2")
+    _, gone, longest, *_ = numbers(row)
+    assert 0.0 < gone <= longest < 10_000.0
+
+
+@pytest.mark.peer
+def test_publishing_cost() -> None:
+    rows = said("tests.benches.publishing_cost", "4")
+    assert [row.split("  ")[0].split(" and")[0] for row in rows] == ["without telemetry", "publishing", "publishing,"]
+    for row in rows:
+        assert re.search(r"(\d\.\d\d) % of a core, \+?-?\d\.\d\d \(", row), row
+
+
+@pytest.mark.peer
 def test_outlets_cost() -> None:
-    *programs, stored = said("tests.benches.outlets_cost", "1", "3")
+    *programs, stored, changed = said("tests.benches.outlets_cost", "1", "3")
     assert [line.split("  ")[0] for line in programs] == [
         "publish: no message",
         "publish: MQTT and InfluxDB",
         "opcua, without a client",
+        "opcua, with a client",
     ]
+    values, changes = numbers(changed)
+    assert changes >= values > 20, "each value comes once at least"
     found = re.search(r"'count': (\d+)", stored)
     assert found is not None
     assert int(found[1]) >= 3 * 15, "three keys, each second"

@@ -39,11 +39,13 @@ assert "gateway.nc.motion" not in sys.modules
 """
 
 
+@pytest.mark.slow
 def test_a_mutant_that_a_test_notices_is_killed_and_the_module_itself_is_not() -> None:
     done = subprocess.run([sys.executable, "-c", TRIED], cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.stdout.split() == [SURVIVED, KILLED], done.stderr
 
 
+@pytest.mark.slow
 def test_mutants_within_functions_are_told_apart_with_tests_that_are_collected_once() -> None:
     done = subprocess.run([sys.executable, "-c", COLLECTED], cwd=ROOT, capture_output=True, text=True, check=False)
     told = [line.split() for line in done.stderr.splitlines() if line[:1].isdigit()]

@@ -5,6 +5,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.benches.page_rig import SCREENS
+
 ROOT = Path(__file__).parents[1]
 WIDTH = 120
 FOLDERS = (".github", "benchmarks", "deploy", "docs", "examples", "tests")
@@ -64,5 +66,9 @@ def test_make_pictures_draws_every_picture_that_a_page_shows() -> None:
     recipe = (ROOT / "Makefile").read_text(encoding="utf-8").partition("\npictures:")[2].partition("\n\n")[0]
     assert "benchmarks.method_figures" in recipe
     figures = (ROOT / "benchmarks" / "method_figures.py").read_text(encoding="utf-8")
-    drawn = {*re.findall(r" docs/(\S+)$", recipe, re.MULTILINE), *re.findall(r'"(\S+\.svg)"', figures)}
-    assert shown == drawn
+    shots = (ROOT / "tests" / "system" / "test_page_in_browser.py").read_text(encoding="utf-8")
+    assert """picture(page, f"page-{width}-{'dark' if dark else 'light'}\"""" in shots
+    page = {f"page-{width}-{look}" for width, _ in SCREENS for look in ("dark", "light")}
+    page |= set(re.findall(r'picture\(page, "([\w-]+)"', shots))
+    drawn = {*re.findall(r" \$\(PICTURES\)/(\S+)$", recipe, re.MULTILINE), *re.findall(r'"(\S+\.svg)"', figures)}
+    assert shown == drawn | {f"{name}.png" for name in page}

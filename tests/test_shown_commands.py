@@ -1,6 +1,7 @@
 """The commands of the documentation that can be given as they are shown, in a reader's folder."""
 
 import asyncio
+import os
 import re
 import shlex
 import shutil
@@ -136,6 +137,30 @@ def test_make_format_mends_what_lint_refuses(tmp_path: Path) -> None:
     assert make("format") == 0
     assert make("lint") == 0
     assert (tmp_path / "odd.py").read_text("utf-8") == "import os\nimport sys\n\nprint(os.sep, sys.path)\n"
+
+
+@pytest.mark.slow
+@pytest.mark.peer
+def test_make_pictures_draws_those_of_the_pages(tmp_path: Path) -> None:
+    """Of an hour of the demo, and of the test that takes one picture, into another folder."""
+    docs, out = tmp_path / "docs", tmp_path / "out"
+    docs.mkdir()
+    shot = "tests/system/test_page_in_browser.py::test_a_gateway_that_is_killed_looks_gone_and_one_that_comes_back"
+    settings = {
+        "VENV": sys.prefix,
+        "PICTURES": docs,
+        "OUT": out,
+        "DEMO": f"--hours 1 --zenoh-port {free_port()}",
+        "SHOTS": f"{shot}_begins_anew",
+    }
+    command = ["make", f"--old-file={sys.prefix}/.ready", "pictures", *(f"{k}={v}" for k, v in settings.items())]
+    alone = {name: value for name, value in os.environ.items() if not name.startswith("PYTEST")}
+    done = subprocess.run(command, cwd=ROOT, env=alone, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    drawn = {file.name for file in docs.iterdir()}
+    assert drawn == {"demo.png", "method-day.svg", "method-inputs.svg", "page-gone.png"}
+    assert all(file.stat().st_size > 5_000 for file in docs.iterdir())
+    assert all((ROOT / "docs" / name).is_file() for name in drawn)
 
 
 class PageReader:

@@ -32,6 +32,17 @@ def test_a_training_that_takes_all_memory_ends_alone() -> None:
     assert unit()["Service"]["OOMPolicy"] == "continue", "systemd's own policy stops all of the service"
 
 
+def test_the_service_may_divide_its_own_control_group_and_no_other() -> None:
+    service = unit()["Service"]
+    assert service["Delegate"] == "cpu"
+    assert service["ProtectControlGroups"] == "yes"
+    assert service["ReadWritePaths"] == f"-/sys/fs/cgroup/system.slice/{UNIT.name}"
+
+
+def test_a_reload_needs_no_program_that_a_minimal_debian_has_not() -> None:
+    assert unit()["Service"]["ExecReload"] == "/bin/sh -c 'kill -HUP $MAINPID'"
+
+
 def test_serial_adapters_are_allowed_also_those_plugged_in_later() -> None:
     """systemd leaves out a kind of devices that the kernel does not know when the service starts."""
     lines = UNIT.read_text("utf-8").splitlines()

@@ -1,20 +1,40 @@
-"""docs/tried.md names the programs of others that the tests use, with the versions that they are used in."""
+"""docs/tried.md and README.md name the programs of others that the tests use, with their versions."""
 
 import re
 import subprocess
+from pathlib import Path
 
 import pytest
 
 from tests.benches.npm_peer import PEERS as NPM_FOLDERS
-from tests.benches.tried import PEERS, ROOT, Tried, page
+from tests.benches.tried import PEERS, ROOT, Tried, between_marks, page, short, write
 
-_NOT_OF_DRIVERS = {"axe-core"}
+_MAKE = "run: .venv/bin/python -m tests.benches.tried"
+
+_NOT_OF_DRIVERS = {"axe-core", "uplot"}
 """Checks the operators' page."""
 
 
 def test_the_page_is_up_to_date() -> None:
     made = (ROOT / "docs" / "tried.md").read_text("utf-8")
-    assert made == page(), "run: .venv/bin/python -m tests.benches.tried > docs/tried.md"
+    assert made == page(), _MAKE
+
+
+def test_the_table_in_the_readme_is_up_to_date() -> None:
+    _, table, _ = between_marks((ROOT / "README.md").read_text("utf-8"))
+    assert table == short(), _MAKE
+    for peer in PEERS:
+        assert f"{peer.name} {peer.version}" in table
+
+
+def test_both_are_written(tmp_path: Path) -> None:
+    readme = (ROOT / "README.md").read_text("utf-8")
+    _, table, _ = between_marks(readme)
+    (tmp_path / "README.md").write_text(readme.replace(table, "old\n"), "utf-8")
+    (tmp_path / "docs").mkdir()
+    write(tmp_path)
+    assert (tmp_path / "README.md").read_text("utf-8") == readme
+    assert (tmp_path / "docs" / "tried.md").read_text("utf-8") == page()
 
 
 @pytest.mark.parametrize("peer", PEERS, ids=lambda peer: peer.name)

@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import shlex
 import shutil
 import socket
 import subprocess
@@ -14,6 +15,8 @@ from pathlib import Path
 from zipfile import ZipFile
 
 import pytest
+
+from tests.benches.shown_commands import COMMANDS
 
 pytestmark = pytest.mark.slow
 
@@ -80,6 +83,29 @@ def test_the_wheel_holds_the_service_and_no_simulators_studies_benchmarks_or_tes
     assert [name for name in names if name.startswith("talc/_kernel") and name.endswith(".so")]
 
 
+@pytest.mark.peer
+def test_unzip_lists_it_as_contributing_shows(wheel: Path) -> None:
+    """`unzip -l dist/talc_gateway-*.whl` ends with how many files there are, and no line names a room too many."""
+    command = f"unzip -l {wheel.parent}/talc_gateway-*.whl"
+    listed = subprocess.run(command, shell=True, capture_output=True, text=True, check=True).stdout
+    assert listed.splitlines()[-1].split()[-2:] == [str(len(packed(wheel)[1])), "files"]
+    assert not re.search(r" (simulators|studies|benchmarks|tests)/", listed)
+
+
+@pytest.mark.parametrize("shown", sorted({c for _, c in COMMANDS if re.match(r"pip install ['\"]?talc-gateway", c)}))
+def test_pip_finds_all_that_an_installation_shown_on_a_page_names(shown: str, wheel: Path, simulators: Path) -> None:
+    """What it would install of ours; the packages of others are there, in the versions that the wheel asks for."""
+    _, _, named = shlex.split(shown)
+    file = named.replace("talc-gateway", str(wheel), 1)
+    command = ["-m", "pip", "--disable-pip-version-check", "install", "--dry-run", "--no-index"]
+    done = subprocess.run(
+        [sys.executable, *command, "--find-links", simulators.parent, file], capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+    assert re.search(r"(?m)^Would install talc-gateway-\d", done.stdout)
+    assert "does not provide the extra" not in done.stderr
+
+
 def test_the_wheel_names_what_of_others_is_in_it(wheel: Path) -> None:
     """A list below .dist-info/sboms (PEP 770), with the versions that it was compiled with, and their licences."""
     with ZipFile(wheel) as archive:
@@ -96,6 +122,17 @@ def test_the_wheel_names_what_of_others_is_in_it(wheel: Path) -> None:
     assert bom["metadata"]["component"]["version"] == about["Version"]
     assert about["License-Expression"] == "Apache-2.0 AND BSD-3-Clause AND MIT"
     assert licences == {"LICENSE", "nanobind.txt", "robin-map.txt"}
+
+
+def test_no_wheel_is_built_with_another_script_for_the_charts(source: Path, tmp_path: Path) -> None:
+    changed = shutil.copytree(source, tmp_path / "changed")
+    with (changed / "gateway/report/uplot/uPlot.iife.min.js").open("a", encoding="utf-8") as script:
+        script.write(" ")
+    command = [sys.executable, "-m", "pip", "wheel", "--no-deps", "--wheel-dir", tmp_path / "wheels", changed]
+    done = subprocess.run(list(map(str, command)), capture_output=True, text=True)
+    assert done.returncode != 0
+    said = " ".join((done.stdout + done.stderr).split())
+    assert "uPlot.iife.min.js: not the file whose SHA-512 is in gateway/report/uplot/SHA512SUMS" in said
 
 
 def test_whatever_builds_a_package_is_installed_by_hash() -> None:

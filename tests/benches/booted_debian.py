@@ -17,7 +17,7 @@ LIMIT_S = 900.0
 
 
 def debootstrapped(root: Path) -> Path:
-    """Make a minimal Debian of this computer's release with Python, systemd and chrony in a folder.
+    """Make a minimal Debian of this computer's release with Python, systemd, chrony, modprobe, udev and ip in a folder.
 
     Its dpkg does not wait for the disk after each file, now and later: nobody cuts the power of a test.
     """
@@ -27,7 +27,8 @@ def debootstrapped(root: Path) -> Path:
     lines = Path("/etc/os-release").read_text(encoding="utf-8").splitlines()
     release = dict(line.split("=", 1) for line in lines if "=" in line)
     suite = release["VERSION_CODENAME"].strip('"')
-    command = ["debootstrap", "--variant=minbase", "--include=python3,systemd-sysv,dbus,chrony", suite, str(root)]
+    more = "python3,systemd-sysv,dbus,chrony,kmod,udev,iproute2"
+    command = ["debootstrap", "--variant=minbase", f"--include={more}", suite, str(root)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode != 0:
         raise RuntimeError(f"{' '.join(command)}\n{done.stdout[-4000:]}{done.stderr}")

@@ -39,6 +39,7 @@ _SOURCE = Path(__file__).with_name("failing_disk.cc")
 _WORDS = {
     "w": "write", "t": "truncate", "s": "synchronise", "c": "create a file", "r": "rename", "l": "link", "u": "unlink"
 }  # fmt: skip
+_HANGS = "one hangs"
 
 
 def lives(folder: Path) -> None:
@@ -133,9 +134,10 @@ def _row(name: str, verdicts: Sequence[LifeVerdict]) -> str:
 @click.option("--step", default=1, show_default=True, help="Each so many calls.")
 @click.option("--hang-ms", default=300, show_default=True)
 @click.option("--first", default=1, show_default=True, help="Number of the first call.")
+@click.option("--only", type=click.Choice([*(fault.name for fault in FAULTS), _HANGS]), help="This fault alone.")
 @click.option("--planted", "defect", type=click.Choice(list(PLANTED)), help="Give the gateway this defect.")
 @click.option("--lives", "folder", type=click.Path(path_type=Path), hidden=True)
-def main(step: int, hang_ms: int, first: int, defect: str | None, folder: Path | None) -> None:
+def main(step: int, hang_ms: int, first: int, only: str | None, defect: str | None, folder: Path | None) -> None:
     """Let a gateway live once for each fault and each call, and print what became of it."""
     if folder is not None:
         with planted(PLANTED[defect] if defect else ()):
@@ -151,7 +153,9 @@ def main(step: int, hang_ms: int, first: int, defect: str | None, folder: Path |
             "| fault | lives | calls refused | starts refused | went on unstored | said what is lost "
             "| state of the offsets seen | wrong |"
         )
-        for which, named in enumerate((*(fault.name for fault in FAULTS), f"one hangs {hang_ms} ms")):
+        for which, named in enumerate((*(fault.name for fault in FAULTS), _HANGS)):
+            if only not in (None, named):
+                continue
             verdicts = []
             for at in range(first, len(whole.calls) + 1, step):
                 if which == len(FAULTS) and whole.calls[at - 1] != "s":
@@ -161,7 +165,7 @@ def main(step: int, hang_ms: int, first: int, defect: str | None, folder: Path |
                     wrong[text] += 1
                     if wrong[text] <= 3:
                         click.echo(f"{named}, call {at} ({whole.calls[at - 1]}): {text}", err=True)
-            click.echo(_row(named, verdicts))
+            click.echo(_row(f"{named} {hang_ms} ms" if named == _HANGS else named, verdicts))
     sys.exit(1 if wrong else 0)
 
 

@@ -95,6 +95,8 @@ class Life:
         """Grid indices of the steps that were decided."""
         self._lost: set[int] = set()
         """Of those, the ones of a run that said that it could not store everything."""
+        self._hangs = fault is not None and fault.error == HANGS_ONCE
+        self._hangs_after_s = LIMIT_S if fault is None or not self._hangs else fault.hang_ms / 3e3
         if fault is None:
             self._disk.fail_from(0, 0, 0, 0)
         else:
@@ -143,7 +145,7 @@ class Life:
                     Store(
                         self._path, f"{boot} {first} {self.verdict.not_started}", self._clock, commit_s=0.01,
                         retention=Retention(samples_days=0.01, minutes_days=0.01), retry_s=0.01,
-                        hangs_after_s=LIMIT_S, silent_s=LIMIT_S,
+                        hangs_after_s=self._hangs_after_s, silent_s=LIMIT_S,
                     )
                 )  # fmt: skip
                 past = past_in(store, self._config)
@@ -189,7 +191,7 @@ class Life:
                 await self._clock.run_until(self._clock.monotonic() + _STEP_S)
                 if running.done():
                     break
-                self._settle(store)
+                await self._settle(store)
                 self._plant.errors["EZ0A"] = _SWING_UM * math.sin(self._clock.monotonic() / _SWING_S)
                 if store.health.problem:
                     failing_steps += 1
@@ -205,9 +207,14 @@ class Life:
                 await self._clock.run_until(self._clock.monotonic() + _PERIOD_S)
             await ending
 
-    def _settle(self, store: Store) -> None:
-        """Wait for the store's thread, so that each life makes the same calls."""
-        if self._fault is not None and self._fault.error == HANGS_ONCE:
+    async def _settle(self, store: Store) -> None:
+        """Wait for the store's thread, so that each life makes the same calls; one that hangs, until the store says so.
+
+        Otherwise simulated hours would pass in the seconds of the hang.
+        """
+        if self._hangs:
+            while store.health.waiting and not store.health.problem:
+                await asyncio.sleep(0.01)
             return
         with suppress(StoreError):  # the health says it
             store.flush()

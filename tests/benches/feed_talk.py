@@ -35,7 +35,7 @@ class FailingOutlet:
         self.opened = 0
         self.is_open = False
         self.away: OutletError | None = None
-        self.failing: Exception | None = None
+        self.failing: BaseException | None = None
 
     def open(self) -> None:
         if self.away is not None:

@@ -19,6 +19,7 @@ from pathlib import Path
 import click
 
 from tests.benches.fuzzed_files import FILES, Example
+from tests.benches.fuzzed_messages import MESSAGES
 from tests.benches.rigs import RIGS
 from tests.benches.simulated_time import simulated_time
 from tests.benches.spoilt_agent import ask_spoilt_agent
@@ -62,6 +63,7 @@ SURFACES: Mapping[str, Example] = {
     "agent": _agent,
     **{name: partial(_wire, rigs) for name, rigs in _WIRES.items()},
     **FILES,
+    **MESSAGES,
 }
 
 

@@ -16,7 +16,9 @@ from pyarrow import parquet
 from drivers.base import DriverError, SystemClock
 from drivers.build import make_bus, make_device
 from drivers.profiles import load_profile
-from gateway.config import ConfigError, load, parse_prior
+from gateway.config import ConfigError, Telemetry, load, parse_prior
+from gateway.config.telemetry_rules import credential_problems
+from gateway.outlets.settings import load_outlets
 from gateway.recordings import (
     Columns,
     RecordingError,
@@ -28,6 +30,8 @@ from gateway.recordings import (
 )
 from gateway.storage import Learnt, SnapshotError, learnt_text, parse_learnt
 from gateway.storage.snapshot import Snapshot, decode_snapshot, encode_snapshot
+from gateway.umati.settings import load_serving
+from gateway.web import load_settings
 from talc.control import Controller
 from talc.frame import Frame, Frames, Measurement
 from talc.learner import make_prior
@@ -47,11 +51,11 @@ Example = Callable[[random.Random, Path], None]
 
 
 @contextmanager
-def refused_by(kind: type[Exception]) -> Iterator[None]:
-    """Inside, an error of this kind is right, if it has a text. Raises AssertionError if not."""
+def refused_by(*kinds: type[Exception]) -> Iterator[None]:
+    """Inside, an error of these kinds is right, if it has a text. Raises AssertionError if not."""
     try:
         yield
-    except kind as error:
+    except kinds as error:
         if not str(error):
             raise AssertionError(f"{error!r} says nothing") from error
 
@@ -132,6 +136,99 @@ def _recordings(folder: Path) -> list[bytes]:
     columns = {"time": np.arange(80) * 300.0, "bed": np.linspace(20, 25, 80), "EX0C_um": np.linspace(0, 9, 80)}
     parquet.write_table(pa.table(columns), file)
     return [comma, semicolon, file.read_bytes()]
+
+
+_CELLS = (
+    pa.float64(), pa.float16(), pa.int64(), pa.uint64(), pa.bool_(), pa.string(), pa.binary(), pa.null(), pa.date32(),
+    pa.decimal128(25, 3), pa.timestamp("ns", tz="UTC"), pa.timestamp("s"), pa.time64("us"), pa.duration("ms"),
+    pa.list_(pa.float64()), pa.struct([("a", pa.float64())]), pa.dictionary(pa.int8(), pa.string()),
+    pa.dictionary(pa.int32(), pa.float64()), pa.large_string(), pa.map_(pa.string(), pa.int64()), pa.string_view(),
+)  # fmt: skip
+
+
+def _parquet(draw: random.Random, folder: Path) -> None:
+    """Columns of every type that Parquet has."""
+    arrays = []
+    for kind in (draw.choice(_CELLS) if draw.random() < 0.7 else pa.float64() for _ in range(3)):
+        numbers = [None if draw.random() < 0.1 else i for i in range(40)]
+        try:
+            arrays.append(pa.array(numbers, pa.int64()).cast(kind))
+        except pa.ArrowException:
+            arrays.append(pa.array([_cell_of(kind, i) for i in range(40)], kind))
+    if draw.random() < 0.5:
+        arrays[0] = pa.array([1.7e9 + 300.0 * i for i in range(40)])
+    file = folder / "machine.parquet"
+    names = draw.choice((["time", "bed", "EX0C_um"], ["time", "bed", "bed"], ["time", "", "EX0C"]))
+    try:
+        parquet.write_table(pa.table(arrays, names), file)
+    except pa.ArrowException:
+        return
+    with refused_by(RecordingError):
+        read_recording(file, Columns(), 300.0)
+
+
+def _cell_of(kind: pa.DataType, i: int) -> object:
+    if pa.types.is_list(kind):
+        return [float(i)]
+    if pa.types.is_map(kind):
+        return [("a", i)]
+    if pa.types.is_struct(kind):
+        return {"a": float(i)}
+    if pa.types.is_dictionary(kind):
+        return float(i % 5) if pa.types.is_floating(kind.value_type) else str(i % 5)
+    if pa.types.is_binary(kind) or pa.types.is_fixed_size_binary(kind):
+        return str(i).encode()
+    if pa.types.is_temporal(kind):
+        return i
+    return None if pa.types.is_null(kind) else str(i)
+
+
+_OUTLETS = b"""[source]
+connect = ["tcp/127.0.0.1:7447"]
+machines = ["mill"]
+[[outlet]]
+name = "plant"
+kind = "mqtt"
+url = "mqtt://127.0.0.1:1883"
+kinds = ["reading", "event"]
+[[outlet]]
+name = "charts"
+kind = "influxdb"
+url = "http://127.0.0.1:8086"
+database = "talc"
+gather_for_s = 5.0
+most_waiting = 1000
+"""
+_WEB = b"""hosts = ["panel"]
+[proxy]
+header = "X-Forwarded-User"
+addresses = ["10.0.0.2"]
+[machine.mill]
+tolerance_um = 8
+sphere_radius_mm = 120.0
+"""
+_UMATI = b"""[machine.mill]
+manufacturer = "someone"
+serial_number = "7"
+product_instance_uri = "urn:x:7"
+"""
+
+
+def _settings(draw: random.Random, folder: Path) -> None:
+    """Files of the outlets, of the page, of the OPC UA server, and of the users of a gateway."""
+    file = folder / "some.toml"
+    read, right = draw.choice(((_outlets_of, _OUTLETS), (load_settings, _WEB), (load_serving, _UMATI)))
+    file.write_bytes(mutated(right, draw))
+    with refused_by(ConfigError, DriverError):
+        read(file)
+    users = folder / "users"
+    users.write_bytes(mutated(b"alice:wonderland\nbob:builder\n", draw))
+    for problem in credential_problems(Telemetry(users_file=users), datetime.now(UTC)):
+        assert str(problem)
+
+
+def _outlets_of(file: Path) -> None:
+    load_outlets(file).feeds()
 
 
 def _wire_log(draw: random.Random, folder: Path) -> None:
@@ -215,6 +312,8 @@ FILES: Mapping[str, Example] = {
     "profiles": _profile,
     "dbc": _dbc,
     "recordings": _table,
+    "parquet": _parquet,
+    "settings": _settings,
     "wire_log": _wire_log,
     "learnt": _learnt,
     "prior": _prior,

@@ -1,4 +1,4 @@
-"""A Modbus slave made with libmodbus (Debian package libmodbus5); test_modbus_libmodbus runs it as a process.
+"""A Modbus slave made with libmodbus (Debian package libmodbus5); libmodbus_line runs it as a process.
 
 Usage: libmodbus_slave.py tcp          prints its port
        libmodbus_slave.py rtu PATH     unit 3, 19200 8N1; prints "ready"
@@ -30,12 +30,13 @@ def main() -> None:
     modbus = ctypes.CDLL("libmodbus.so.5")
     modbus.modbus_new_tcp.restype = modbus.modbus_new_rtu.restype = ctypes.c_void_p
     modbus.modbus_mapping_new.restype = ctypes.POINTER(Mapping)
-    mapping = modbus.modbus_mapping_new(269, 134, 262, 6)
+    mapping = modbus.modbus_mapping_new(269, 0x0311, 262, 6)
     image = mapping.contents
     for i, word in enumerate((200, 213, 0xFFDF, 400, 0x7FFF, 222)):  # an M-7015, input 4 broken
         image.tab_input_registers[i] = word
         image.tab_registers[256 + i] = 0x2E
     image.tab_input_bits[128 + 4] = 1
+    image.tab_input_bits[0x0300] = image.tab_input_bits[0x0310] = 1
     image.tab_bits[268] = 1
     for i, word in enumerate((0x8000, 0x4000, 0xC000, 1, 0xFFFE, 0xFFFF, 0x8000)):  # an ADAM-6015, input 6 burnt out
         image.tab_registers[i] = word

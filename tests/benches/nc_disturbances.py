@@ -2,10 +2,12 @@
 
 `python -m tests.benches.nc_disturbances --count 200`: the gateway's link on an emulated SINUMERIK, over OPC UA, which
 runs the programs as they are written, one interpolation cycle each 10 ms of simulated time. The axes stand still, so
-that every change is the compensation's. The target changes every few seconds, so that there is always a ramp.
+that every change is the compensation's, in whichever corner of the travel it is largest. The target changes every few
+seconds, so that there is always a ramp.
 """
 
 import asyncio
+import itertools
 import logging
 import random
 import sys
@@ -23,11 +25,13 @@ from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from drivers.nc import NumericalControl
 from drivers.sinumerik import ErrorTerms, OffsetRoute, SinumerikSettings, errors_program, make_sinumerik
+from drivers.sinumerik.settings import PAIRS
 from gateway.clock import RealClock
 from gateway.config import validate
 from gateway.nc import Earlier, Identity, LinkSettings, Listeners, NcLink
 from gateway.polling import Notice
 from simulators.nc import Activity, CycleSettings, DayPart, EmulatedControl, LoadCase, MeanLoads
+from simulators.nc.nck import CEC_TABLES, R_OFFSETS, Nck
 from talc.frame import Decision, FloatArray, Phase
 from tests.benches.cut_line import CutLine, line_to
 from tests.benches.emulated_bench import Rigid
@@ -37,11 +41,13 @@ from tests.benches.spoilt_opcua import changes
 PERIOD_S, SLEW_UM_PER_S, SILENCE_S, IPO_S = 1.0, 1.0, 4.0, 0.01
 BOUND_UM = (50.0, 50.0, 50.0)
 KINDS: Final = ("kill", "stop", "cut", "silence", "hang", "late", "malformed")
-_START = Path(__file__).parents[2] / "deploy" / "nc" / "sinumerik" / "TALC_START.SPF"
+ROUTES: Final = ("errors", "k0", "k0_slope", "r")
+_PROGRAMS = Path(__file__).parents[2] / "deploy" / "nc" / "sinumerik"
 _TRAVEL = ((-200.0, 200.0), (-200.0, 200.0), (0.0, 300.0))
 _WRITE_REQUEST = b"\x01\x00\xa1\x02"
 """How OPC UA's binary encoding begins a WriteRequest (i=673)."""
-_OFFSETS = (b"/R[u1,100]", b"TEMP_COMP_ABS_VALUE[u1]")
+_OFFSETS = (b"/R[u1,100]", b"TEMP_COMP_ABS_VALUE[u1]", b"/R[u1,90]")
+_TABLES = {name: CEC_TABLES.index(pair) for name, pair in PAIRS.items()}
 _TARGETS_UM = np.array([8.0, 12.0, 10.0, 6.0, 8.0, 5.0, 20.0, 20.0, 20.0])
 
 
@@ -198,17 +204,16 @@ def _once(chosen: Callable[[bytes], bool], late_s: float) -> Callable[[bytes], f
 async def disturbed(
     route: str, count: int, seed: int, *, kinds: Sequence[str] = KINDS, late_s: tuple[float, float] = (0.1, 40.0)
 ) -> Disturbed:
-    """Run `count` disturbances of these kinds in turn on a route: errors or k0. late_s: how long a write is held."""
+    """Run `count` disturbances of these kinds in turn on a route. late_s: how long a write is held."""
     draw, clock = random.Random(seed), RealClock()
-    travel = _TRAVEL if route == "errors" else None
-    compensation = OffsetRoute(route="errors" if route == "errors" else "k0", travel_mm=travel)
-    plain = SinumerikSettings(security="none", url="opc.tcp://nc", timeout_s=1.0, compensation=compensation)
-    terms = ErrorTerms(SLEW_UM_PER_S, 120.0, BOUND_UM)
-    program = errors_program(plain, terms) if route == "errors" else _START.read_text("utf-8")
+    plain = SinumerikSettings(
+        security="none", url="opc.tcp://nc", timeout_s=1.0, session_s=SILENCE_S / 2, compensation=_compensation(route)
+    )
     day = LoadCase([DayPart(0.0, 1e12, Activity.PAUSE, MeanLoads())])
     cycle = CycleSettings(noise_um=0.0)
     async with AsyncExitStack() as stack:
-        control = EmulatedControl(Rigid(), clock, day, cycle=cycle, programs=[program], r_count=130)
+        control = EmulatedControl(Rigid(), clock, day, cycle=cycle, programs=_programs(plain), r_count=130)
+        record = ShiftRecord(control.nck)
         url = await control.start()
         stack.push_async_callback(asyncio.get_running_loop().shutdown_default_executor)
         stack.push_async_callback(control.stop)
@@ -222,24 +227,75 @@ async def disturbed(
         await site.end(stopped=True)
         end_s = clock.monotonic()
         control.nck.advance(end_s)
-    return _judged(control, site, events, (began_s, end_s))
+    largest, moved = largest_changes(record, events, (began_s, end_s))
+    return Disturbed(largest, Counter(kind for _, kind in events), site.disarmed, moved, end_s - began_s)
 
 
-def _judged(
-    control: EmulatedControl, site: NcSite, events: list[tuple[float, str]], span_s: tuple[float, float]
-) -> Disturbed:
-    log, (began_s, end_s) = control.nck.log, span_s
-    times = np.arange(began_s, end_s, IPO_S)
-    at = np.searchsorted([entry.time_s for entry in log], times + IPO_S / 2, side="right")
-    values: FloatArray = np.array([(0.0, 0.0, 0.0), *(entry.values_mm for entry in log)])[at] * 1e3
+def _compensation(route: str) -> OffsetRoute:
+    match route:
+        case "errors":
+            return OffsetRoute(route="errors", travel_mm=_TRAVEL)
+        case "k0":
+            return OffsetRoute(route="k0")
+        case "k0_slope":
+            return OffsetRoute(route="k0_slope", travel_mm=_TRAVEL, tables=_TABLES)
+        case "r":
+            return OffsetRoute(route="r")
+        case _:
+            raise ValueError(f"route = {route!r}: expected one of {ROUTES}")
+
+
+def _programs(settings: SinumerikSettings) -> list[str]:
+    """What the control runs for a route."""
+    if settings.compensation.route == "errors":
+        return [errors_program(settings, ErrorTerms(SLEW_UM_PER_S, 120.0, BOUND_UM))]
+    names = ("TALC_START", "TALC_SLOPES")[: 2 if settings.compensation.route == "k0_slope" else 1]
+    return [(_PROGRAMS / f"{name}.SPF").read_text("utf-8") for name in names]
+
+
+class ShiftRecord:
+    """The control's shift in every corner of the travel, whenever it changes."""
+
+    def __init__(self, nck: Nck) -> None:
+        self._nck, self._last = nck, _settings_of(nck)
+        self.times = [0.0]
+        self.shifts_um = [self._corners()]
+        nck.watched = self._note
+
+    def _corners(self) -> FloatArray:
+        """(24,) µm"""
+        return np.array([self._nck.shift_um(corner) for corner in itertools.product(*_TRAVEL)]).ravel()
+
+    def _note(self, now_s: float) -> None:
+        state = _settings_of(self._nck)
+        if state != self._last:
+            self._last = state
+            self.times.append(now_s)
+            self.shifts_um.append(self._corners())
+
+
+def _settings_of(nck: Nck) -> tuple[float, ...]:
+    """All that the shift depends on, while the axes stand still."""
+    return (*nck.k0_mm, *nck.slope, *nck.reference_mm, *nck.table_weight, *nck.r[R_OFFSETS : R_OFFSETS + 3])
+
+
+def largest_changes(
+    record: ShiftRecord, events: Sequence[tuple[float, str]], span_s: tuple[float, float]
+) -> tuple[dict[str, float], float]:
+    """Largest change of any axis within one period after each kind of event, and the largest shift, µm.
+
+    events: when each began, and its kind; span_s: the first and the last moment that count
+    """
+    times = np.arange(*span_s, IPO_S)
+    at = np.searchsorted(record.times, times + IPO_S / 2, side="right") - 1
+    values: FloatArray = np.array(record.shifts_um)[at]
     window = round(PERIOD_S / IPO_S)  # what is written at the beginning of the next one does not count
     change = (maximum_filter1d(values, window, axis=0) - minimum_filter1d(values, window, axis=0)).max(axis=1)
     bounds = np.searchsorted(times, [when for when, _ in events])
     largest: dict[str, float] = {}
     for (_, kind), first, last in zip(events, bounds, [*bounds[1:], len(times)], strict=True):
         largest[kind] = max(largest.get(kind, 0.0), float(change[first:last].max()))
-    counts = Counter(kind for _, kind in events)
-    return Disturbed(largest, counts, site.disarmed, float(np.abs(values).max()), end_s - began_s)
+    return largest, float(np.abs(values).max())
 
 
 def run(route: str, count: int, seed: int) -> Disturbed:
@@ -251,7 +307,7 @@ def run(route: str, count: int, seed: int) -> Disturbed:
 @click.command()
 @click.option("--count", default=200, show_default=True, help="Disturbances.")
 @click.option("--seed", default=1, show_default=True)
-@click.option("--route", type=click.Choice(["errors", "k0"]), default="errors", show_default=True)
+@click.option("--route", type=click.Choice(ROUTES), default="errors", show_default=True)
 def main(count: int, seed: int, route: str) -> None:
     """Disturb the gateway's link COUNT times. Exit code 1: something moved farther in a period than the slew allows."""
     logging.disable(logging.CRITICAL)

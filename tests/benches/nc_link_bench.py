@@ -56,6 +56,10 @@ class ScriptedControl:
     loses: bool = False
     """Takes no write in time: the next one is lost, without an answer, and kept in `lost`."""
     lost: Offsets | None = None
+    halts_s: float = 0.0
+    """For so long this process stands still before its next write acts."""
+    late_write_s: float = 0.0
+    """What the control says: for so long a write without an answer may take effect."""
     closed: int = 0
     looks: int = 0
     hangs: str = ""
@@ -107,6 +111,9 @@ class ScriptedControl:
         if self.loses:
             self.loses, self.lost = False, offsets_um
             raise NoAnswer("nothing within 2 s", device="nc")
+        if self.halts_s:
+            self.clock.spend(self.halts_s)
+            self.halts_s = 0.0
         self.writes.append((self.clock.monotonic(), offsets_um))
         if self.swallows:
             self.in_force = offsets_um

@@ -1,9 +1,11 @@
 """What handing on costs: `python -m tests.benches.outlets_cost SECONDS KEYS`.
 
 One gateway with KEYS readings a second, and a decision with an event every ten, a router, Mosquitto, InfluxDB and the
-outlets run, each as a process. Prints processor time and memory of each program that hands on.
+outlets run, each as a process; one of two OPC UA servers has a client that subscribes to every value of the machine,
+each second. Prints processor time and memory of each program that hands on.
 """
 
+import asyncio
 import os
 import subprocess
 import sys
@@ -12,6 +14,10 @@ import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
+
+from asyncua import ua
+from asyncua.client.client import Client
+from asyncua.common.node import Node
 
 from tests.benches.free_port import free_port
 from tests.benches.line_servers import influxdb1
@@ -33,18 +39,56 @@ def used(process: int) -> tuple[float, float, float]:
 
 
 @contextmanager
-def program(*arguments: object) -> Iterator[subprocess.Popen[str]]:
-    """Entered when it has printed its first line."""
+def program(*arguments: object) -> Iterator[tuple[subprocess.Popen[str], str]]:
+    """Entered when it has printed its first line, which comes with it."""
     with subprocess.Popen(
         [sys.executable, "-m", *map(str, arguments)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
     ) as process:
         try:
             assert process.stdout is not None
-            assert process.stdout.readline()
-            yield process
+            line = process.stdout.readline()
+            assert line
+            yield process, line.strip()
         finally:
             process.terminate()
             process.communicate()
+
+
+class _Taken:
+    """What came to the OPC UA client."""
+
+    def __init__(self) -> None:
+        self.many, self.expected = 0, -1
+        self.every = asyncio.Event()
+        """Set when as many have come as there are values."""
+
+    def datachange_notification(self, node: Node, value: object, data: object) -> None:
+        self.many += 1
+        if self.many == self.expected:
+            self.every.set()
+
+
+async def subscribe(url: str) -> None:
+    """Subscribe to every value of the first machine until the standard input ends; prints how many values there are,
+    and at the end how many changes came."""
+    async with Client(url, timeout=60.0) as client:
+        space = await client.get_namespace_index("urn:talc-gateway")
+        values, taken = list[Node](), _Taken()
+        await _variables(client.get_node(f"ns={space};s=m000"), values)
+        taken.expected = len(values)
+        subscription = await client.create_subscription(1000.0, taken)
+        await subscription.subscribe_data_change(values)
+        await asyncio.wait_for(taken.every.wait(), 60.0)
+        print(len(values), flush=True)
+        await asyncio.to_thread(sys.stdin.read)
+        print(taken.many, flush=True)
+
+
+async def _variables(node: Node, found: list[Node]) -> None:
+    if await node.read_node_class() == ua.NodeClass.Variable:
+        found.append(node)
+    for child in await node.get_children():
+        await _variables(child, found)
 
 
 def main(seconds: float, keys: int) -> None:
@@ -66,10 +110,12 @@ def main(seconds: float, keys: int) -> None:
             file = folder / f"outlets{len(running)}.toml"
             only = '[[outlet]]\nkinds = ["model"]\n' + mqtt.partition("\n")[2]
             file.write_text(source + (outlets or only), encoding="utf-8")
-            running[title] = stack.enter_context(program("gateway", "publish", file))
+            running[title], _ = stack.enter_context(program("gateway", "publish", file))
         listening = ("--connect", f"tcp/127.0.0.1:{port}", "--settings", shown, "--listen", "127.0.0.1:0")
-        running["opcua, without a client"] = stack.enter_context(program("gateway", "opcua", *listening))
+        running["opcua, without a client"], _ = stack.enter_context(program("gateway", "opcua", *listening))
+        running["opcua, with a client"], url = stack.enter_context(program("gateway", "opcua", *listening))
         time.sleep(_SETTLED_S)
+        client, many = stack.enter_context(program("tests.benches.outlets_cost", "client", url))
         before = {title: used(process.pid)[0] for title, process in running.items()}
         began_s = time.monotonic()
         time.sleep(seconds)
@@ -80,7 +126,11 @@ def main(seconds: float, keys: int) -> None:
             print(f"{title:<28}{share:6.2f} % of a core {memory_mb:6.0f} MB, {own_mb:.0f} MB of it its own")
         rows = database.ask('SELECT count("value") FROM "reading"')
         print(f"readings in InfluxDB: {rows}")
+        changes, _ = client.communicate()
+        print(f"changes of {many} values of OPC UA: {changes.strip()}")
 
 
-if __name__ == "__main__":
+if __name__ == "__main__" and sys.argv[1] == "client":
+    asyncio.run(subscribe(sys.argv[2]))
+elif __name__ == "__main__":
     main(float(sys.argv[1]), int(sys.argv[2]))

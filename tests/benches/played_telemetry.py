@@ -18,7 +18,7 @@ from typing import Any
 import zenoh
 
 from gateway.report import build
-from gateway.telemetry import CoursePage, PublishedCourse, ReportPage, encode, keys
+from gateway.telemetry import CoursePage, PublishedCourse, PublishedReason, ReportPage, StoredReason, encode, keys
 from gateway.telemetry.history_queries import parse_course
 from gateway.telemetry.report_queries import parse_report
 from talc.names import THERMAL_ERRORS
@@ -97,7 +97,23 @@ def _week(selected: str) -> CoursePage:
         return {e: PublishedCourse(swing(at, 40.0) if e == "EZ0A" else still, [1.0] * len(at)) for e in THERMAL_ERRORS}
 
     temperatures = {"spindle_rear": swing(times, 10.0)} if asked.temperatures else {}
-    return CoursePage(times, errors(times), measured, errors(measured), [0.4] * len(measured), temperatures)
+    reasons = _hourly(begin, end)[-asked.limit :] if asked.reasons else []
+    return CoursePage(times, errors(times), measured, errors(measured), [0.4] * len(measured), temperatures, reasons)
+
+
+def _hourly(begin: float, end: float) -> list[StoredReason]:
+    """At each full hour, EZ0A is corrected by as many µm as the hour's number of the day."""
+    hours = range(math.ceil(begin / 3600.0), math.ceil(end / 3600.0))
+    return [
+        StoredReason(
+            datetime.fromtimestamp(3600.0 * hour, UTC).isoformat(),
+            12 * hour,
+            {"EZ0A": PublishedReason(hour % 24, True, 1.0, {"spindle_rear": 1.0}, 0.0, 0.0, {}, 0.0, 1.0)},
+            {"EZ0A": 1.0},
+            None,
+        )
+        for hour in hours
+    ]
 
 
 def recorded() -> list[tuple[str, dict[str, Any]]]:

@@ -43,15 +43,15 @@ class Mutation:
 
 
 def promises() -> list[Promise]:
-    """Every line of the page's tables, in its order."""
+    """Every line of the page's tables of promises, in its order; a table of figures has no column `test`."""
     lines = (ROOT / "docs" / "safety.md").read_text(encoding="utf-8").splitlines()
-    found, heading = [], True
+    found, inside, promising = [], False, False
     for line in lines:
         if not line.startswith("|"):
-            heading = True
-        elif set(line) <= set("|- "):
-            heading = False
-        elif not heading:
+            inside = False
+        elif not inside:
+            inside, promising = True, line.endswith("| test |")
+        elif promising and not set(line) <= set("|- "):
             text, tests = line.strip("| ").rsplit(" | ", 1)
             found.append(Promise(text.replace("`", "").strip(), frozenset(re.findall(r"`([^`]+)`", tests))))
     return found

@@ -26,14 +26,15 @@ DAY_S = 86400.0
 
 
 def memory_mb() -> dict[str, float]:
-    """Of this process now: PSS, and the part of it that is no file; MB."""
+    """Of this process now: RSS and PSS, and the part of both that is not pages of files; MB."""
     lines = Path("/proc/self/smaps_rollup").read_text(encoding="ascii").splitlines()[1:]
     kb = {name: float(value.split()[0]) for name, value in (line.split(":") for line in lines)}
-    return {"PSS": kb["Pss"] * 1024 / 1e6, "of it no file": kb["Pss_Anon"] * 1024 / 1e6}
+    of = {"RSS": "Rss", "PSS": "Pss", "of it not pages of files": "Pss_Anon"}
+    return {shown: kb[name] * 1024 / 1e6 for shown, name in of.items()}
 
 
 class Peak(threading.Thread):
-    """Looks at how much of this process's memory is no file, often enough to see a snapshot being made."""
+    """Looks at how much of this process's memory is not pages of files, often enough to see a snapshot being made."""
 
     def __init__(self) -> None:
         super().__init__(daemon=True)
@@ -55,12 +56,15 @@ class Peak(threading.Thread):
 async def _days(clock: SharedClock, days: int, stop: asyncio.Event) -> None:
     peak = Peak()
     peak.start()
-    print("| simulated day | PSS, MB | of it no file, MB | the most of that, MB |\n|---|---|---|---|", flush=True)
+    print(
+        "| simulated day | PSS, MB | of it not pages of files, MB | the most of that, MB |\n|---|---|---|---|",
+        flush=True,
+    )
     for day in (0.04, *(day + 0.5 for day in range(days))):
         await clock.sleep_until(day * DAY_S)
         found = memory_mb()
         print(
-            f"| {day:g} | {found['PSS']:.0f} | {found['of it no file']:.0f} | {peak.taken_mb():.0f} |",
+            f"| {day:g} | {found['PSS']:.0f} | {found['of it not pages of files']:.0f} | {peak.taken_mb():.0f} |",
             flush=True,
         )
     stop.set()

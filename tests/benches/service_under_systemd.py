@@ -98,6 +98,7 @@ def tries(guest: BootedDebian, pace: SystemdPace) -> Iterator[TriedUnit]:
     yield from _start(guest)
     yield _room(guest)
     yield from _clock(guest)
+    yield from _journal(guest)
     yield from _filters(guest)
     yield from _watchdog(guest)
     yield from _restarts(guest)
@@ -113,8 +114,12 @@ def shown(guest: BootedDebian, *names: str) -> dict[str, str]:
 
 
 def _start(guest: BootedDebian) -> Iterator[TriedUnit]:
-    began = guest.run("systemctl start talc-gateway && systemctl show talc-gateway --property=StatusText --value")
+    began = guest.run(
+        "systemctl enable --now talc-gateway && systemctl show talc-gateway --property=StatusText --value"
+    )
     yield TriedUnit("Type=notify: start returns when it is ready", "machine bench" in began, began.strip())
+    enabled = guest.run("systemctl is-enabled talc-gateway").strip()
+    yield TriedUnit("it starts with the computer", enabled == "enabled", enabled)
     status = _until_read(guest)
     good = [name for name, reading in status["readings"].items() if reading[2] == "good"]
     yield TriedUnit(
@@ -184,6 +189,17 @@ def _clock(guest: BootedDebian) -> Iterator[TriedUnit]:
     yield TriedUnit("ProtectClock=yes: chrony tells of the clock", True, "not synchronised, then synchronised")
     done = guest.tried(f"talc-gateway doctor {CONFIG}")
     yield TriedUnit("doctor", done.returncode in (0, 3), done.stdout.strip().splitlines()[0])
+
+
+def _journal(guest: BootedDebian) -> Iterator[TriedUnit]:
+    """As docs/install-pi.md shows it: what the gateway will do; and both ends of a fault, and no more, as warnings."""
+    whole = guest.run("journalctl -u talc-gateway").splitlines()
+    warned = guest.run("journalctl -u talc-gateway -p warning").splitlines()
+    what = [line for line in whole if "machine bench" in line]
+    yield TriedUnit("journalctl -u says what the gateway will do", what != [], what[0] if what else "nothing")
+    ends = [any(text in line for line in warned) for text in ("clock is not synchronised", "clock: synchronised")]
+    good = all(ends) and set(warned) < set(whole) and "machine bench" not in "".join(warned)
+    yield TriedUnit("journalctl -p warning shows a fault and its end", good, f"{len(warned)} of {len(whole)} lines")
 
 
 def _filters(guest: BootedDebian) -> Iterator[TriedUnit]:

@@ -1,4 +1,4 @@
-"""The commands that the documentation shows, and for each how a test runs it, or why none can."""
+"""The commands that the documentation shows, and for each how a test runs it."""
 
 import re
 import shlex
@@ -45,6 +45,11 @@ class RunOnWires:
 
 
 @dataclass(frozen=True, slots=True)
+class RunInFolder:
+    """Given as it is shown, by a program that changes a folder instead of this computer (test_shown_installs)."""
+
+
+@dataclass(frozen=True, slots=True)
 class RunElsewhere:
     """Another test gives it, with the places and the size that a test can have; `trace` is how its file shows that."""
 
@@ -52,17 +57,7 @@ class RunElsewhere:
     trace: str
 
 
-@dataclass(frozen=True, slots=True)
-class RunByNone:
-    """No test can give it, or none does."""
-
-    why: str
-
-
-HowShown = RunAsShown | RunPrints | RunOnWires | RunElsewhere | RunByNone
-
-_ROOT = "changes the computer's installed programs, services or network, as root"
-_NETWORK = "fetches packages from the network"
+HowShown = RunAsShown | RunPrints | RunOnWires | RunInFolder | RunElsewhere
 
 TABLE: dict[str, HowShown] = {
     # The service and what it left.
@@ -120,8 +115,8 @@ TABLE: dict[str, HowShown] = {
         "tests/simulators/nc/test_nc_alone.py", '"run", str'
     ),
     # Python.
-    r"(.venv/bin/)?python -m (gateway\.config\.reference|tests\.benches\.faults\.page|tests\.benches\.tried)"
-    r"( > .*)?": RunPrints(),
+    r"(.venv/bin/)?python -m (gateway\.config\.reference|tests\.benches\.faults\.page)( > .*)?": RunPrints(),
+    r"(.venv/bin/)?python -m tests\.benches\.tried": RunElsewhere("tests/test_tried.py", r"write\(tmp_path\)"),
     r"(.venv/bin/)?python -m gateway\.telemetry docs/telemetry": RunPrints(),
     r"(.venv/bin/)?python -m pytest tests/.*": RunElsewhere(".ci/run", "make test"),
     r"python -m studies": RunAsShown("adaptive-inputs"),
@@ -130,7 +125,9 @@ TABLE: dict[str, HowShown] = {
         "tests/simulators/devices/test_emulate.py", '"simulators.devices"'
     ),
     r"python -m simulators\.nc .*": RunElsewhere("tests/simulators/nc/test_nc_alone.py", '"simulators.nc", "--port"'),
-    r"python -m simulators\.plant\.generate": RunByNone("a minute for each machine, and replaces the models"),
+    r"python -m simulators\.plant\.generate": RunElsewhere(
+        "tests/simulators/plant/test_plant_bodies.py", r"generate\.main, \[.base., .--folder."
+    ),
     r"python -m simulators\.three_body\.generate": RunElsewhere(
         "tests/simulators/three_body/test_three_body.py", r"reduce_whole\(whole\), load_reduced"
     ),
@@ -145,7 +142,9 @@ TABLE: dict[str, HowShown] = {
     r"python -m tests\.benches\.spoilt_stores .*": RunElsewhere(
         "tests/gateway/storage/test_damage.py", "spoilt_stores"
     ),
-    r"python -m tests\.benches\.disk_calls": RunElsewhere("tests/gateway/storage/test_disk_calls.py", "disk_calls"),
+    r"publish FILE --check": RunElsewhere("tests/gateway/outlets/test_other_outlets.py", '"publish", str'),
+    r"python -m tests\.benches\.release": RunElsewhere("tests/test_release.py", r"faults\(tree\)"),
+    r"python -m tests\.benches\.disk_calls.*": RunElsewhere("tests/gateway/storage/test_disk_calls.py", "disk_calls"),
     r"python -m tests\.benches\.kills .*": RunElsewhere("tests/system/test_killed_in_phases.py", "kills"),
     r"python -m tests\.benches\.store_kills .*": RunElsewhere("tests/system/test_killed_in_phases.py", "store_kills"),
     r"python -m tests\.benches\.history_day": RunElsewhere("tests/test_bench_commands.py", r"benches\.history_day"),
@@ -158,13 +157,20 @@ TABLE: dict[str, HowShown] = {
     r"python -m tests\.benches\.service_memory .*": RunElsewhere(
         "tests/test_bench_commands.py", r"benches\.service_memory"
     ),
+    r"python -m tests\.benches\.years_memory .*": RunElsewhere(
+        "tests/test_bench_commands.py", r"benches\.years_memory"
+    ),
     r"python -m tests\.benches\.page_memory .*": RunElsewhere("tests/test_bench_commands.py", r"benches\.page_memory"),
+    r"python -m tests\.benches\.publishing_cost .*": RunElsewhere(
+        "tests/test_bench_commands.py", r"benches\.publishing_cost"
+    ),
     r"python -m tests\.benches\.outlets_cost .*": RunElsewhere(
         "tests/test_bench_commands.py", r"benches\.outlets_cost"
     ),
     r"python -m tests\.benches\.page_browsers .*": RunElsewhere(
         "tests/test_bench_commands.py", r"benches\.page_browsers"
     ),
+    r"python -m tests\.benches\.page_gone .*": RunElsewhere("tests/test_bench_commands.py", r"benches\.page_gone"),
     r"python -m tests\.benches\.linuxcnc_motion": RunElsewhere("tests/system/test_linuxcnc_follows.py", r"left_um\("),
     r"python -m tests\.benches\.linuxcnc_disturbances .*": RunElsewhere(
         "tests/gateway/nc/test_linuxcnc_disturbances.py", "disturbed_linuxcnc"
@@ -175,36 +181,45 @@ TABLE: dict[str, HowShown] = {
     r"python -m tests\.benches\.service_under_systemd .*": RunElsewhere(
         "tests/system/test_debian_package.py", r"tries\("
     ),
+    r"python -m tests\.benches\.service_limits.*": RunElsewhere("tests/system/test_debian_package.py", r"limits\("),
     r"python -m tests\.benches\.notebooks": RunElsewhere("tests/examples/test_notebooks.py", "notebooks import .* run"),
     # make.
     r"make (test|\.venv/\.ready)": RunElsewhere(".ci/run", "make test"),
     r"make lint types imports": RunElsewhere("Makefile", "(?ms)^test:.* lint types imports"),
     r"make site": RunElsewhere("tests/test_site.py", '"mkdocs", "build", "--strict"'),
     r"make deb": RunElsewhere("tests/system/test_debian_package.py", r"build\.sh"),
-    r"make deb ARCH=arm64": RunByNone("needs a cross compiler and Debian's arm64 packages"),
-    r"make wheels .*": RunByNone("compiles for minutes, with a compiler from pypi.org"),
     r"make demo NC=linuxcnc": RunElsewhere("tests/system/test_linuxcnc.py", "show"),
     r"make demo": RunElsewhere("tests/system/test_demo.py", '"demo", "--hours"'),
     r"make study.*": RunElsewhere("tests/studies/test_studies.py", '"--results", str.page., "--pages"'),
-    r"make bench SUBJECTS=thingsboard": RunByNone("installs a program of others from pypi.org"),
-    r"make bench SUBJECTS=unseen_days": RunByNone("trainings for minutes, however few the machines"),
-    r"make bench( SUBJECTS=(demo|demo_models|forecast|learner_bounds|policy|selection|sensor_check|sparse_expert))?"
+    r"make bench( SUBJECTS=(demo|demo_bounds|demo_models|forecast|learner_bounds|policy|selection|sensor_check"
+    r"|sparse_expert|unseen_days))?"
     r"|make bench SUBJECTS=recordings RECORDINGS=folder": RunElsewhere(
         "tests/benchmarks/test_by_command.py", r"main\(\[subject\], page\)"
     ),
-    r"make pictures": RunByNone("as long as the demo, and replaces the pages' pictures"),
+    r"make pictures": RunElsewhere("tests/test_shown_commands.py", '"pictures", '),
     r"make format": RunElsewhere("tests/test_shown_commands.py", r'make\("format"\)'),
     r"make audit": RunElsewhere(".ci/run", "make --silent audit"),
     # Programs of others.
     r"certificates\.sh .*": RunElsewhere("tests/test_certificates.py", r"certificates\.sh"),
     r"dpkg --(install|purge).*": RunElsewhere("tests/system/test_debian_package.py", "dpkg --(install|purge)"),
-    r"(apt|apt-get|dpkg|ip|systemctl) .*": RunByNone(_ROOT),
+    r"(apt|apt-get) .*|dpkg --add-architecture .*|uv .*": RunInFolder(),
+    r"ip link set can0 .*": RunElsewhere("tests/benches/computer_files_guest.py", "ip link set can0 up type can bit"),
+    r"ip -details .*": RunElsewhere("tests/benches/computer_files_guest.py", "ip -details -statistics link show can0"),
+    r"systemctl enable systemd-networkd": RunElsewhere("tests/benches/computer_files_guest.py", "enable systemd-netw"),
+    r"systemctl enable --now talc-gateway": RunElsewhere(
+        "tests/benches/service_under_systemd.py", "systemctl enable --now talc-gateway"
+    ),
     r"pip install \.": RunElsewhere("tests/test_wheel.py", '"install", "--no-deps"'),
-    r"(pip|uv) .*": RunByNone(_NETWORK),
+    r"pip install ['\"]?talc-gateway.*": RunElsewhere("tests/test_wheel.py", '"install", "--dry-run", "--no-index"'),
     r"openssl .*|chmod 600": RunElsewhere(
         "tests/test_shown_commands.py", "openssl rand -hex 32 > anna.key && chmod 600"
     ),
-    r"(git|journalctl|nano|unzip) .*": RunByNone("a program of others, as its own manual describes it"),
+    r"git tag -.*": RunElsewhere("tests/test_release.py", '"tag", "--annotate"'),
+    r"unzip -l .*": RunElsewhere("tests/test_wheel.py", "unzip -l "),
+    r"journalctl -k --grep voltage": RunElsewhere("tests/benches/computer_files_guest.py", "-k --grep voltage"),
+    r"journalctl -u talc-gateway( -p warning)?": RunElsewhere(
+        "tests/benches/service_under_systemd.py", '"journalctl -u talc-gateway( -p warning)?"'
+    ),
 }
 """Pattern of a whole command, without `talc-gateway`, to what runs it; the first pattern that fits is meant."""
 

@@ -53,6 +53,8 @@ class SiteRun:
     router_share: float
     collector_mb: float
     """The most at any time."""
+    router_mb: float
+    """Likewise."""
     caught_up_s: float
     """From the end until the last row was kept."""
     late_s: float
@@ -171,8 +173,8 @@ def run_site(gateways: int, keys: int, seconds: float, every_s: float) -> SiteRu
                 wrong += kept != rows
         p50, p99 = np.percentile(delays.found, (50, 99)) if delays.found else (np.nan, np.nan)
         return SiteRun(
-            total, lost, wrong, float(p50), float(p99), collector.share, router.share, collector.peak_mb, caught_up_s,
-            late_s,
+            total, lost, wrong, float(p50), float(p99), collector.share, router.share, collector.peak_mb,
+            router.peak_mb, caught_up_s, late_s,
         )  # fmt: skip
 
 
@@ -231,7 +233,8 @@ def main() -> None:
     print(found)
     print(
         f"| {given.gateways} × {given.keys} | {found.stored} | {found.lost}, {found.doubled_or_moved} "
-        f"| {100 * found.collector_share:.0f} % | {found.collector_mb:.0f} MB | {100 * found.router_share:.0f} % "
+        f"| {100 * found.collector_share:.0f} % | {found.collector_mb:.0f} MB "
+        f"| {100 * found.router_share:.0f} %, {found.router_mb:.0f} MB "
         f"| {1000 * found.live_p50_s:.0f} ms, {1000 * found.live_p99_s:.0f} ms | {found.caught_up_s:.0f} s "
         f"| {found.late_s:.1f} s |"
     )

@@ -18,6 +18,7 @@ import os
 import sys
 import tempfile
 import threading
+import time
 from collections.abc import AsyncIterator, Callable, Coroutine, Iterator
 from contextlib import AbstractContextManager, ExitStack, asynccontextmanager, contextmanager, nullcontext, suppress
 from dataclasses import dataclass, replace
@@ -43,7 +44,7 @@ from tests.benches.faulty_machine import faulty_machine
 from tests.benches.free_port import free_port
 from tests.benches.processes import children, open_links
 from tests.benches.rare_looks import rare_looks
-from tests.benches.simulated_time import held_time, real_monotonic_s, simulated_time
+from tests.benches.simulated_time import held_time, jump_wall_clock, real_monotonic_s, simulated_time
 from tests.benches.soak_judged import HeldNow, SoakResult, SoakRun, SoakSeen, judged
 
 SLEW_UM_PER_S = 0.3
@@ -251,6 +252,7 @@ async def _run(
 def table(found: SoakResult) -> str:
     """As Markdown; what counts against the gateway follows, line by line."""
     lines = ["| | |", "|---|---|", *(f"| {name} | {value} |" for name, value in found.rows), ""]
+    lines += [f"leaked: {leak}" for leak in found.leaks]
     lines += [f"not reported: {fault.name}, from {fault.begin_s:.0f} to {fault.end_s:.0f} s" for fault in found.missed]
     for what, alarms in (("false alarm", found.false), ("asked again", found.asked_again)):
         lines += [f"{what}: at {alarm.at_s:.0f} s, {alarm.kind.value}: {alarm.text}" for alarm in alarms]
@@ -283,6 +285,7 @@ def main() -> None:
     options.add_argument(
         "--minutes", type=float, default=float("inf"), help="end after this time of the computer's own"
     )
+    options.add_argument("--begin", type=int, help="on simulated time, s since 1970; default: now")
     options.add_argument("--real", action="store_true", help="at the computer's own speed")
     options.add_argument("--folder", type=Path, help="keep everything there; default: a temporary folder")
     given = options.parse_args()
@@ -293,6 +296,8 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as name, pace:
         folder = given.folder or Path(name)
         folder.mkdir(parents=True, exist_ok=True)
+        if given.begin is not None:  # the moment decides what happens, too
+            jump_wall_clock(given.begin - int(time.time()))
         found = asyncio.run(
             soaked(folder, plan, real=given.real, told=lambda line: print(line, file=sys.stderr, flush=True))
         )

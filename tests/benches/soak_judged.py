@@ -20,7 +20,12 @@ SURPRISE = "a second cycle must give the same result"
 ALARMS = (EventKind.PROBLEM, EventKind.MEASUREMENT_REJECTED, EventKind.SENSOR_SUSPECT, EventKind.MODEL_REJECTED)
 LEAST_GROWTH = 2
 """Descriptors, threads or tasks by which two medians may differ: a commit or a closing line moves each for a moment."""
+LEARNT_MB, RECORDED_MB_PER_DAY = 40.0, 0.5
+"""Memory by which they may differ: what the service takes in its first days until it has learnt (27 MB between the
+thirds of four days), and what the emulators write down of what they do (84 MB between those of a year)."""
 
+CONTROL = "NC"
+"""Its wire, and how messages about its connection begin (gateway/nc)."""
 HELD = {"descriptors": "descriptors", "threads": "threads", "tasks": "tasks", "memory, MB": "resident_mb"}
 
 
@@ -96,13 +101,14 @@ class SoakResult:
     false: Sequence[Alarm]
     asked_again: Sequence[Alarm]
     """Surprising results of probing that the next cycle explained: each cost two minutes, and nobody had to act."""
-    leaked: bool
+    leaks: Sequence[str]
+    """What grew by more than it may."""
     stepped: bool
 
     @property
     def good(self) -> bool:
         """Nothing was lost, missed, reported for nothing, leaked, or stepped."""
-        return not (self.lost or self.missed or self.false or self.leaked or self.stepped)
+        return not (self.lost or self.missed or self.false or self.leaks or self.stepped)
 
 
 def judged(folder: Path, config: GatewayConfig, epoch: datetime, seen: SoakSeen) -> SoakResult:
@@ -122,7 +128,6 @@ def judged(folder: Path, config: GatewayConfig, epoch: datetime, seen: SoakSeen)
     missed = [f for f in _whole(faults, seen.runs) if not reported(f, alarms, words)]
     due = _due(seen.runs, epoch, config.grid.step_s)
     lost = len(due - set(stored))
-    growth = {what: _growth(seen.runs, what) for what in ("working", "resting")}
     within, across = (seen.changes_um.get(name, 0.0) for name in ("within", "across"))
     thinned = seen.runs[-1].end_s > config.storage.keep_samples_days * 86400.0
     counted = Counter(fault.name for fault in faults)
@@ -147,8 +152,22 @@ def judged(folder: Path, config: GatewayConfig, epoch: datetime, seen: SoakSeen)
         ("child processes left", str(seen.children)),
     ]  # fmt: skip
     lost += 0 if thinned else seen.readings - kept
-    leaked = seen.children > 0 or max(max(part.values()) for part in growth.values()) > LEAST_GROWTH
-    return SoakResult(rows, lost, missed, false, again, leaked, max(within, across) > seen.slew_um * (1 + 1e-9))
+    leaks = leaks_of(seen.runs, seen.children)
+    return SoakResult(rows, lost, missed, false, again, leaks, max(within, across) > seen.slew_um * (1 + 1e-9))
+
+
+def leaks_of(runs: Sequence[SoakRun], children: int) -> list[str]:
+    """What grew from the first third of the runs to the last by more than it may, and processes that were left."""
+    days = (runs[-1].end_s - runs[0].begin_s) / 86400.0
+    memory_mb = LEARNT_MB + RECORDED_MB_PER_DAY * days
+    found = [f"{children} child processes"] if children else []
+    for when, told in (("working", "at the end of the runs"), ("resting", "between the runs")):
+        for name, what in HELD.items():
+            early, late = _thirds(runs, _held(when, what))
+            most = memory_mb if what == "resident_mb" else LEAST_GROWTH
+            if late - early > most:
+                found.append(f"{name}, {told}: from {early:.0f} to {late:.0f}, which is more than {most:.0f}")
+    return found
 
 
 def alarms_of(found: Sequence[tuple[datetime, Event]], epoch: datetime) -> list[Alarm]:
@@ -171,7 +190,7 @@ def faults_of(lines: Sequence[str]) -> list[SoakFault]:
 
 def words_of(config: GatewayConfig) -> dict[str, re.Pattern[str]]:
     """Of each wire, what an alarm about it names: the bus, its devices, their channels; the control and probing."""
-    named = {"NC": ["NC", "nc", "probing", "control"]}
+    named = {CONTROL: ["NC", "nc", "probing", "control"]}
     for bus in config.buses:
         devices = [device for device in config.devices if device.bus == bus.name]
         named[bus.name] = [bus.name, *(d.name for d in devices), *(c for d in devices for c in d.channels)]
@@ -237,11 +256,12 @@ def reported(fault: SoakFault, alarms: Sequence[Alarm], words: Mapping[str, re.P
 
 
 def _ended_s(fault: SoakFault, alarms: Sequence[Alarm], words: Mapping[str, re.Pattern[str]]) -> list[float]:
-    return [
-        a.at_s
-        for a in alarms
-        if a.kind is EventKind.PROBLEM_ENDED and a.at_s >= fault.end_s and words[fault.wire].search(a.text)
-    ]
+    """When the gateway said that it is over. Of the control, only the end of what it says of the connection counts:
+    while that is not there, probing may be blocked by it, wanted no more, and wanted and blocked again."""
+    said = [a for a in alarms if a.kind is EventKind.PROBLEM_ENDED and a.at_s >= fault.end_s]
+    if fault.wire == CONTROL:
+        return [a.at_s for a in said if a.text.startswith(f"{CONTROL}:")]
+    return [a.at_s for a in said if words[fault.wire].search(a.text)]
 
 
 def _ends_seen_s(
@@ -299,9 +319,3 @@ def _thirds(runs: Sequence[SoakRun], value: Callable[[SoakRun], float]) -> tuple
 def _both(runs: Sequence[SoakRun], value: Callable[[SoakRun], float]) -> str:
     early, late = _thirds(runs, value)
     return f"{early:.0f} and {late:.0f}"
-
-
-def _growth(runs: Sequence[SoakRun], when: str) -> dict[str, float]:
-    """From the first third to the last."""
-    pairs = {what: _thirds(runs, _held(when, what)) for what in ("descriptors", "threads", "tasks")}
-    return {what: late - early for what, (early, late) in pairs.items()}

@@ -24,6 +24,9 @@ class StoredElsewhere:
     def ask_with_temperatures(self, machine: str, begin: datetime, end: datetime, limit: int) -> CoursePage:
         return self.ask(machine, begin, end, limit)
 
+    def ask_reasons(self, machine: str, begin: datetime, end: datetime, limit: int) -> CoursePage:
+        return self.ask(machine, begin, end, limit)
+
     def ask_report(self, *_: object) -> None:
         raise AssertionError("nobody asks for a report")
 

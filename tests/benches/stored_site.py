@@ -4,14 +4,16 @@ from collections.abc import Mapping
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from pyarrow import dataset
 
 from drivers.base import Quality
 from gateway.acquisition import Sample
 from gateway.cli.stored import rows_of
 from gateway.collect import Collector, SiteKept
-from gateway.events import DecisionMade, EventReported, FrameMade, MeasurementEnded, ReadingsTaken
+from gateway.events import DecisionMade, EventReported, FrameMade, MeasurementEnded, ReadingsTaken, ReasonsGiven
 from gateway.probing import Outcome
 from gateway.storage import Store
 from gateway.telemetry import StoredRequest, StoredRows, decode_answer, encode
@@ -45,8 +47,8 @@ class StoredSite:
 
 
 def step(store: Store, n: int) -> None:
-    """The n-th step of a machine: two channels at its begin, a frame and a decision, each tenth a measurement and an
-    event."""
+    """The n-th step of a machine: two channels at its begin, a frame and a decision, each tenth a measurement, an
+    event and the learner's reasons."""
     at = EPOCH + timedelta(seconds=STEP_S * n)
     store.record(
         ReadingsTaken([Sample(c, n + 0.5, "degC", Quality.GOOD, at, 0.0, sequence=n + 1) for c in ("bed", "column")])
@@ -59,6 +61,7 @@ def step(store: Store, n: int) -> None:
         outcome = Outcome(n, Why.INTERVAL, at, at, np.zeros((6, 3)), (0.0, 0.0, 0.0), measured, 0.4)
         store.record(MeasurementEnded(outcome))
         store.record(EventReported(Event(EventKind.PROBLEM, f"number {n}"), k))
+        store.record(ReasonsGiven(replace(example.REASONS, k=k)))
 
 
 def write(site: StoredSite, machine: str, steps: range, boot: str = "boot-1") -> None:
@@ -79,3 +82,32 @@ def catch_up(collecting: Collector, now_s: float = 0.0) -> int:
     while collecting.turn(now_s) <= now_s:
         turns += 1
     return turns
+
+
+def rows(folder: Path, table: str, machine: str = "mill") -> list[dict[str, Any]]:
+    """In the order in which they were kept."""
+    place = folder / table / f"machine={machine}"
+    files = sorted(place.rglob("*.parquet"))
+    return [row for file in files for row in dataset.dataset(file).to_table().to_pylist()]
+
+
+def kept(folder: Path, machine: str = "mill") -> dict[str, list[Any]]:
+    """What tells the rows of each table apart."""
+    return {
+        "readings": [(r["channel"], r["sequence"], r["value"]) for r in rows(folder, "readings", machine)],
+        "steps": [r["k"] - FIRST_K for r in rows(folder, "steps", machine)],
+        "measurements": [r["number"] for r in rows(folder, "measurements", machine)],
+        "events": [r["text"] for r in rows(folder, "events", machine)],
+        "reasons": [r["k"] - FIRST_K for r in rows(folder, "reasons", machine)],
+    }
+
+
+def expected(steps: range) -> dict[str, list[Any]]:
+    tens = [n for n in steps if n % 10 == 0]
+    return {
+        "readings": [(c, n + 1, n + 0.5) for n in steps for c in ("bed", "column")],
+        "steps": list(steps),
+        "measurements": tens,
+        "events": [f"number {n}" for n in tens],
+        "reasons": tens,
+    }

@@ -11,6 +11,7 @@ models, trained in a process beside. Both begin with a day in the store, so the 
 
 import argparse
 import json
+import os
 import subprocess
 import sys
 import threading
@@ -84,6 +85,8 @@ class TickRun:
     """Trainings in a process beside that were asked for meanwhile."""
     trained_share: float
     """Share of the time in which a training ran: on a fast computer a training ends long before the next one."""
+    waited_s: float
+    """For which threads of the gateway and of the subscriber were ready, but others had the cores; all together."""
 
     def percentile_ms(self, share: float) -> float:
         return float(np.percentile(self.latencies_s, share)) * 1e3
@@ -165,6 +168,15 @@ def _has_child(process: int) -> bool:
     return False
 
 
+def _waited_s(process: int) -> float:
+    """Of all threads that there are now, since their begin."""
+    found = 0.0
+    for task in Path(f"/proc/{process}/task").iterdir():
+        with suppress(FileNotFoundError, ProcessLookupError):  # the thread has ended meanwhile
+            found += int((task / "schedstat").read_text(encoding="ascii").split()[1]) / 1e9
+    return found
+
+
 def run_ticks(way: str, seconds: float) -> TickRun:
     """Run a gateway that learns in one of the ways, and hear its decisions for so long after the first."""
     heard, trained, here = _HeardDecisions(), list[bool](), f"tcp/127.0.0.1:{free_port()}"
@@ -176,10 +188,12 @@ def run_ticks(way: str, seconds: float) -> TickRun:
         try:
             if not heard.first.wait(_READY_S):
                 raise RuntimeError("the gateway published no decision")
-            until_s = time.monotonic() + seconds
+            both = (gateway.pid, os.getpid())
+            before_s, until_s = sum(map(_waited_s, both)), time.monotonic() + seconds
             while time.monotonic() < until_s:
                 trained.append(_has_child(gateway.pid))
                 time.sleep(STEP_S / 20)
+            waited_s = sum(map(_waited_s, both)) - before_s
         finally:
             for subscriber in hearing:
                 subscriber.undeclare()
@@ -188,7 +202,7 @@ def run_ticks(way: str, seconds: float) -> TickRun:
     steps, share = heard.steps, sum(trained) / max(1, len(trained))
     missing = max(steps) - min(steps) + 1 - len(set(steps))
     disordered = sum(later <= earlier for earlier, later in pairwise(steps))
-    return TickRun(tuple(heard.latencies_s), missing, disordered, heard.learnt, heard.trainings, share)
+    return TickRun(tuple(heard.latencies_s), missing, disordered, heard.learnt, heard.trainings, share, waited_s)
 
 
 def main() -> None:

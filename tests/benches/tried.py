@@ -1,6 +1,5 @@
-"""Makes docs/tried.md: the programs of others that the drivers are tried against, their versions, and the tests.
-
-python -m tests.benches.tried > docs/tried.md
+"""Makes docs/tried.md: the programs of others that the drivers are tried against, their versions, and the tests; and
+the short table of it in README.md: `python -m tests.benches.tried`.
 """
 
 import json
@@ -26,6 +25,8 @@ class Tried:
     """What it is to the gateway, and what was tried with it."""
     trace: str
     """How a test file shows that it uses it, as a regular expression."""
+    wire: str
+    """What it speaks: its line in README.md."""
     debian_version: str = ""
     """The upstream version in Debian 12."""
 
@@ -48,13 +49,21 @@ class Tried:
                     yield file
 
 
+MODBUS = "Modbus, serial lines"
+CAN = "CANopen, CAN"
+CONTROLS = "OPC UA, MTConnect, ADS"
+OUTLETS = "MQTT, databases"
+NC = "a control"
+
 PEERS = (
     Tried(
         "libmodbus",
         "Debian",
         "libmodbus5",
-        "Modbus RTU and TCP server: supplied profiles, all four tables, refused addresses, silence",
-        r"libmodbus_slave",
+        "Modbus RTU and TCP server: supplied profiles, all four tables, refused addresses, silence, a line that "
+        "echoes, one that flips bits",
+        r"libmodbus_line",
+        MODBUS,
         "3.1.6",
     ),
     Tried(
@@ -62,8 +71,9 @@ PEERS = (
         "npm",
         "modbus-serial",
         "Modbus RTU and TCP server: supplied profiles, coils and registers, "
-        "a silent unit beside others, refused addresses",
+        "a silent unit beside others, refused addresses, a connection that ends after each answer",
         r'node_with\("modbus_serial"',
+        MODBUS,
     ),
     Tried(
         "pymodbus",
@@ -72,6 +82,7 @@ PEERS = (
         "Modbus TCP server: types and orders, IO-Link masters, unknown unit ids, `inspect registers`; "
         "frames of another master. Our driver encodes with it, too",
         r"from pymodbus\.(server|framer)",
+        MODBUS,
     ),
     Tried(
         "canopen (Node.js)",
@@ -79,6 +90,7 @@ PEERS = (
         "canopen",
         "CANopen node: CiA 404 by SDO, SYNC and timer, heartbeat, emergencies; objects without a device profile",
         r'node_with\("canopen_node"',
+        CAN,
     ),
     Tried(
         "canopen (Python)",
@@ -86,6 +98,7 @@ PEERS = (
         "canopen",
         "CANopen node by an EDS: types, refused objects, identity, `inspect objects`. Our driver uses its client",
         r"LibraryNode\(",
+        CAN,
     ),
     Tried(
         "cantools",
@@ -93,6 +106,7 @@ PEERS = (
         "cantools",
         "encodes multiplexed CAN messages, one and two levels. Our driver decodes with it",
         r"(?m)^import cantools",
+        CAN,
     ),
     Tried(
         "asyncua",
@@ -101,6 +115,7 @@ PEERS = (
         "OPC UA server: values, statuses, ages, unknown nodes, lost sessions, `inspect "
         "nodes`. Our driver uses its client",
         r"Drives\(",
+        CONTROLS,
     ),
     Tried(
         "node-opcua",
@@ -109,6 +124,7 @@ PEERS = (
         "OPC UA server, signed and encrypted, with a user: channels, IO-Link devices with the types of OPC 30120, and "
         "a control with its part program",
         r'node_with\("node_opcua"',
+        CONTROLS,
     ),
     Tried(
         "mtconnect",
@@ -116,6 +132,7 @@ PEERS = (
         "mtconnect",
         "MTConnect agent: positions, speeds, states, units and types of data items, UNAVAILABLE",
         r"mtconnect_agent\(",
+        CONTROLS,
     ),
     Tried(
         "pyads",
@@ -124,6 +141,7 @@ PEERS = (
         "ADS server for tests, as a TwinCAT PLC: variables, missing ones, a stopped program. `examples/ads` uses its "
         "client, which is Beckhoff's",
         r"ads_server\(",
+        CONTROLS,
     ),
     Tried(
         "ser2net",
@@ -132,6 +150,7 @@ PEERS = (
         "device server of a serial line, by RFC 2217 and by raw TCP: Modbus RTU and a displacement sensor, speeds, "
         "loss and return",
         r"benches\.ser2net",
+        MODBUS,
         "4.3.11",
     ),
     Tried(
@@ -141,6 +160,7 @@ PEERS = (
         "MQTT broker and, as a subscriber, its own client: retained messages, last will, TLS with users and "
         "certificates, refusals, loss and return, `inspect topics`",
         r"benches\.mosquitto",
+        OUTLETS,
         "2.0.11",
     ),
     Tried(
@@ -150,6 +170,7 @@ PEERS = (
         "database: what the outlet writes by line protocol is read back; escaping, times, refusals. InfluxDB 2 was not "
         "tried",
         r"influxdb1\(",
+        OUTLETS,
         "1.6.7",
     ),
     Tried(
@@ -158,6 +179,7 @@ PEERS = (
         "victoria-metrics",
         "database that takes line protocol at the address and in the form of InfluxDB 2, without its tokens",
         r"victoria_metrics\(",
+        OUTLETS,
         "1.79.5",
     ),
     Tried(
@@ -166,6 +188,7 @@ PEERS = (
         "linuxcnc-uspace",
         "a real numerical control, with emulated motors and probe",
         r"simulators\.linuxcnc|linuxcnc_bench|linuxcnc_motion",
+        NC,
         "2.9.0",
     ),
 )
@@ -180,6 +203,22 @@ def page() -> str:
     return _HEAD + "\n".join(rows) + "\n" + _TAIL
 
 
+def short() -> str:
+    """The table in README.md: a line a wire."""
+    rows = []
+    for wire in dict.fromkeys(peer.wire for peer in PEERS):
+        named = ", ".join(f"{peer.name} {peer.version}" for peer in PEERS if peer.wire == wire)
+        rows.append(f"| {wire} | {named} |\n")
+    return _SHORT_HEAD + "".join(rows)
+
+
+def between_marks(readme: str) -> tuple[str, str, str]:
+    """What README.md has before its table, the table, and what it has after it. Raises ValueError without the marks."""
+    before, table = readme.split(_BEGIN)
+    table, after = table.split(_END)
+    return before + _BEGIN, table, _END + after
+
+
 def _locked() -> dict[str, str]:
     return dict(re.findall(r"(?m)^([a-z0-9-]+)==([^ ;]+)", (ROOT / "requirements" / "dev.lock").read_text("utf-8")))
 
@@ -191,6 +230,11 @@ def _npm() -> dict[str, str]:
     return found
 
 
+_BEGIN, _END = "<!-- made by tests/benches/tried.py -->\n", "<!-- end -->\n"
+_SHORT_HEAD = """\
+| wire | programs of others in the tests ([what was tried](docs/tried.md)); no real device was tried |
+|---|---|
+"""
 _HEAD = """\
 # What the drivers were tried on
 
@@ -209,5 +253,13 @@ what no manual confirms is marked **confirm** in [devices](devices.md). What was
 """
 
 
+def write(root: Path) -> None:
+    """Both tables, below this folder."""
+    (root / "docs" / "tried.md").write_text(page(), "utf-8")
+    readme = root / "README.md"
+    before, _, after = between_marks(readme.read_text("utf-8"))
+    readme.write_text(before + short() + after, "utf-8")
+
+
 if __name__ == "__main__":
-    print(page(), end="")
+    write(ROOT)

@@ -1,6 +1,6 @@
 """The Debian package: built from the locks, installed in a Debian without a network, run, upgraded, removed, purged.
 
-Then its service, under a systemd that has booted.
+Then its service, under a systemd that has booted, in a container and on a kernel of its own.
 """
 
 import json
@@ -16,9 +16,10 @@ import pytest
 
 from tests.benches.booted_debian import BootedDebian, debootstrapped
 from tests.benches.locked import locked
+from tests.benches.service_limits import limits
 from tests.benches.service_under_systemd import SystemdPace, bad_packages, furnish, tries
 
-pytestmark = [pytest.mark.slow, pytest.mark.peer]
+pytestmark = [pytest.mark.slow(minutes=15), pytest.mark.peer]
 
 ROOT = Path(__file__).parents[2]
 LIMIT_S = 900.0
@@ -138,7 +139,7 @@ def check_rehearsal(machine: InstalledHost) -> None:
     ready = "until grep -q ^#.ready nc; do kill -0 $control; sleep 0.1; done"
     read = f"(cat /{CONFIG}; echo; cat nc) >r.toml; talc-gateway check r.toml; talc-gateway probe r.toml || true"
     out = machine.run(f"cd /tmp; {start}; {ready}; {read}; kill $control; wait $control; tail -n 1 nc")
-    assert "r.toml: good. 1 buses, 1 devices, 3 channels" in out
+    assert "r.toml: good. 1 bus, 1 device, 3 channels" in out
     assert "probe in spindle" in out, "the control is read; the serial port is not there"
     assert out.splitlines()[-1] == "# ended"
 
@@ -155,7 +156,7 @@ def check_init(machine: InstalledHost) -> None:
     """As docs/install-pi.md begins: the untouched example becomes what the wires have, for the service to read."""
     (machine.root / "tmp" / "init.sh").write_text(INIT, encoding="utf-8")
     out = machine.run("sh -e /tmp/init.sh")
-    assert f"/{CONFIG}: good. 1 buses, 1 devices, 7 channels" in out
+    assert f"/{CONFIG}: good. 1 bus, 1 device, 7 channels" in out
     assert "7 of 7 good" in out
     assert out.splitlines()[-1] == "root:talc-gateway:640"
     assert f'path = "/{DATA}/gateway.sqlite"' in (machine.root / CONFIG).read_text(encoding="utf-8")
@@ -183,7 +184,7 @@ def test_it_installs_runs_upgrades_and_leaves_without_a_network(package: Path, d
     install = f"dpkg --install /package/{package.name}"
     machine.run(install)
     good = machine.run(f"cd /; talc-gateway check /{CONFIG}")
-    assert f"/{CONFIG}: good. 1 buses, 1 devices, 3 channels" in good
+    assert f"/{CONFIG}: good. 1 bus, 1 device, 3 channels" in good
     assert "nothing will be learnt and nothing corrected: there is no [nc]" in good
     demo = machine.run("cd /tmp; talc-gateway demo --hours 1 --plain; talc-gateway replay out/demo/gateway.sqlite")
     assert demo.splitlines()[-1] == "identical"
@@ -215,3 +216,10 @@ def test_it_installs_runs_upgrades_and_leaves_without_a_network(package: Path, d
         rows = list(tries(guest, pace))
     assert [row for row in rows if not row.good] == []
     assert len(rows) > 25
+
+    assert which("linux.uml"), "Debian's package user-mode-linux"
+    folder = tmp_path / "user-mode"
+    folder.mkdir()
+    rows = limits(debian, folder)
+    assert [row for row in rows if not row.good] == []
+    assert rows[-1].what == "everything was tried"

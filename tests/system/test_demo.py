@@ -27,7 +27,7 @@ from talc.frame import EventKind, FloatArray, Phase
 from tests.benches.command import here
 from tests.benches.free_port import free_port
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.slow(minutes=6)
 
 HOURS = 20.0
 LIMIT_S = 300.0

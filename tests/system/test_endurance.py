@@ -102,7 +102,7 @@ async def sampled(clock: SharedClock, stop: asyncio.Event) -> list[HeldByProcess
     return found
 
 
-@pytest.mark.slow
+@pytest.mark.slow(minutes=5)
 async def test_a_day_of_faults_leaves_nothing_behind(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level(logging.CRITICAL)  # pytest keeps every record
     clock, stop = SharedClock(tmp_path / "clock", epoch=EPOCH, speed=SPEED, owner=True), asyncio.Event()

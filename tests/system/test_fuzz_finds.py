@@ -1,4 +1,4 @@
-"""The fuzz bench finds a guard that is missing: one on each surface is taken away."""
+"""The fuzz bench finds nothing for a while, and a guard that is missing: one on each surface is taken away."""
 
 # ruff: noqa: SLF001 - a defect is put where it does harm
 
@@ -6,6 +6,7 @@ import json
 import logging
 from collections.abc import Iterator, Mapping
 from typing import Any
+from xml.parsers import expat
 
 import cantools.database.errors
 import pytest
@@ -17,10 +18,15 @@ from drivers.canopen import bus as canopen_bus
 from drivers.micro_epsilon import rs485
 from drivers.modbus import bus as modbus_bus
 from drivers.modbus.frames import find_tcp_answer
+from drivers.mqtt import profile as mqtt_profile
+from drivers.mtconnect import exchange
 from drivers.opcua import session
 from gateway.config import prior, reading
-from gateway.recordings import files, wire_log
+from gateway.heard import instants
+from gateway.recordings import cells, files, wire_log
 from gateway.storage import learnt, snapshot
+from gateway.telemetry import command_door
+from gateway.web import older, weeks
 from tests.benches.fuzz import SURFACES, fuzzed
 from tests.benches.planted import Defect, planted
 
@@ -69,8 +75,17 @@ GUARDS: Mapping[str, Defect] = {
     "learnt": tuple((learnt, name, NeverRaised) for name in ("KeyError", "TypeError", "AttributeError")),
     "prior": ((prior, "RecursionError", NeverRaised),),
     "snapshot": ((snapshot, "_header", _unchecked),),
+    "parquet": ((files._Parquet, "_is_plain", lambda *_: True), (cells, "TypeError", NeverRaised)),
+    "settings": ((reading, "ValueError", NeverRaised),),
+    "mtconnect": ((expat, "ExpatError", NeverRaised),),
+    "http": ((exchange, "ValueError", NeverRaised),),
+    "mqtt": ((mqtt_profile, "ValueError", NeverRaised),),
+    "heard": ((instants, "ValueError", NeverRaised),),
+    "answers": ((weeks, "OverflowError", NeverRaised), (weeks, "OSError", NeverRaised)),
+    "queries": ((command_door, "is_signed", lambda *_: True),),
+    "web": ((older, "ValueError", NeverRaised),),
 }
-EXAMPLES = {"prior": 400, "dbc": 100}
+EXAMPLES = {"prior": 400, "dbc": 100, "answers": 400, "web": 1500}
 """If not 40."""
 
 
@@ -83,9 +98,17 @@ def _unlogged() -> Iterator[None]:
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # of a socket that a defect left
 @pytest.mark.parametrize("surface", SURFACES)
 def test_a_guard_that_is_missing_is_found(surface: str) -> None:
     said: list[str] = []
     with planted(GUARDS[surface]):
         assert not fuzzed(surface, 0.0, EXAMPLES.get(surface, 40), 0, said.append), said
     assert "NeverRaised" not in "".join(said)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("surface", ["opcua", "agent", "modbus", "can", "wire_log", "recordings", "toml", "dbc"])
+def test_nothing_comes_through_in_ten_seconds_of_processor_time(surface: str) -> None:
+    said: list[str] = []
+    assert fuzzed(surface, 10.0, None, 0, said.append), said

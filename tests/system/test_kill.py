@@ -165,7 +165,7 @@ async def killed(kills: int, control: EmulatedControl, start: Callable[[], Await
     return moved
 
 
-@pytest.mark.parametrize("kills", [8, pytest.param(200, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("kills", [8, pytest.param(200, marks=pytest.mark.slow(minutes=4))])
 async def test_a_gateway_killed_at_any_moment_makes_no_step(kills: int, tmp_path: Path) -> None:
     rest = LoadCase([DayPart(0.0, 1e12, Activity.PAUSE, MeanLoads())])
     control = EmulatedControl(StillMachine(), RealClock(), rest, cycle=CycleSettings(noise_um=0.0))

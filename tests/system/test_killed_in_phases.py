@@ -10,12 +10,13 @@ from tests.benches.death import PHASES
 from tests.benches.kills import WRITING
 from tests.benches.planted_for_kills import PLANTED
 
-KILLS = {WRITING: 6, **dict.fromkeys(PHASES, 2)}
+WHILE_WRITING, EACH = 6, 20
+KILLS = {WRITING: WHILE_WRITING, **dict.fromkeys(PHASES, EACH)}
 
 
 @pytest.mark.slow
 def test_whatever_it_does_when_it_is_killed_the_next_one_goes_on() -> None:
-    command = [sys.executable, "-m", "tests.benches.kills", "--writing", str(KILLS[WRITING]), "--phase", "2"]
+    command = [sys.executable, "-m", "tests.benches.kills", "--writing", str(WHILE_WRITING), "--phase", str(EACH)]
     done = subprocess.run(
         command,
         cwd=Path(__file__).parents[2],

@@ -1,6 +1,6 @@
 """The page for operators as a browser shows it: live telemetry of the demo's machine, and gateways that go and come.
 
-The pictures go to out/page; `make pictures` copies them into the documentation.
+The pictures go to out/page, or where PAGE_PICTURES says: `make pictures` has them in docs.
 """
 
 import json
@@ -18,20 +18,13 @@ from playwright.sync_api import Page, Response, expect
 
 from gateway.passwords import make_hash
 from tests.benches.npm_peer import PEERS, node_with
-from tests.benches.page_rig import LIMIT_MS, MILL_SETTINGS, SCREENS, expect_each_part, page_rig, played_mill, ports
+from tests.benches.page_rig import LIMIT_MS, SCREENS, expect_each_part, page_rig, played_mill, ports
 
 pytestmark = [pytest.mark.peer, pytest.mark.slow]
 
-PICTURES = Path(__file__).parents[2] / "out" / "page"
+PICTURES = Path(os.environ.get("PAGE_PICTURES", Path(__file__).parents[2] / "out" / "page"))
 
 expect.set_options(timeout=LIMIT_MS)
-
-
-@pytest.fixture
-def settings(tmp_path: Path) -> Path:
-    file = tmp_path / "web.toml"
-    file.write_text(MILL_SETTINGS, encoding="utf-8")
-    return file
 
 
 def picture(page: Page, name: str, *, whole: bool = False) -> None:
@@ -270,7 +263,8 @@ def test_nothing_old_looks_fresh(settings: Path, end: str) -> None:
         with rig.page("/machine/mill") as page, rig.page("/?all=1") as machines:
             by = {"by": "anna", "since": "2026-03-02T22:58:00+00:00"}
             gateway.say("status " + json.dumps({"paused": by, "unarmed": ["probing is not armed"]}))
-            fresh = (page.locator("#notices p"), page.locator("#unarmed"))
+            gateway.say("compensation " + json.dumps({"source": "stale"}))
+            fresh = (page.locator("#notices p"), page.locator("#unarmed"), page.locator("#tool-notes p"))
             page.fill("input[name=tolerance]", "3")
             page.keyboard.press("Enter")
             expect(page.locator("#helps p").first).to_be_attached()
@@ -300,20 +294,21 @@ def test_nothing_old_looks_fresh(settings: Path, end: str) -> None:
             expect_forecast(page, False)
             if end != "the gateway":
                 os.kill(rig.web.pid, signal.SIGCONT)
-                expect(page.locator("#word")).to_have_text("Not sure")
+                expect(page.locator("#word")).to_have_text("Not ready")
                 expect(page.locator("[data-axis=Z] [data-of=half]")).not_to_have_text("–")
                 expect(machines.locator("li .notice")).to_have_count(2)
                 expect_forecast(page, True)
 
 
+_DESKTOP, _PANEL, _PHONE = SCREENS
 _LOOKED_AT = (
-    ("/machine/mill", False, True),
-    ("/machine/mill", True, True),
-    ("/?all=1", False, True),
-    ("/machine/mill", False, False),
-    ("/machine/mill", True, False),
+    ("/machine/mill", _PHONE, False, True),
+    ("/machine/mill?lang=de", _DESKTOP, True, True),
+    ("/?all=1", _PHONE, False, True),
+    ("/machine/mill", _DESKTOP, False, False),
+    ("/machine/mill", _PANEL, True, False),
 )
-"""Path, dark, and whether its gateway is alive."""
+"""Path, screen, dark, and whether its gateway is alive."""
 
 
 def violations(page: Page) -> object:
@@ -327,10 +322,10 @@ def violations(page: Page) -> object:
 def test_axe_finds_no_violation(settings: Path) -> None:
     with page_rig() as rig:
         gateway = played_mill(rig, settings)
-        for path, dark, alive in _LOOKED_AT:
+        for path, (width, height), dark, alive in _LOOKED_AT:
             if not alive:
                 gateway.kill()
-            with rig.page(path, dark=dark, trusted=True) as page:
+            with rig.page(path, width, height, dark=dark, trusted=True) as page:
                 expect(page.locator("#axes .u-over").or_(page.locator("#machines li")).first).to_be_attached()
                 if not alive:
                     expect(page.locator("#word")).to_have_text("Gone")

@@ -2,13 +2,19 @@
 
 import json
 import re
+import socket
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from urllib.parse import urlsplit
 
 import pytest
 from playwright.sync_api import Page, expect
 
+from gateway.web.catalogue import LANGUAGES, texts
+from gateway.web.streams import MOST_BROWSERS
 from tests.benches.page_line import page_line
-from tests.benches.page_rig import LIMIT_MS, MILL_SETTINGS, page_rig, played_mill
+from tests.benches.page_rig import LIMIT_MS, page_rig, played_mill
 
 pytestmark = [pytest.mark.peer, pytest.mark.slow]
 
@@ -28,13 +34,6 @@ _NOTE_WORDS = """() => {
 }"""
 
 expect.set_options(timeout=LIMIT_MS)
-
-
-@pytest.fixture
-def settings(tmp_path: Path) -> Path:
-    file = tmp_path / "web.toml"
-    file.write_text(MILL_SETTINGS, encoding="utf-8")
-    return file
 
 
 def expect_fresh(page: Page, gateway_says: str) -> None:
@@ -121,3 +120,35 @@ def test_a_screen_whose_clock_is_wrong_says_so_and_takes_no_other_day_for_today(
             page.reload()
             expect(page.locator("#clock-off")).to_contain_text(said)
             assert page.locator("#machines .note").inner_text()[:18] == told[:18], "no day before the time"
+
+
+@contextmanager
+def open_streams(address: str, n: int) -> Iterator[list[socket.socket]]:
+    """As so many browsers have them; each has been sent something."""
+    found = urlsplit(address)
+    with ExitStack() as stack:
+        streams = list[socket.socket]()
+        for _ in range(n):
+            one = stack.enter_context(socket.create_connection((found.hostname, found.port)))
+            one.sendall(f"GET /stream/mill HTTP/1.1\r\nHost: {found.netloc}\r\n\r\n".encode())
+            said = b""
+            while b"event: tick" not in said:
+                said += one.recv(65536)
+            streams.append(one)
+        yield streams
+
+
+def test_one_browser_too_many_says_so_and_goes_on_when_another_is_closed(settings: Path) -> None:
+    with page_rig() as rig:
+        played_mill(rig, settings)
+        with open_streams(rig.address, MOST_BROWSERS) as streams:
+            for language in LANGUAGES:
+                with rig.page(f"/machine/mill?lang={language}", locale=f"{language}-CH") as page:
+                    said = texts(language)
+                    expect(page.locator("#word")).to_have_text(said["word.full"])
+                    expect(page.locator("#lost")).to_have_text(said["page.full"].replace("{n}", str(MOST_BROWSERS)))
+            with rig.page("/machine/mill") as page:
+                expect(page.locator("#word")).to_have_text("Page full")
+                streams[0].close()
+                expect(page.locator("[data-axis=Z] [data-of=half]")).not_to_have_text("–")
+                expect(page.locator("#lost")).to_be_hidden()

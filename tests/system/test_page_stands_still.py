@@ -9,20 +9,13 @@ import pytest
 from playwright.sync_api import Route, expect
 
 from gateway.web.catalogue import LANGUAGES, texts
-from tests.benches.page_rig import LIMIT_MS, MILL_SETTINGS, SCREENS, page_rig, played_mill, ports
+from tests.benches.page_rig import LIMIT_MS, SCREENS, page_rig, played_mill, ports
 from tests.benches.page_shifts import TWO_FRAMES, note_shifts, shifts, top_of, tops
 from tests.benches.played_telemetry import recorded
 
 pytestmark = [pytest.mark.peer, pytest.mark.slow]
 
 expect.set_options(timeout=LIMIT_MS)
-
-
-@pytest.fixture
-def settings(tmp_path: Path) -> Path:
-    file = tmp_path / "web.toml"
-    file.write_text(MILL_SETTINGS, encoding="utf-8")
-    return file
 
 
 @pytest.mark.parametrize(("width", "height"), SCREENS)

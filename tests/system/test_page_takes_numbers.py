@@ -7,20 +7,13 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Page, expect
 
-from tests.benches.page_rig import LIMIT_MS, MILL_SETTINGS, page_rig, played_mill
+from tests.benches.page_rig import LIMIT_MS, page_rig, played_mill
 
 pytestmark = [pytest.mark.peer, pytest.mark.slow]
 
 TOLERANCE = "input[name=tolerance]"
 
 expect.set_options(timeout=LIMIT_MS)
-
-
-@pytest.fixture
-def settings(tmp_path: Path) -> Path:
-    file = tmp_path / "web.toml"
-    file.write_text(MILL_SETTINGS, encoding="utf-8")
-    return file
 
 
 def typed(page: Page, text: str) -> None:

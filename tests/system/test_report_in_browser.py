@@ -1,6 +1,8 @@
-"""The report as a browser shows it: fingers on a chart, hours without dates, and no scroll sideways on a phone."""
+"""The report as a browser shows it: mouse and fingers on a chart, hours without dates, a phone no wider than it is."""
 
+import re
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -23,26 +25,39 @@ def run() -> ReportData:
     return small_run(288)
 
 
-@pytest.fixture
-def page(tmp_path: Path, run: ReportData) -> Iterator[Page]:
-    """A report of 24 h on a phone, which said nothing in its console."""
-    file = tmp_path / "report.html"
+@contextmanager
+def opened(file: Path, run: ReportData, width: int, *, fingers: bool) -> Iterator[Page]:
+    """The report of a run in a browser, which said nothing in its console."""
     file.write_text(build(run), encoding="utf-8")
     assert CHROMIUM.exists(), "chromium is missing: install Debian's chromium"
     with (
         sync_playwright() as playwright,
         playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"]) as browser,
     ):
-        phone = browser.new_context(
-            viewport={"width": WIDTH, "height": HEIGHT}, has_touch=True, is_mobile=True, device_scale_factor=2
+        screen = browser.new_context(
+            viewport={"width": width, "height": HEIGHT}, has_touch=fingers, is_mobile=fingers, device_scale_factor=2
         )
-        phone.set_default_timeout(LIMIT_MS)
-        shown, said = phone.new_page(), list[str]()
+        screen.set_default_timeout(LIMIT_MS)
+        shown, said = screen.new_page(), list[str]()
         shown.on("console", lambda message: said.append(message.text))
         shown.on("pageerror", lambda error: said.append(str(error)))
         shown.goto(file.as_uri())
         yield shown
         assert said == []
+
+
+@pytest.fixture
+def page(tmp_path: Path, run: ReportData) -> Iterator[Page]:
+    """A report of 24 h on a phone."""
+    with opened(tmp_path / "report.html", run, WIDTH, fingers=True) as shown:
+        yield shown
+
+
+@pytest.fixture
+def desk(tmp_path: Path, run: ReportData) -> Iterator[Page]:
+    """A report of 24 h on a screen with a mouse."""
+    with opened(tmp_path / "report.html", run, 1280, fingers=False) as shown:
+        yield shown
 
 
 class Hand:
@@ -95,6 +110,94 @@ def test_two_fingers_stretch_the_time_of_every_chart_and_one_moves_it(page: Page
     shows(page, 1, "20:00", 0)
     hand.drag((0.1, 0.9), (0.45, 0.55))
     expect(page.locator(".uplot").nth(1).locator(".numbers .x")).to_have_text(whole)
+
+
+class Mouse:
+    """A mouse on the second chart, at shares of its width."""
+
+    def __init__(self, page: Page) -> None:
+        over = page.locator(".u-over").nth(1)
+        over.scroll_into_view_if_needed()
+        box = over.bounding_box()
+        assert box is not None
+        self._mouse, self._left, self._width = page.mouse, box["x"], box["width"]
+        self._y = box["y"] + box["height"] / 2
+
+    def to(self, share: float) -> None:
+        self._mouse.move(self._left + share * self._width, self._y, steps=5)
+
+    def drag(self, begin: float, end: float) -> None:
+        self.to(begin)
+        self._mouse.down()
+        self.to(end)
+        self._mouse.up()
+
+    def click_twice(self, share: float) -> None:
+        self._mouse.dblclick(self._left + share * self._width, self._y)
+
+
+def spans_h(page: Page) -> list[tuple[float, float]]:
+    """First and last hour of the day that each chart shows, by where its marks stand."""
+    found = []
+    for chart in page.locator(".uplot").all():
+        over = chart.locator(".u-over")
+        left, width = over.evaluate("(o) => [o.offsetLeft, o.offsetWidth]")
+        placed = chart.locator(".numbers .x").evaluate_all("all => all.map((m) => [m.textContent, m.style.left])")
+        at = [
+            (float(place.removesuffix("px")) - left, int(time[:2]) + int(time[3:]) / 60)
+            for time, place in placed
+            if re.fullmatch(r"\d\d:\d\d", time)
+        ]
+        (x, hour), (other, later) = at[:2]
+        assert other > x
+        an_hour = (other - x) / (later - hour)
+        found.append((hour - x / an_hour, hour + (width - x) / an_hour))
+    return found
+
+
+def all_show(page: Page, begin_h: float, end_h: float) -> None:
+    """Every chart shows this stretch of time, to three minutes (a pixel is one and a half)."""
+    page.evaluate("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
+    shown = spans_h(page)
+    assert len(shown) >= 4
+    for span in shown:
+        assert span == pytest.approx((begin_h, end_h), abs=0.05)
+
+
+def pointed_at(page: Page) -> tuple[list[str], list[float]]:
+    """The time that each chart writes for its cursor, and where it draws that, as a share of its width."""
+    times = [chart.locator(".u-legend .u-value").first.inner_text() for chart in page.locator(".uplot").all()]
+    shares = page.locator(".u-over").evaluate_all(
+        "all => all.map((over) => new DOMMatrix(over.querySelector('.u-cursor-x').style.transform).m41"
+        " / over.clientWidth)"
+    )
+    return times, shares
+
+
+@pytest.mark.parametrize("run", [small_run(289)])  # from 07:00 to 07:00
+def test_the_mouse_points_at_the_same_time_in_every_chart(desk: Page) -> None:
+    mouse = Mouse(desk)
+    for share, time in ((0.5, "19:00"), (0.25, "13:00")):
+        mouse.to(share)
+        expect(desk.locator(".uplot").nth(1).locator(".u-legend .u-value").first).to_contain_text(time)
+        times, shares = pointed_at(desk)
+        assert len(times) >= 4
+        assert len(set(times)) == 1
+        assert shares == pytest.approx([share] * len(shares), abs=0.002)
+
+
+@pytest.mark.parametrize("run", [small_run(289)])  # from 07:00 to 07:00
+def test_a_mouse_dragged_over_one_chart_shows_that_time_in_every_chart(desk: Page) -> None:
+    all_show(desk, 7, 31)
+    mouse = Mouse(desk)
+    mouse.drag(0.25, 0.5)
+    all_show(desk, 13, 19)
+    mouse.drag(0.75, 0.25)  # from right to left, within what is shown
+    all_show(desk, 14.5, 17.5)
+    desk.get_by_role("button", name="earlier").click()  # the buttons go on from there
+    all_show(desk, 13, 16)
+    mouse.click_twice(0.5)
+    all_show(desk, 7, 31)
 
 
 def test_nothing_is_wider_than_a_phone(page: Page) -> None:

@@ -6,6 +6,7 @@ More of it by `python -m tests.benches.soak`.
 import asyncio
 import logging
 import re
+import subprocess
 import sys
 import time
 from pathlib import Path
@@ -39,13 +40,30 @@ def ended(at_s: float, text: str = "device rtd1: answers again") -> Alarm:
     return Alarm(at_s, EventKind.PROBLEM_ENDED, text)
 
 
-@pytest.mark.slow
-def test_hours_of_faults_and_restarts(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+@pytest.mark.slow(minutes=5)
+def test_days_of_faults_and_restarts() -> None:
+    """Three minutes of processor time, in a process of its own: what other tests hold is not counted."""
+    told = ["--days", "5", "--seed", "3", "--pause", "3600", "--run", "10800"]
+    command = [sys.executable, "-m", "tests.benches.soak", *told, "--begin", str(int(START))]
+    ran = subprocess.run(command, cwd=Path(__file__).parents[2], capture_output=True, text=True)
+    assert ran.returncode == 0, ran.stdout + ran.stderr
+    print(ran.stdout)
+
+
+@pytest.mark.slow(minutes=5)
+def test_a_leak_of_memory_fails_a_soak(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level(logging.CRITICAL)  # pytest keeps every record
+    kept: list[bytes] = []
     with fast_forward():
-        jump_wall_clock(int(START - time.time()))  # the moment of the beginning decides what happens, too
-        found = asyncio.run(soaked(tmp_path, SoakPlan(days=0.1, seed=3, pause_s=1200.0, run_s=2400.0)))
-    assert found.good, table(found)
+        jump_wall_clock(int(START - time.time()))
+        plan = SoakPlan(days=0.1, seed=3, pause_s=1200.0, run_s=1200.0)
+        found = asyncio.run(soaked(tmp_path, plan, told=lambda _: kept.append(b"\1" * 10_000_000)))
+    assert len(kept) > 5
+    assert [leak.partition(":")[0] for leak in found.leaks] == [
+        "memory, MB, at the end of the runs",
+        "memory, MB, between the runs",
+    ], table(found)
+    assert not found.good
 
 
 def test_held_time_does_not_pass_while_another_process_works() -> None:
@@ -110,6 +128,21 @@ def test_a_fault_explains_alarms_of_its_wire(
     alarms: list[Alarm], begins_s: list[float], false_at_s: list[float]
 ) -> None:
     assert [alarm.at_s for alarm in false_alarms(alarms, [SILENT], begins_s, WORDS)] == false_at_s
+
+
+def test_the_control_explains_alarms_until_the_gateway_is_connected_again() -> None:
+    """Meanwhile a measurement may be wanted no more, and wanted again."""
+    off = SoakFault("the control is off", 1000.0, 2000.0)
+    blocked = "probing: the control cannot be reached"
+    alarms = [
+        problem(1010.0, "NC: not connected"),
+        problem(1100.0, blocked),
+        ended(2030.0, f"probing, no longer: {blocked}"),
+        problem(2100.0, blocked),
+        ended(2400.0, "NC: connected again"),
+        problem(2500.0, blocked),
+    ]
+    assert [alarm.at_s for alarm in false_alarms(alarms, [off], [0.0], WORDS)] == [2500.0]
 
 
 @pytest.mark.parametrize(

@@ -56,13 +56,13 @@ bool wires_are_quiet() {
   for (auto& [at, end] : ends) {
     if (end.written <= end.read) continue;
     int ready = 0;
-    if (find_descriptor(at, end)) ioctl(end.fd, FIONREAD, &ready);
-    if (end.fd >= 0 && end.read + ready >= end.written) continue;
+    const bool gone = find_descriptor(at, end) && ioctl(end.fd, FIONREAD, &ready) != 0;  // the other end has hung up
+    if (end.fd >= 0 && !gone && end.read + ready >= end.written) continue;
     if (end.written != end.written_then || end.read != end.read_then) {
       end.written_then = end.written, end.read_then = end.read;
       end.missing.appears();
     }
-    if (end.fd >= 0 && !end.missing.lost(10)) return false;
+    if (end.fd >= 0 && !gone && !end.missing.lost(10)) return false;
     end.written = end.read + ready;
   }
   return true;

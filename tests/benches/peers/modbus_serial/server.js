@@ -1,5 +1,6 @@
 // Modbus units on another maker's stack (modbus-serial). Over TCP: unit 1 an ADAM-6015, unit 2 a coupler with a 750-464.
 // With the path of a serial port as argument, on that line: unit 3 an M-7015, unit 4 a PTA8D08.
+// With the argument "closing": over TCP, and each connection ends after its first answer.
 // Prints its port or path, then serves until its standard input ends. Unit 9 never answers; other addresses are refused.
 "use strict";
 const { ServerSerial, ServerTCP } = require("modbus-serial");
@@ -37,7 +38,8 @@ const units = {
   }[unit], done),
 };
 
-const path = process.argv[2];
+const closing = process.argv[2] === "closing";
+const path = closing ? undefined : process.argv[2];
 if (path) {
   const server = new ServerSerial(units, { path, baudRate: 19200, unitID: 255, interval: 5 });
   server.on("initialized", () => console.log("listening on", path));
@@ -46,5 +48,6 @@ if (path) {
   const server = new ServerTCP(units, { host: "127.0.0.1", port: "0", unitID: 255 });
   server.on("initialized", () => console.log("listening on", server._server.address().port));
   server.on("socketError", () => {});
+  if (closing) server._server.prependListener("connection", (socket) => { socket.write = (answer) => socket.end(answer); });
 }
 process.stdin.on("end", () => process.exit(0)).resume();

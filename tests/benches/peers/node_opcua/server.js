@@ -114,6 +114,7 @@ async function main() {
     show(`/Channel/MachineAxis/refPtStatus[u1,${n}]`, "UInt16", () => 3);
   }
   show("/Channel/Spindle/actSpeed[u1,1]", "Double", () => 8000.0);
+  show("/NC/_N_NC_TEA_ACX/$MN_SCALING_SYSTEM_IS_METRIC", "Boolean", () => true);
   show("/Plc/M120.0", "Boolean", () => true);
   show("/Plc/M120.1", "Boolean", () => r[65] === 2);
   show("/Bag/State/opMode[u1]", "UInt16", () => 2);

@@ -1,0 +1,28 @@
+"""In the guest: shell commands, and where the service's things are."""
+
+import subprocess
+import time
+
+CONFIG, DATA = "/etc/talc-gateway/gateway.toml", "/var/lib/talc-gateway"
+PYTHON = "/opt/talc-gateway/bin/python"
+LIMIT_S = 300.0
+GuestRow = tuple[str, bool, str]
+"""What was tried, whether it went as it should, what was seen."""
+
+
+def run(command: str) -> str:
+    """Its output; fails with all of it."""
+    done = subprocess.run(["sh", "-c", command], capture_output=True, text=True, check=False)
+    if done.returncode != 0:
+        raise RuntimeError(f"{command}: exit code {done.returncode}\n{done.stdout}{done.stderr}")
+    return done.stdout.strip()
+
+
+def until(command: str) -> float:
+    """Seconds until a command succeeds."""
+    began = time.monotonic()
+    while (done := subprocess.run(["sh", "-c", command], capture_output=True, check=False)).returncode != 0:
+        if time.monotonic() - began > LIMIT_S:
+            raise TimeoutError(f"{command}: {done.stdout!r} {done.stderr!r}")
+        time.sleep(0.5)
+    return time.monotonic() - began
