@@ -6,8 +6,6 @@ from dataclasses import dataclass, field, replace
 from datetime import datetime, timedelta
 from typing import assert_never
 
-import numpy as np
-
 from gateway.heard.instants import instant
 from gateway.telemetry import (
     CompensationMessage,
@@ -26,7 +24,7 @@ from gateway.telemetry import (
     Source,
     StatusMessage,
 )
-from talc.frame import FloatArray, Phase
+from talc.kinds import Phase
 from talc.names import THERMAL_ERRORS
 
 KEPT = timedelta(hours=8)
@@ -49,10 +47,10 @@ def believable(value: float | None) -> float:
     return value if value is not None and abs(value) <= _LARGEST else math.nan
 
 
-def nine(values: dict[str, float | None] | None) -> FloatArray:
-    """(9,) the thermal errors in their order; NaN: none was published, or an absurd one."""
+def nine(values: dict[str, float | None] | None) -> tuple[float, ...]:
+    """The nine thermal errors in their order; NaN: none was published, or an absurd one."""
     found = {} if values is None else values
-    return np.array([believable(found.get(name)) for name in THERMAL_ERRORS], dtype=np.float64)
+    return tuple(believable(found.get(name)) for name in THERMAL_ERRORS)
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,10 +94,9 @@ class Estimated:
     """The estimate of one grid step."""
 
     at: datetime
-    errors: FloatArray
-    """(9,) best estimate, µm and µm/m."""
-    sigma: FloatArray
-    """(9,)"""
+    errors: tuple[float, ...]
+    """Best estimate of the nine, µm and µm/m."""
+    sigma: tuple[float, ...]
     applied: Applied
     no_good: bool = False
     """The phase was `no_good`: the estimate does not fit."""
@@ -110,9 +107,9 @@ class MeasuredErrors:
     """One measurement that was used."""
 
     at: datetime
-    errors: FloatArray
-    sigma: FloatArray
-    """(9,) each"""
+    errors: tuple[float, ...]
+    sigma: tuple[float, ...]
+    """Nine each."""
     residual_um: float | None = None
     """RMS of what the nine errors do not explain: how far the touches scatter."""
 

@@ -65,7 +65,7 @@ def tool_now(seen: MachineSeen, matrix: FloatArray, now_s: float) -> ToolNow:
         return ToolNow(None)
     if is_old(seen, now_s):
         return ToolNow(None, old=True)
-    errors, sigma = nine(seen.decision.corrected), nine(seen.decision.sigma)
+    errors, sigma = np.array(nine(seen.decision.corrected)), np.array(nine(seen.decision.sigma))
     return ToolNow(at_the_tool(matrix, errors, sigma, applied(seen.compensation)))
 
 
@@ -178,7 +178,7 @@ def _helps(seen: MachineSeen, viewpoint: Viewpoint, tool: ToolNow, *, ready: boo
     if ready or disarmed:
         return
     if coming is None and not ordered and seen.measurements and tolerance_um is not None:
-        half = float(np.max(half_width(viewpoint.matrix, seen.measurements[-1].sigma)))
+        half = float(np.max(half_width(viewpoint.matrix, np.array(seen.measurements[-1].sigma))))
         if np.isfinite(half):
             key = "help.measure" if half <= tolerance_um else "help.measure_not_enough"
             yield Sentence(key, {"half": um(half)})
