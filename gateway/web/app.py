@@ -9,6 +9,7 @@ from importlib.resources import files
 
 import msgspec
 from jinja2 import Environment, FunctionLoader, StrictUndefined
+from markupsafe import Markup
 from starlette.applications import Starlette
 from starlette.middleware import Middleware
 from starlette.requests import Request
@@ -143,7 +144,7 @@ class _Pages:
         if name is not None and not self._site.may_be(name):
             return _no_machine()
         try:
-            viewpoint = _viewpoint_of(request, self._uses)
+            viewpoint = _viewpoint_of(request.query_params, self._uses)
         except SetupError as error:
             return PlainTextResponse(str(error), 400)
         browser = Browser(name, viewpoint)
@@ -156,7 +157,7 @@ class _Pages:
         if not self._site.may_be(name):
             return _no_machine()
         try:
-            viewpoint = _viewpoint_of(request, self._uses)(name)
+            viewpoint = _viewpoint_of(request.query_params, self._uses)(name)
             begin, end = span(request.query_params.get("from", ""), request.query_params.get("to", ""))
         except (SetupError, ValueError) as error:
             return PlainTextResponse(str(error), 400)
@@ -179,6 +180,7 @@ class _Pages:
         language = chosen_language(request.query_params.get("lang"), request.headers.get("accept-language", ""))
         html = _TEMPLATES.get_template(template).render(
             machine=machine,
+            first=self._first(machine or None),
             language=language,
             languages=LANGUAGES,
             t=texts(language),
@@ -190,6 +192,16 @@ class _Pages:
         )
         return HTMLResponse(html)
 
+    def _first(self, machine: str | None) -> Markup | None:
+        """The state that the page draws at once, for a browser that asks for nothing of its own; JSON.
+
+        None: no page is served that could go on from there.
+        """
+        if self.streams.full:
+            return None
+        shown = self.streams.first(Browser(machine, _viewpoint_of({}, self._uses)))
+        return Markup(shown.replace(b"<", b"\\u003c").decode())  # nothing in it ends the element
+
 
 def _report(ended: asyncio.Task[None]) -> None:
     if not ended.cancelled() and (error := ended.exception()) is not None:
@@ -200,17 +212,17 @@ def _no_machine() -> Response:
     return PlainTextResponse("This is not a valid name of a machine.", 404)
 
 
-def _viewpoint_of(request: Request, known: Mapping[str, MachineUse]) -> Callable[[str], Viewpoint]:
+def _viewpoint_of(query: Mapping[str, str], known: Mapping[str, MachineUse]) -> Callable[[str], Viewpoint]:
     """By machine: what the browser asks for, else what is declared. Raises SetupError.
 
     In the query, of the machine of the page; of the list, `asked` has the same by machine, in JSON.
     """
     try:
-        of_each = _DECODER.decode(request.query_params.get("asked") or "{}")
+        of_each = _DECODER.decode(query.get("asked") or "{}")
     except msgspec.MsgspecError as error:
         raise SetupError(f"asked: {error}") from None
     asked_of = {name: _asked(values) for name, values in of_each.items()}
-    others = _asked(request.query_params)
+    others = _asked(query)
     made: dict[str, Viewpoint] = {}
 
     def viewpoint(machine: str) -> Viewpoint:

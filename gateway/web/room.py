@@ -53,3 +53,6 @@ HELPS_ORDERED: Final = (HELPS[0], HELPS[-1])
 
 NOTES: Final = ("tool.not_written", "tool.not_following")
 """At most one of them stands below the errors at the tool."""
+
+CHART: Final = ("chart.nothing", "chart.legend")
+"""One of them stands below the charts."""

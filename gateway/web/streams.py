@@ -147,15 +147,24 @@ class Streams:
                 browser.past = seen.past, seen.present
                 browser.send("course", shown_course(seen, viewpoint.matrix))
 
+    def first(self, browser: Browser) -> bytes:
+        """What `messages` would send at once, but for the corrections: a JSON object by kind of message, in order."""
+        self._refresh(browser)
+        shown = {kind: msgspec.Raw(data) for kind, data in browser.sent.items() if kind != "corrections"}
+        return _ENCODER.encode({"tick": self._now_ms(), **shown})
+
     def _own_rows(self) -> tuple[SaidRow, ...]:
         """Of the health of the page itself."""
         if self._own_end is None:
             return ()
         return (certificate_row("[tls] certificate", self._own_end, datetime.now(UTC)),)
 
-    def _tick(self) -> bytes:
+    def _now_ms(self) -> int:
         """This computer's time, UTC milliseconds: that of the browser may be wrong."""
-        return b"event: tick\ndata: %d\n\n" % round(self._site.now().timestamp() * 1e3)
+        return round(self._site.now().timestamp() * 1e3)
+
+    def _tick(self) -> bytes:
+        return b"event: tick\ndata: %d\n\n" % self._now_ms()
 
     @property
     def full(self) -> bool:

@@ -1,6 +1,6 @@
 // The charts: one time axis, one cursor; drag to zoom, scroll sideways (or with Shift) to go back, double click to see all.
 import { machine, query } from "./choice.js";
-import { $, make, put } from "./elements.js";
+import { $, afterPaint, make, put } from "./elements.js";
 import { amount, clock, date, sentence, time, word } from "./words.js";
 
 let charts = [], course = null, zoomed = false, following = false, forecast = true;
@@ -160,7 +160,8 @@ const drawCharts = () => {
 };
 const redraw = () => {
   if (!course) return;
-  if (charts.length) charts.forEach((u, i) => u.setData(columns(i), !zoomed)); else drawCharts();
+  if (charts.length) charts.forEach((u, i) => u.setData(columns(i), !zoomed));
+  else afterPaint(() => { if (!charts.length) drawCharts(); });  // they have their place, and the words come first
 };
 // What was foreseen does not hold while nobody knows what has come.
 export const keepForecast = (kept) => {

@@ -20,6 +20,8 @@ export const changed = (id, data) => {
 export const draw = (id, data, nodes) => { if (changed(id, data)) $(id).replaceChildren(...nodes()); };
 export const marked = (mark) => mark ? make("span", word("mark." + mark), "mark m-" + mark) : "";
 
+export const afterPaint = (draw) => requestAnimationFrame(() => setTimeout(draw));
+
 // A thermal error by its name, and what that means.
 export const named = (error, tag) => {
   const cell = make(tag, error, "when");

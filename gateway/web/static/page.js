@@ -27,7 +27,7 @@ const become = (now, most) => {
   keepForecast(now === "heard");
   if (now === "heard") { showAgain(); return; }  // the server sends nothing again that has not changed
   const since = full ? { say: "page.full", values: { n: { n: most, d: 0 } } }
-    : { say: "page.no_server", values: { at: { t: latest ? latest.shownAt : "" } } };
+    : latest ? { say: "page.no_server", values: { at: { t: latest.shownAt } } } : { say: "page.unreached", values: {} };
   const verdict = { colour: "grey", word: key, because: lost ? [since] : [], since: null, helps: [] };
   hideCommands();
   if (lost) {
@@ -85,15 +85,6 @@ const takeClock = (ms) => {
   put($("clock-off"), word(off > 0 ? "page.clock_slow" : "page.clock_fast")
     .replace("{off}", amount(long ? { n: minutes / 60, u: "h", d: 1 } : { n: minutes, u: "min", d: 0 })));
 };
-const address = () => machine ? `/stream/${encodeURIComponent(machine)}?${query()}` : `/stream?${queryOfAll()}`;
-const listen = stream(address, {
-  tick: takeClock,
-  list: (list) => { showAll(); showList(list); },
-  view: showView,
-  events: takeEvents,
-  corrections: takeCorrections,
-  course: (course) => { showAll(); showCourse(course); },
-}, become);
 if (machine) {
   reserve(document);
   $("waits-room").replaceChildren(...rows(WAITS));
@@ -107,3 +98,15 @@ if (machine) {
   showWeeks(answers);
   showSensitivity(answers);
 }
+const asked = () => machine ? query() : queryOfAll();
+const address = () => (machine ? `/stream/${encodeURIComponent(machine)}?` : "/stream?") + asked();
+// That of the page was judged as declared.
+const early = () => asked() || !$("first") ? null : JSON.parse($("first").textContent);
+const listen = stream(address, {
+  tick: takeClock,
+  list: (list) => { showAll(); showList(list); },
+  view: showView,
+  events: takeEvents,
+  corrections: takeCorrections,
+  course: (course) => { showAll(); showCourse(course); },
+}, become, early());

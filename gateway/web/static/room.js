@@ -2,8 +2,9 @@
 import { $, changed } from "./elements.js";
 import { longest, longestKey, sentence, time } from "./words.js";
 
-const days = Array.from({ length: 366 }, (_, day) => new Date(2024, 0, 1 + day, 23, 58).toISOString());
-const at = { t: days.reduce((a, b) => (time(b).length > time(a).length ? b : a)) };
+// Each weekday of each month, with two digits.
+const days = Array.from({ length: 12 * 7 }, (_, i) => new Date(2024, Math.floor(i / 7), 22 + i % 7, 23, 58).toISOString());
+const at = { t: days.map((day) => [time(day).length, day]).reduce((a, b) => (b[0] > a[0] ? b : a))[1] };
 const um = { n: 188.8, u: "µm", d: 1 };
 export const LONG = {
   at, left: um, half: um, far: um, off: um, gain: { ...um, sign: true }, low: um, high: um, axis: { s: "X" }, axes: { s: "X, Y, Z" },

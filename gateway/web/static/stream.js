@@ -4,8 +4,8 @@ const SILENT_MS = 7000, SOON_MS = 300, LATER_MS = 3000, ANEW_MS = 10000;
 const UNSEEN = 2;
 
 // address: of the stream; kinds: what takes each kind of message; become: told "heard", "lost", "full" or "resting"; "full":
-// the server takes no more browsers than the number that comes with it
-export const stream = (address, kinds, become) => {
+// the server takes no more browsers than the number that comes with it; early: what the page brought with it, by kind
+export const stream = (address, kinds, become, early) => {
   let source = null, openedMs = 0, heardMs = 0, cut = false, full = false, again = 0;
   const close = () => {
     clearTimeout(again);
@@ -60,5 +60,10 @@ export const stream = (address, kinds, become) => {
   };
   document.addEventListener("visibilitychange", attend);
   attend();
+  // It is as old as the page, and holds for as long as if it had been heard then.
+  if (early && performance.now() < SILENT_MS) {
+    heardMs = 0;
+    for (const [kind, shown] of Object.entries(early)) kinds[kind](shown);
+  }
   return open;
 };

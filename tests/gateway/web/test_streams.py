@@ -3,9 +3,15 @@
 import asyncio
 import json
 from contextlib import aclosing
+from html.parser import HTMLParser
 
+import pytest
+from starlette.testclient import TestClient
+
+from drivers.base import Quality
 from gateway.heard import SiteSeen
-from gateway.telemetry import EventMessage, Published, encode
+from gateway.telemetry import EventMessage, Published, ReadingMessage, encode
+from gateway.web import WebSettings, build_app
 from gateway.web.at_tool import WorkPoint
 from gateway.web.streams import MOST_BROWSERS, Browser, BrowserQueue, Streams
 from gateway.web.verdict import Viewpoint
@@ -21,6 +27,11 @@ def site() -> SiteSeen:
 
 def event(n: int, text: str = "bus rtu1: no answer") -> bytes:
     return encode(EventMessage("b", n, BEGAN.isoformat(), "system", None, "problem", text, None, None, None))
+
+
+def reading(channel: str) -> bytes:
+    now = BEGAN.isoformat()
+    return encode(ReadingMessage("b", 1, now, "system", channel, 20.0, "degC", Quality.GOOD, now, 0.0, 1, ""))
 
 
 def kind_of(message: bytes) -> str:
@@ -133,6 +144,46 @@ async def test_a_machine_that_is_not_heard_of_yet_has_a_page_that_says_so() -> N
         await anext(sent)
         shown = json.loads((await anext(sent)).partition(b"data: ")[2])
     assert (shown["machine"], shown["verdict"]["word"]) == ("lathe", "word.never")
+
+
+def page_of(heard: SiteSeen) -> TestClient:
+    return TestClient(build_app(heard, WebSettings()), base_url="http://localhost")
+
+
+class FirstState(HTMLParser):
+    """The state that a page brings with it, as a browser finds it."""
+
+    def __init__(self, page: str) -> None:
+        super().__init__()
+        self._within, self.text, self.scripts = False, "", 0
+        self.feed(page)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.scripts += tag == "script"
+        self._within = tag == "script" and ("id", "first") in attrs
+
+    def handle_data(self, data: str) -> None:
+        self.text += data if self._within else ""
+
+
+@pytest.mark.parametrize("name", ["</script><script>alert(1)</script>", "<!--<script>", "a&lt;b"])
+def test_the_page_brings_the_state_with_it_and_what_others_name_stays_a_name(name: str) -> None:
+    heard = site()
+    heard.life("talc/mill/alive", alive=True)
+    heard.take("talc/mill/reading/forged", reading(name))
+    heard.take("talc/mill/event", event(2, name))
+    found = FirstState(page_of(heard).get("/machine/mill").text)
+    first = json.loads(found.text)
+    assert list(first) == ["tick", "view", "events", "course"]
+    assert first["tick"] == BEGAN.timestamp() * 1e3
+    assert [c["channel"] for c in first["view"]["channels"]] == [name]
+    assert first["events"][0]["said"]["values"]["text"]["s"] == name
+    assert found.scripts == 4
+
+
+def test_the_list_brings_its_machines() -> None:
+    first = json.loads(FirstState(page_of(site()).get("/?all=1").text).text)
+    assert [(m["machine"], m["word"]) for m in first["list"]] == [("mill", "word.never")]
 
 
 async def test_a_page_that_was_closed_is_no_longer_served() -> None:

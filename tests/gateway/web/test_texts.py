@@ -109,7 +109,7 @@ def test_texts_and_names_stay_texts_in_the_page() -> None:
     page = TestClient(build_app(site, WebSettings(), uses={name: MachineUse()}), base_url="http://localhost")
     html = page.get("/machine/%3Cscript%3Ealert(%22x%22)%3Cb%3E").text
     assert "<script>alert" not in html
-    assert html.count("<script") == 3
+    assert html.count("<script") == 4
 
 
 def test_the_page_of_the_only_machine_comes_first_and_says_its_language() -> None:
