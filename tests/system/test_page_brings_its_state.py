@@ -66,7 +66,8 @@ def test_it_is_not_drawn_for_a_browser_with_a_tolerance_of_its_own(settings: Pat
             expect(page.locator("#lost")).to_contain_text("does not reach its server, and has nothing to show yet")
 
 
-def test_it_is_not_drawn_when_it_was_long_on_its_way(settings: Path) -> None:
+@pytest.mark.parametrize(("late_ms", "drawn"), [(5000, True), (8000, False)])
+def test_it_is_as_old_as_the_page_when_its_script_comes_late(settings: Path, late_ms: int, drawn: bool) -> None:
     held = list[Route]()
     with page_rig() as rig:
         played_mill(rig, settings)
@@ -76,7 +77,9 @@ def test_it_is_not_drawn_when_it_was_long_on_its_way(settings: Path) -> None:
             page.route(re.compile(r"/page\.js$"), lambda route: held.append(route))
             with page.expect_request(re.compile(r"/page\.js$")):
                 page.reload(wait_until="commit")
-            page.clock.run_for(8000)
+            page.clock.run_for(late_ms)
             held[0].continue_()
             expect(page.locator("#tolerance")).to_have_value("8")
-            expect(page.locator("#word")).to_be_empty()
+            expect(page.locator("#word")).to_have_text(VERDICT if drawn else "")
+            page.clock.run_for(4000)
+            expect(page.locator("#lost")).to_be_visible(visible=drawn)

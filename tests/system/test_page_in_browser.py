@@ -332,6 +332,33 @@ def test_axe_finds_no_violation(settings: Path) -> None:
                 assert violations(page) == []
 
 
+@pytest.mark.parametrize("dark", [False, True])
+def test_axe_finds_no_violation_in_any_state(settings: Path, dark: bool) -> None:
+    with page_rig() as rig:
+        gateway = played_mill(rig, settings)
+        assert rig.web is not None
+        with rig.page("/machine/lathe", *_DESKTOP, dark=dark, trusted=True) as page:
+            expect(page.locator("#word")).to_have_text("Never heard")
+            assert violations(page) == []
+        with rig.page("/?all=1", *_PANEL, dark=dark, trusted=True) as machines:
+            with rig.page("/machine/mill", *_PHONE, dark=dark, trusted=True) as page:
+                gateway.say("status " + json.dumps({"unarmed": ["probing is not armed"]}))
+                gateway.say("reading/ambient_left " + json.dumps({"quality": "sensor_fault", "value": None}))
+                expect(page.locator("#doubts")).to_contain_text("ambient_left")
+                page.fill("#tolerance", "3")
+                page.keyboard.press("Enter")
+                expect(page.locator("#word")).to_have_text("Not sure")
+                assert violations(page) == []
+                gateway.say("compensation " + json.dumps({"source": "stale"}))
+                expect(page.locator("#word")).to_have_text("Not ready")
+                assert violations(page) == []
+                os.kill(rig.web.pid, signal.SIGSTOP)
+                expect(page.locator("#word")).to_have_text("No connection")
+                assert violations(page) == []
+            expect(machines.locator("#machines .word")).to_have_text("No connection")
+            assert violations(machines) == []
+
+
 def test_a_user_with_a_key_gives_commands_after_a_second_confirmation(tmp_path: Path) -> None:
     key, file = tmp_path / "anna.key", tmp_path / "web.toml"
     key.write_text("anna" * 10, encoding="utf-8")

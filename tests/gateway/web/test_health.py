@@ -54,6 +54,7 @@ def test_a_store_with_a_problem_says_which_and_how_much_waits() -> None:
         (StorageStanding("", 30, 0, 900.0), "spool.waiting", ""),  # of an earlier program
         (StorageStanding("disk full", 4000, 0, 0.0, 130.0), "spool.oldest", "notice"),
         (StorageStanding("disk full", 4000, 12, 0.0, 130.0), "spool.dropped", "notice"),
+        (StorageStanding("", 0, 12, 900.0), "spool.dropped", "notice"),  # the store works again
     ],
 )
 def test_what_is_not_stored_yet_is_told_with_its_age(storage: StorageStanding, say: str, mark: str) -> None:

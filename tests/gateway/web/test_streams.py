@@ -181,6 +181,23 @@ def test_the_page_brings_the_state_with_it_and_what_others_name_stays_a_name(nam
     assert found.scripts == 4
 
 
+def test_the_corrections_follow_by_the_stream() -> None:
+    heard = site()
+    heard.life("talc/mill/alive", alive=True)
+    machine = OnSite(heard)
+    machine.decision()
+    machine.reasons()
+    with heard.machines() as machines:
+        assert machines["mill"].explanations == 1
+    assert "corrections" not in json.loads(FirstState(page_of(heard).get("/machine/mill").text).text)
+
+
+def test_a_page_that_is_one_too_many_brings_no_state(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It would look as if the page went on from there."""
+    monkeypatch.setattr("gateway.web.streams.MOST_BROWSERS", 0)
+    assert FirstState(page_of(site()).get("/machine/mill").text).text == ""
+
+
 def test_the_list_brings_its_machines() -> None:
     first = json.loads(FirstState(page_of(site()).get("/?all=1").text).text)
     assert [(m["machine"], m["word"]) for m in first["list"]] == [("mill", "word.never")]
