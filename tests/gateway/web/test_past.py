@@ -1,14 +1,17 @@
 """What was before the page's program heard anything: asked of the gateway, at the chosen point."""
 
+import asyncio
+import threading
 from datetime import UTC
 from typing import Any, cast
 
 import pytest
+from httpx2 import ASGITransport, AsyncClient
 from starlette.testclient import TestClient
 
 from gateway.heard import SiteSeen, SiteSubscription
 from gateway.telemetry import CoursePage, PublishedCourse
-from gateway.web import WebSettings, build_app
+from gateway.web import MachineUse, WebSettings, build_app
 from talc.names import THERMAL_ERRORS
 from tests.benches.heard import BEGAN
 from tests.benches.stored_elsewhere import StoredElsewhere
@@ -43,6 +46,41 @@ def test_it_is_shown_at_the_chosen_point_in_columns() -> None:
     assert (shown["measured_t"], shown["measured"][2]) == ([FROM_S - 500.0], [0.0])
     ((machine, begin, end, limit),) = source.asked
     assert (machine, end, (end - begin).total_seconds(), limit) == ("mill", BEGAN.astimezone(UTC), 3600.0, 500)
+
+
+def test_without_a_choice_it_is_shown_where_the_probing_sphere_is() -> None:
+    """A tilt about Y of 100 µm/m moves the tool by 8 µm in X at 80 mm, and by 12 µm in Z at 120 mm."""
+    tilt = {e: PublishedCourse([100.0 * (e == "EB0C")], [0.0]) for e in THERMAL_ERRORS}
+    source = cast(SiteSubscription, StoredElsewhere(lambda: CoursePage([FROM_S], tilt, [], {})))
+    site = SiteSeen("talc", ("mill",), lambda: BEGAN, lambda: 0.0)
+    use = MachineUse(sphere_radius_mm=120.0, sphere_height_mm=80.0)
+    client = TestClient(build_app(site, WebSettings(), source, {"mill": use}), base_url="http://localhost")
+    (x,), _, (z,) = client.get("/past/mill", params=SPAN).json()["without"]
+    assert (abs(x), abs(z)) == (8.0, 12.0)
+
+
+async def test_a_gateway_is_asked_by_two_at_once_and_the_others_wait() -> None:
+    asked, answer = list[int](), threading.Event()
+
+    def slow() -> CoursePage:
+        asked.append(1)
+        answer.wait()
+        return stored()
+
+    app = build_app(
+        SiteSeen("talc", ("mill",), lambda: BEGAN, lambda: 0.0), WebSettings(), cast(Any, StoredElsewhere(slow))
+    )
+    async with AsyncClient(transport=ASGITransport(app), base_url="http://localhost") as client:
+        zooming = [asyncio.create_task(client.get("/past/mill", params=SPAN)) for _ in range(3)]
+        try:
+            while len(asked) < 2:
+                await asyncio.sleep(0)
+            for _ in range(1000):  # as many turns as the third would need to ask, and more
+                await asyncio.sleep(0)
+            assert len(asked) == 2
+        finally:
+            answer.set()
+        assert [each.status_code for each in await asyncio.gather(*zooming)] == [200] * 3
 
 
 @pytest.mark.parametrize(

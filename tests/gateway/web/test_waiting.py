@@ -5,7 +5,7 @@ from datetime import timedelta
 import pytest
 
 from gateway.web.at_tool import WorkPoint
-from gateway.web.sentences import Amount, SaidRow, at
+from gateway.web.sentences import Amount, SaidRow, Word, at
 from gateway.web.waiting import cost_of_waiting
 from tests.benches.heard import BEGAN, STEP, HeardMachine
 
@@ -40,6 +40,7 @@ def test_the_interval_if_it_is_not_measured_stands_beside_that_after_a_measureme
     assert told["gain"] == pytest.approx(4.5 * now, abs=0.005)
     assert row.said.values["at"] == at(BEGAN + timedelta(hours=2)), "no measurement is expected"
     assert told["hours"] == 2.0
+    assert row.said.values["axis"] == Word("Y"), "two tilts and two positions move it there; X and Z have one tilt"
 
 
 def test_it_is_told_for_when_the_next_measurement_is_expected() -> None:
