@@ -10,7 +10,7 @@ import pytest
 pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).parents[1]
-LIMIT_S = 300.0
+LIMIT_S = 900.0
 
 
 def said(*command: str) -> list[str]:

@@ -259,17 +259,18 @@ async def test_runs_by_itself_and_learns_in_another_process() -> None:
     watching = SensorWatch(INPUTS, SETTINGS, NAMES.__contains__, ear, SteppedClock(), seen)
     task = asyncio.create_task(watching.run())
     try:
-        async with asyncio.timeout(60):
+        async with asyncio.timeout(300):
             k = K0 + 2 * DAY
-            while not ear.judgements:
-                watching.frame(Frame(k, x[k - K0], np.ones(len(INPUTS), np.bool_)))
+            # However long it learns: it then judges the present window, and that of an idle machine shows nothing.
+            while not any(judgement.smallest_offset_K for judgement, _ in ear.judgements):
+                watching.frame(Frame(k, x[(k - K0) % len(x)], np.ones(len(INPUTS), np.bool_)))
                 k += 1
                 await asyncio.sleep(0.05)
     finally:
         task.cancel()
         with pytest.raises(asyncio.CancelledError):
             await task
-    assert len(ear.judgements[0][0].smallest_offset_K) == len(NAMES)
+    assert len(ear.judgements[-1][0].smallest_offset_K) == len(NAMES)
 
 
 async def test_a_bearing_that_runs_hot_is_reported_where_the_speed_is_known() -> None:
