@@ -137,35 +137,28 @@ async def machine(
     if agent is not None:
         environment["TALC_AGENT_FD"] = str(agent.fileno())
     said = folder / "said.txt"
-    reading, writing = os.pipe()
-    environment["TALC_SCREEN_FD"] = str(writing)
-    try:
-        with said.open("wb") as output:
-            process = await asyncio.create_subprocess_exec(
-                "unshare",
-                *(() if root else _AS_ORDINARY_USER),
-                *_NAMESPACES,
-                *("sh", "-c", _START, "sh", str(folder)),
-                stdin=asyncio.subprocess.PIPE,
-                stdout=output,
-                stderr=asyncio.subprocess.STDOUT,
-                env=environment,
-                pass_fds=(writing,) if agent is None else (writing, agent.fileno()),
-            )
-    finally:
-        os.close(writing)
-    answers = asyncio.StreamReader(limit=_LONGEST_ANSWER)
-    with open(reading, "rb") as pipe:
-        transport, _ = await asyncio.get_running_loop().connect_read_pipe(
-            lambda: asyncio.StreamReaderProtocol(answers), pipe
+    ours, theirs = socket.socketpair()
+    environment["TALC_SCREEN_FD"] = str(theirs.fileno())
+    with theirs, said.open("wb") as output:
+        process = await asyncio.create_subprocess_exec(
+            "unshare",
+            *(() if root else _AS_ORDINARY_USER),
+            *_NAMESPACES,
+            *("sh", "-c", _START, "sh", str(folder)),
+            stdin=asyncio.subprocess.PIPE,
+            stdout=output,
+            stderr=asyncio.subprocess.STDOUT,
+            env=environment,
+            pass_fds=(theirs.fileno(),) if agent is None else (theirs.fileno(), agent.fileno()),
         )
-        try:
-            it = LinuxCncMachine(process, answers, said)
-            await it.line(_BOOT_S)
-            yield it
-        finally:
-            await _end(process)
-            transport.close()
+    answers, line = await asyncio.open_connection(sock=ours, limit=_LONGEST_ANSWER)
+    try:
+        it = LinuxCncMachine(process, answers, said)
+        await it.line(_BOOT_S)
+        yield it
+    finally:
+        await _end(process)
+        line.close()
 
 
 async def _end(process: asyncio.subprocess.Process) -> None:

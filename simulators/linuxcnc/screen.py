@@ -260,7 +260,7 @@ VERBS = (
 def main() -> None:
     control = ControlScreen()
     verbs = {name: getattr(control, name) for name in VERBS}
-    with open(int(os.environ["TALC_SCREEN_FD"]), "w") as answers:
+    with os.fdopen(int(os.environ["TALC_SCREEN_FD"]), "w") as answers:
         print(json.dumps({"ready": linuxcnc.version}), file=answers, flush=True)
         for line in sys.stdin:
             verb, *arguments = json.loads(line)
