@@ -52,6 +52,10 @@ def config(telemetry: str) -> GatewayConfig:
         ('connect = ["tls/router:7447"]', "'tls/router:7447' needs [telemetry.tls] authority"),
         ('user = "mill"', "[telemetry]: user and password_file go together: give both or neither"),
         ('readers = ["alice"]', "[telemetry] readers: needs clients with names"),
+        (
+            'readers = ["alice"]\nusers_file = "users"\nconnect = ["tcp/127.0.0.1:7448"]',
+            "[telemetry] readers: does not limit who reads from the router of `connect`",
+        ),
         ('tls = { certificate = "a.pem" }', "[telemetry.tls]: certificate and key go together"),
         ("tls = { mutual = true }", "mutual = true: expected certificate, key and authority too"),
     ],
