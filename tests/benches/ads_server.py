@@ -34,6 +34,12 @@ class EmulatedPlc(AdvancedHandler):  # type: ignore[misc]
         """As the PLC's program would."""
         self.get_variable_by_name(name).value = struct.pack("<?" if isinstance(value, bool) else "<d", value)
 
+    def exchange_places(self, one: str, other: str) -> None:
+        """As another program that was loaded: each variable is where the other was."""
+        first, second = self.get_variable_by_name(one), self.get_variable_by_name(other)
+        first.index_offset, second.index_offset = second.index_offset, first.index_offset
+        self._data.update({(each.index_group, each.index_offset): each for each in (first, second)})
+
     def handle_request(self, request: AmsPacket) -> AmsResponseData:
         if request.ams_header.command_id == _READ_STATE and not self.running:
             stopped = struct.pack("<IHH", 0, constants.ADSSTATE_STOP, 0)

@@ -89,6 +89,8 @@ async def test_positions_states_and_readiness_come_from_the_variables() -> None:
         assert it.positions == {"X": 100.0, "Y": -20.0, "Z": 30.0, "A": 10.0, "C": 720.0}
         assert it.states == {"spindle_speed": 6000.0, "speed_X": 1200.0}
         assert (it.ready, it.cannot_probe) == (True, "the control is only read")
+        plc.exchange_places("MAIN.Y", "MAIN.Z")
+        assert (await nc.snapshot()).positions == it.positions
         plc.set("MAIN.ready", False)
         assert (await nc.snapshot()).ready is False
         with pytest.raises(Refused, match="only read"):
