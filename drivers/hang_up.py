@@ -1,4 +1,4 @@
-"""Ends what another thread waits for on a connection: a peer that sends a byte a second would keep it for ever."""
+"""Ends another thread's wait on a connection: a peer that sends a byte a second would keep it waiting for ever."""
 
 import socket
 from contextlib import suppress

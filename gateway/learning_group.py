@@ -1,4 +1,4 @@
-"""A control group for what learns, of a lower weight than the gateway's own.
+"""A control group (cgroup) for the processes that learn, of a lower weight than the gateway's own.
 
 systemd gives the service its control group to divide (`Delegate=cpu` in the unit file). The gateway makes two groups
 below it: one for itself and one for the processes of gateway.apart. All of these together then get a tenth of the

@@ -1,4 +1,4 @@
-"""Profiles of what a control knows itself and its agent reports: which values are channels."""
+"""Profiles of the values that a control has and its agent reports: which of them are channels."""
 
 from functools import cached_property
 from typing import Annotated, ClassVar, Literal, Self

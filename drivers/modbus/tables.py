@@ -96,7 +96,7 @@ class TypeCodes(Section):
             if span.low >= span.high:
                 raise wrong(f"{span.low} is not below high = {span.high}", "code", number, "low")
             if span.raw_low == span.raw_high:
-                what = f"{span.raw_low} is raw_high, too: every value would be the same"
+                what = f"{span.raw_low} equals raw_high: every value would be the same"
                 raise wrong(what, "code", number, "raw_low")
         return self
 

@@ -31,7 +31,7 @@ async def ask_agent(url: str, machine: str, request: str, timeout_s: float) -> b
         raise BadAnswer(f"{request}: more than {MOST_BYTES} bytes", device="nc")
     if status != http.HTTPStatus.OK:
         why = await asyncio.to_thread(_why, body)
-        raise BadAnswer(f"{request}: HTTP status {status}{why}", device="nc", hint="see url and machine")
+        raise BadAnswer(f"{request}: HTTP status {status}{why}", device="nc", hint="check url and machine")
     return body
 
 

@@ -255,7 +255,7 @@ class OpcUaSession:
         right = next((f"{right}{verb.capitalize()}" for part, right in self._rights.items() if part in path), "")
         who = f"user {self._settings.user!r}" if self._settings.user else "the anonymous user"
         return Refused(
-            f"the server does not let us {verb} {path} ({status.name})",
+            f"the server does not let the gateway {verb} {path} ({status.name})",
             device=self._device,
             hint=f"give {who} the right {right} on the control (GiveUserAccess)" if right else "",
         )
@@ -289,20 +289,24 @@ class OpcUaSession:
             if error.code in CERTIFICATE and self._settings.security == "none":
                 return Refused(f"{url} offers no unencrypted connection ({_name(error)})", device=device, hint=SECURE)
             if error.code in CERTIFICATE:
-                hint = "check certificate, private_key and server_certificate; let the control trust our certificate"
-                return Refused(f"{url} refuses our certificate or security ({_name(error)})", device=device, hint=hint)
+                hint = "check certificate, private_key and server_certificate; let the control trust the gateway's"
+                return Refused(
+                    f"{url} refuses the gateway's certificate or security ({_name(error)})", device=device, hint=hint
+                )
         elif isinstance(error, UaError):
             hint = SECURE if self._settings.security == "none" else ""
             return Refused(f"{url} offers no such session: {_say(error)}", device=device, hint=hint)
         if isinstance(error, AssertionError):  # the library raises this when the server refuses the channel
-            hint = "does the control trust our certificate, and is server_certificate its own?"
+            hint = "does the control trust the gateway's certificate, and is server_certificate the control's own?"
             return Refused(
-                f"{url} refuses the secure channel, so our certificate or its policy", device=device, hint=hint
+                f"{url} refuses the secure channel: the gateway's certificate or the security policy",
+                device=device,
+                hint=hint,
             )
         if isinstance(error, TimeoutError):
             hint = "is this an OPC UA server?"
             if self._settings.security != "none":
-                hint = "is server_certificate this control's own, and does the control trust our certificate?"
+                hint = "is server_certificate this control's own, and does the control trust the gateway's certificate?"
             return NoAnswer(f"{url} does not answer within {self._settings.timeout_s:g} s", device=device, hint=hint)
         hint = "is it on, is its OPC UA server licensed and running, is the port right?"
         return ConnectError(f"cannot open {url}: {_say(error)}", device=device, hint=hint)

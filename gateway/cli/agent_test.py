@@ -24,11 +24,11 @@ if TYPE_CHECKING:
 @click.argument("host")
 @click.option("--port", type=click.IntRange(1, 65535), default=DEFAULT_PORT, show_default=True, help="[nc] port")
 @click.option("--key-file", type=click.Path(exists=True, dir_okay=False, path_type=Path), required=True,
-              help="[nc] key_file: the key that the agent has.")  # fmt: skip
+              help="[nc] key_file: file with the agent's key.")  # fmt: skip
 @click.option("--timeout", type=FiniteNumber(min=0.1), default=2.0, show_default=True,
               help="[nc] timeout_s: how long an answer may take, and an offset until it is in force.")  # fmt: skip
 @click.option("--offsets", is_flag=True,
-              help="Also write offsets: the tool MOVES, by at most 5 µm; a wrong agent to its bound.")  # fmt: skip
+              help="Also write offsets: the tool MOVES, 5 µm at most; a wrong agent may reach its bound.")  # fmt: skip
 @click.option("--cycle", is_flag=True, help="Also run probing cycles: the machine MOVES and touches the sphere.")
 @click.option("--cycle-limit", type=FiniteNumber(min=1), default=900.0, show_default=True,
               help="Seconds within which a cycle has ended.")  # fmt: skip

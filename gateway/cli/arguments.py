@@ -21,10 +21,10 @@ LIMIT_S = 600.0
 Command = TypeVar("Command", bound=Callable[..., object])
 _ACCESS = (
     click.option("--authority", type=PemPath, help="Certificates of the plant's authority, for tls/… endpoints."),
-    click.option("--certificate", type=PemPath, help="Your own certificate, where one is asked for; with --key."),
+    click.option("--certificate", type=PemPath, help="Your own certificate, if the gateway asks for one; needs --key."),
     click.option("--key", type=PemPath, help="Its private key."),
-    click.option("--user", help="Where user and password are asked for; with --password-file."),
-    click.option("--password-file", type=PemPath, help="Holds the user's password alone."),
+    click.option("--user", help="User name, if the gateway asks for one; needs --password-file."),
+    click.option("--password-file", type=PemPath, help="File that contains only the user's password."),
 )
 
 
@@ -63,7 +63,9 @@ def access_of(
     from gateway.telemetry import Access
 
     if (certificate is None) != (key is None) or (user is None) != (password_file is None):
-        raise click.UsageError("--certificate goes with --key, and --user with --password-file")
+        raise click.UsageError(
+            "--certificate and --key go together, and so do --user and --password-file: give both or neither"
+        )
     password = None if password_file is None else password_file.read_text(encoding="utf-8").strip()
     return Access(authority=authority, certificate=certificate, key=key, user=user, password=password)
 

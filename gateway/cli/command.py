@@ -12,11 +12,13 @@ from gateway.commands import CommandName
 
 @click.command()
 @click.argument("name", type=click.Choice([name.value for name in CommandName]))
-@click.option("--as", "operator", required=True, help="Name of [[telemetry.operator]] in the gateway's configuration.")
+@click.option(
+    "--as", "operator", required=True, help="Your name in a [[telemetry.operator]] of the gateway's configuration."
+)
 @click.option("--operator-key", type=PemPath, required=True, help="File with that operator's key.")
 @click.option("--connect", multiple=True, help="Zenoh endpoint. [default: tcp/127.0.0.1:7447]")
 @click.option("--prefix", default="talc", show_default=True)
-@click.option("--machine", help="Default: the one that runs there, if there is only one.")
+@click.option("--machine", help="Name of the machine. Default: the one that runs there, if there is only one.")
 @access_options
 def command(
     name: str,

@@ -108,7 +108,9 @@ def export_learnt(database: Path, output: Path) -> None:
 @db.command("import-learnt")
 @click.argument("config", type=click.Path(exists=True, dir_okay=False, path_type=Path))
 @click.argument("file", type=click.Path(exists=True, dir_okay=False, path_type=Path))
-@click.option("--replace", is_flag=True, help="Keep a database that has a record under another name, and begin anew.")
+@click.option(
+    "--replace", is_flag=True, help="If the database has a record, keep it under another name and begin a new one."
+)
 def import_learnt(config: Path, file: Path, replace: bool) -> None:
     """Begin the database of CONFIG with what `export-learnt` wrote to FILE; the next `run` continues from it.
 

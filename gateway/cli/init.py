@@ -90,7 +90,9 @@ def init(path: Path, answers_file: Path | None, limit_s: float) -> int:
     An existing file is replaced only if it is the Debian package's example, which nobody has changed.
     """
     if not os.access(path.resolve().parent, os.W_OK):
-        raise click.UsageError(f"nothing can be written to {path.resolve().parent}: is it there, and yours?")
+        raise click.UsageError(
+            f"the folder {path.resolve().parent} cannot be written: does it exist, and may you write there?"
+        )
     if path.exists() and not _is_example(path):
         raise click.UsageError(f"{path} exists; `talc-gateway scan … --toml {path}` adds devices to it")
     given = _asked(find_ports()) if answers_file is None else read_answers(answers_file)

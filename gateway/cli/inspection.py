@@ -62,15 +62,15 @@ Draft = click.option("--draft", type=click.Path(dir_okay=False, path_type=Path),
               help="Seconds that one answer may take.")  # fmt: skip
 @Draft
 @click.option("--type", "kind", type=click.Choice(["int16", "uint16", "int32", "uint32", "int64", "uint64", "float32",
-              "float64"]), default="int16", show_default=True, help="Of the draft's numbers.")  # fmt: skip
+              "float64"]), default="int16", show_default=True, help="Type of the numbers in the draft.")  # fmt: skip
 @click.option("--word-order", type=click.Choice(["big", "little"]), default="big", show_default=True,
-              help="Of the draft; little: words swapped.")  # fmt: skip
+              help="Word order in the draft; little: words swapped.")  # fmt: skip
 @click.option("--byte-order", type=click.Choice(["big", "little"]), default="big", show_default=True,
-              help="Of the draft; little: bytes swapped.")  # fmt: skip
+              help="Byte order in the draft; little: bytes swapped.")  # fmt: skip
 @click.option(
-    "--scale", type=FiniteNumber(), default=1.0, show_default=True, help="Of the draft: value = number * scale."
+    "--scale", type=FiniteNumber(), default=1.0, show_default=True, help="Scale in the draft: value = number * scale."
 )
-@click.option("--quantity", default="degC", show_default=True, help="Of the draft: unit of the values.")
+@click.option("--quantity", default="degC", show_default=True, help="Unit of the values in the draft.")
 def registers_command(
     where: str, addresses: tuple[int, ...], unit: int, function: int, baud: int, parity: Parity, rtu: bool,
     timeout_s: float, draft: Path | None, kind: NumberType, word_order: Order, byte_order: Order, scale: float,

@@ -61,11 +61,11 @@ class ObjectPlace(click.ParamType[CanObject]):
     "--udp-port", type=click.IntRange(1, 65535), default=43113, show_default=True, help="For udp_multicast only."
 )
 @Draft
-@click.option("--type", "kind", type=click.Choice(_KINDS), help="Of the draft: type of all these objects.")
+@click.option("--type", "kind", type=click.Choice(_KINDS), help="Type of all these objects in the draft.")
 @click.option(
-    "--scale", type=FiniteNumber(), default=1.0, show_default=True, help="Of the draft: value = number * scale."
+    "--scale", type=FiniteNumber(), default=1.0, show_default=True, help="Scale in the draft: value = number * scale."
 )
-@click.option("--quantity", default="degC", show_default=True, help="Of the draft: unit of the values.")
+@click.option("--quantity", default="degC", show_default=True, help="Unit of the values in the draft.")
 def objects_command(
     channel: str, node: int, objects: tuple[CanObject, ...], interface: str, bitrate: int, timeout_s: float,
     udp_port: int, draft: Path | None, kind: ByteNumber | None, scale: float, quantity: str,
@@ -138,18 +138,18 @@ def _number(data: bytes, kind: ByteNumber, order: Literal["<", ">"] = "<") -> st
 @click.command("nodes")
 @click.argument("url")
 @click.argument("nodes", nargs=-1, required=True)
-@click.option("--user", help="With --password-file; otherwise anonymous.")
-@click.option("--password-file", help="Holds the user's password alone.")
-@click.option("--certificate", help="The gateway's, with --private-key. Without it nothing is encrypted.")
+@click.option("--user", help="User name; needs --password-file. Default: anonymous.")
+@click.option("--password-file", help="File that contains only the user's password.")
+@click.option("--certificate", help="The gateway's certificate; needs --private-key. Without it nothing is encrypted.")
 @click.option("--private-key", help="The certificate's key.")
-@click.option("--server-certificate", help="The server's: no other is accepted.")
+@click.option("--server-certificate", help="The server's certificate; no other is accepted.")
 @click.option("--timeout", "timeout_s", type=FiniteNumber(0.01, 60), default=5.0, show_default=True)
 @Draft
-@click.option("--type", "kind", type=click.Choice(_KINDS), help="Of the draft: how nodes of bytes hold numbers.")
+@click.option("--type", "kind", type=click.Choice(_KINDS), help="How nodes of bytes hold numbers, for the draft.")
 @click.option(
-    "--scale", type=FiniteNumber(), default=1.0, show_default=True, help="Of the draft: value = number * scale."
+    "--scale", type=FiniteNumber(), default=1.0, show_default=True, help="Scale in the draft: value = number * scale."
 )
-@click.option("--quantity", default="degC", show_default=True, help="Of the draft: unit of the values.")
+@click.option("--quantity", default="degC", show_default=True, help="Unit of the values in the draft.")
 def nodes_command(
     url: str, nodes: tuple[str, ...], user: str | None, password_file: str | None, certificate: str | None,
     private_key: str | None, server_certificate: str | None, timeout_s: float, draft: Path | None, kind: str | None,

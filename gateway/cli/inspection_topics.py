@@ -31,19 +31,23 @@ _MOST_SHOWN = 60
 @click.option("--seconds", type=FiniteNumber(min=0.1), default=10.0, show_default=True, help="How long to listen.")
 @click.option("--most", type=click.IntRange(1), default=1000, show_default=True,
               help="Stop when so many topics have had a message.")  # fmt: skip
-@click.option("--user", help="With --password-file; otherwise anonymous.")
-@click.option("--password-file", help="Holds the user's password alone.")
-@click.option("--authority", help="Who may have issued the broker's certificate. Default: whom the system trusts.")
-@click.option("--certificate", help="This client's, with --key.")
+@click.option("--user", help="User name; needs --password-file. Default: anonymous.")
+@click.option("--password-file", help="File that contains only the user's password.")
+@click.option(
+    "--authority", help="Certificates of the authority that issued the broker's. Default: those that the system trusts."
+)
+@click.option("--certificate", help="This client's certificate; needs --key.")
 @click.option("--key", help="The certificate's key.")
-@click.option("--client-id", help="Where the broker's rules need one.")
-@click.option("--allow-unencrypted", is_flag=True, help="Let mqtt:// go beyond this computer, readable by everyone.")
+@click.option("--client-id", help="Client identifier, if the broker's rules need one.")
+@click.option(
+    "--allow-unencrypted", is_flag=True, help="Allow mqtt:// beyond this computer, where everyone can read it."
+)
 @click.option("--timeout", "timeout_s", type=FiniteNumber(0.01, 60), default=5.0, show_default=True)
 @Draft
 @click.option(
-    "--scale", type=FiniteNumber(), default=1.0, show_default=True, help="Of the draft: value = number * scale."
+    "--scale", type=FiniteNumber(), default=1.0, show_default=True, help="Scale in the draft: value = number * scale."
 )
-@click.option("--quantity", default="degC", show_default=True, help="Of the draft: unit of the values.")
+@click.option("--quantity", default="degC", show_default=True, help="Unit of the values in the draft.")
 def topics_command(
     url: str, topics: tuple[str, ...], seconds: float, most: int, user: str | None, password_file: str | None,
     authority: str | None, certificate: str | None, key: str | None, client_id: str | None, allow_unencrypted: bool,

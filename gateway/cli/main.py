@@ -110,7 +110,9 @@ def check(config: Path) -> None:
 @click.option("--seconds", type=FiniteNumber(min=0.1), help="With --watch: stop after this time. Default: at Ctrl-C.")
 @click.option("--every", type=FiniteNumber(min=0.1), help="With --watch: seconds between updates.")
 @click.option(
-    "--try-writing", is_flag=True, help="Write back to the control what is there, which shows whether it may."
+    "--try-writing",
+    is_flag=True,
+    help="Write the present values back to the control: shows whether the gateway may write.",
 )
 def probe(config: Path, watched: bool, seconds: float | None, every: float | None, try_writing: bool) -> None:
     """Read every device of CONFIG once and show each channel. Publishes nothing, and writes nothing without
@@ -122,13 +124,13 @@ def probe(config: Path, watched: bool, seconds: float | None, every: float | Non
     prints lines: one per device every 10 s, and one for each problem when it begins or ends.
     """
     if watched and try_writing:
-        raise click.UsageError("--try-writing is not for --watch")
+        raise click.UsageError("--try-writing and --watch cannot be combined")
     if watched:
         from gateway.cli.probe_watch import watch_channels as keep_watching
 
         sys.exit(0 if keep_watching(read_config(config), seconds, every) else EXIT_WORLD)
     if seconds is not None or every is not None:
-        raise click.UsageError("--seconds and --every are for --watch")
+        raise click.UsageError("--seconds and --every need --watch")
     from gateway.cli.probe import show
 
     sys.exit(0 if show(read_config(config), try_writing=try_writing) else EXIT_WORLD)
@@ -258,7 +260,7 @@ def demo(
 @click.argument("config", required=False, type=click.Path(exists=True, dir_okay=False, path_type=Path))
 @click.option("--connect", multiple=True, help="Zenoh endpoint. [default: tcp/127.0.0.1:7447]")
 @click.option("--prefix", help="[default: talc]")
-@click.option("--machine", help="Default: the one that runs there, if there is only one.")
+@click.option("--machine", help="Name of the machine. Default: the one that runs there, if there is only one.")
 @access_options
 def watch(
     config: Path | None,

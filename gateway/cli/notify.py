@@ -44,4 +44,4 @@ class ServiceManager:
             try:
                 sender.sendto("\n".join(lines).encode(), self._address)
             except OSError as error:
-                log.warning("systemd was not told %s: %s", lines[0], error)
+                log.warning("systemd could not be notified of %s: %s", lines[0], error)

@@ -85,10 +85,10 @@ def _divide() -> None:
     try:
         if divide():
             log.info(
-                "what learns has a control group of its own: a tenth of the gateway's processor time, if both want it"
+                "learning has a control group of its own, with a tenth of the gateway's processor time if both want it"
             )
     except UndividedError as error:
-        log.info("what learns has no control group of its own, only a lower priority: %s", error)
+        log.info("learning has no control group of its own, only a lower priority: %s", error)
 
 
 async def _tell_end(manager: ServiceManager, stop: asyncio.Event, running: Callable[[], GatewayConfig]) -> None:

@@ -1,4 +1,4 @@
-"""When the certificates end that a configuration names."""
+"""The expiry dates of the certificates that a configuration names."""
 
 from collections.abc import Iterator
 from datetime import datetime

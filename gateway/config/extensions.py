@@ -142,7 +142,7 @@ class Extension:
         is_one = isinstance(found, type) and issubclass(found, base)
         if not is_one:
             public = ".".join(base.__module__.split(".")[:2])
-            raise self._unusable(f"{self.entry.value} is no class derived from {public}.{base.__name__}")
+            raise self._unusable(f"{self.entry.value} is not a class derived from {public}.{base.__name__}")
         if inspect.isabstract(found):
             missing = ", ".join(sorted(found.__abstractmethods__))
             raise self._unusable(f"{self.entry.value} does not define {missing}")

@@ -40,7 +40,7 @@ def _certificate_cautions(path: Path, name: str) -> Iterator[str]:
         yield error.what
     else:
         if end - datetime.now(UTC) < ENDS_SOON:
-            yield f"'{path}' ends on {end:%Y-%m-%d}; after that the gateway no longer connects to the server"
+            yield f"'{path}' expires on {end:%Y-%m-%d}; renew it before then, or no connection is possible"
 
 
 def _key_cautions(server: OpcUaServer) -> Iterator[str]:

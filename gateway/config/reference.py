@@ -28,10 +28,10 @@ after every effective reload. The database keeps each one with its time.
 
 **Reload.** On SIGHUP `talc-gateway run` reads its file again. It checks the whole file first. Then it closes and
 reopens only the buses that changed (themselves, their devices, the files of your own profiles, or the limits of their
-channels); the others keep their period. Changes to anything that the models and the NC depend on (`[machine]`,
-`[grid]`, `[storage]`, `[telemetry]`, `[metrics]`, `[[state]]`, `[[planned_load]]`, `[nc]`, `[probing]`,
-`[compensation]`, `[talc]`, `[sensor_check]`, and the names and order of the channels) need a restart. A file that
-cannot be applied changes nothing, and the log says why.
+channels); the others keep their period. Changes to anything that the models and the NC depend on need a restart: the
+names and order of the channels, `[machine]`, `[grid]`, `[storage]`, `[telemetry]`, `[metrics]`, `[[state]]`,
+`[[planned_load]]`, `[nc]`, `[probing]`, `[compensation]`, `[talc]` and `[sensor_check]`. A file that cannot be applied
+changes nothing, and the log says why.
 """
 
 

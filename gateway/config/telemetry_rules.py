@@ -107,7 +107,7 @@ def _ends_soon(name: str, path: Path | None) -> Iterator[Problem]:
     now = datetime.now(UTC)
     for ends in sorted(each.not_valid_after_utc for each in found)[:1]:
         if timedelta() < ends - now < ENDS_SOON:
-            yield Problem(f"[telemetry.tls] {name}", f"'{path}' ends on {ends:%Y-%m-%d}; make a new one before then")
+            yield Problem(f"[telemetry.tls] {name}", f"'{path}' expires on {ends:%Y-%m-%d}; renew it before then")
 
 
 def _read(field: str, path: Path | None, reader: Callable[[Path], T]) -> Generator[Problem, None, T | None]:
@@ -172,4 +172,6 @@ def _users_problems(telemetry: Telemetry) -> Iterator[Problem]:
         if not (user.strip() and password.strip()):
             yield Problem(field, f"'{path}', line {number}: expected user:password")
         elif not line.strip().isprintable():  # a byte order mark, say: nobody would type this name
-            yield Problem(field, f"'{path}', line {number}: {line.strip()!r} contains a character that nobody sees")
+            yield Problem(
+                field, f"'{path}', line {number}: {line.strip()!r} contains an invisible character; type it again"
+            )

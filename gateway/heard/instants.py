@@ -1,4 +1,4 @@
-"""Times in messages."""
+"""Parses the times in messages."""
 
 from datetime import UTC, datetime
 

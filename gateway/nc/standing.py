@@ -1,4 +1,4 @@
-"""What is wrong with the control for as long as it lasts: what reports it, and what ends it."""
+"""Lasting problems of the control: the text that reports each one, and the text that ends it."""
 
 from collections.abc import Iterable
 

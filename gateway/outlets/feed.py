@@ -1,4 +1,4 @@
-"""What waits for one outlet: a bounded queue with its policy. The outlet may be away for as long as it likes."""
+"""The messages that wait for one outlet: a bounded queue with its policy, however long the outlet is away."""
 
 import logging
 import threading

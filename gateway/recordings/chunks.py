@@ -1,4 +1,4 @@
-"""What the readers of files have in common."""
+"""The interface of a recording's file that is read in chunks of rows, whatever its format."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass

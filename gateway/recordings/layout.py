@@ -1,4 +1,4 @@
-"""What of a text file is not its table, and which words stand for an unknown value."""
+"""The layout of a text file: which lines are not its table, and which words stand for an unknown value."""
 
 import math
 import re

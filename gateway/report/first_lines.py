@@ -1,4 +1,4 @@
-"""What a plant manager asks first: how much better the machine is, and what that cost."""
+"""The first lines of a report: how much better the machine is, and what that cost."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Work on a disk that may not answer: in a thread of its own, which keeps nobody waiting and no process from ending.
+"""Work on a disk that may not answer, in a separate thread: callers wait for a limited time, and the process can end.
 
 A call to a disk that hangs (a card that is failing, an adapter that lost its power, a network that is gone) returns
 when the disk does, or never, and nothing can interrupt it.

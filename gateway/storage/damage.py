@@ -152,7 +152,7 @@ def _check_frame(row: RawRow) -> None:
         raise ValueError("expected nine errors")
     for blob in (inputs, errors, sigma):
         if blob is not None and np.any(np.abs(np.frombuffer(blob, "<f8")) > _LARGEST):
-            raise ValueError("a value is beyond all that is measured")
+            raise ValueError("a value is larger than any measurement")
     if sigma is not None and np.any(np.frombuffer(sigma, "<f8") < 0):
         raise ValueError("an uncertainty is negative")
 
@@ -172,7 +172,7 @@ def _check_measurement(row: RawRow) -> None:
 def _check_model(row: RawRow) -> None:
     *_, fingerprint, text = row
     if rows.models_of(text).fingerprint() != fingerprint:
-        raise ValueError("another fingerprint")
+        raise ValueError("the fingerprint does not match the models")
 
 
 def _check_compensation(row: RawRow) -> None:
@@ -183,7 +183,7 @@ def _check_compensation(row: RawRow) -> None:
 def _check_moment(row: RawRow) -> None:
     _, k, _, monotonic_s, lead_s, _ = row
     if not (0 <= k <= _LAST_K and 0.0 <= monotonic_s <= _LARGEST and abs(lead_s) <= _LONGEST_S):
-        raise ValueError("no time of a step")
+        raise ValueError("the times of the grid step are invalid")
 
 
 _CHECKS: Mapping[str, Callable[[RawRow], object]] = {

@@ -27,8 +27,8 @@ def import_learnt(path: Path, learnt: Learnt, text: str, now: datetime, *, repla
         if path.exists() and _has_record(path):
             if not replace:
                 raise StoreError(
-                    f"{path}: has a record of its own, which what is imported would replace; give [storage] another"
-                    " path, or --replace, which keeps it under another name"
+                    f"{path}: has a record, which the import would replace; give [storage] another path, or give "
+                    "--replace, which keeps the record under another name"
                 )
             aside = path.with_name(f"{path.name}.before-import-{now:%Y%m%dT%H%M%S}")
             for ending in ("-wal", "-shm", ""):

@@ -25,9 +25,7 @@ def link_followed(path: Path) -> Path:
             return target
     except OSError:  # links that lead in a circle
         pass
-    raise StoreError(
-        f"{path}: is a link to {path.readlink()}, which cannot be reached; is the disk mounted that it is on?"
-    )
+    raise StoreError(f"{path}: is a link to {path.readlink()}, which cannot be reached; is its disk mounted?")
 
 
 class FileLock:

@@ -1,4 +1,4 @@
-"""Stored values among other inputs than those that they were stored with; matched by name."""
+"""Places stored values among the inputs of another configuration, matched by name."""
 
 from collections.abc import Sequence
 from dataclasses import replace

@@ -154,7 +154,7 @@ def make_schema(path: Path) -> Path | None:
             version = connection.execute("PRAGMA user_version").fetchone()[0]
             mark = connection.execute("PRAGMA application_id").fetchone()[0]
             if mark == MARK and version != SCHEMA_VERSION:
-                raise DamagedError(f"{path}: says that its schema version is {version}, and was written with another")
+                raise DamagedError(f"{path}: states schema version {version}, but was written with another")
             foreign = version == 0 and connection.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]
             if version == 0 and not foreign:
                 connection.executescript(NEW)

@@ -1,4 +1,4 @@
-"""The corrections of before those that the page has heard, from the gateway's store, page by page."""
+"""Corrections older than those that the page has received, from the gateway's store, page by page."""
 
 import asyncio
 from dataclasses import dataclass

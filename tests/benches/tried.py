@@ -247,8 +247,8 @@ disagreement. `.ci/run` runs all of these tests.
 """
 _TAIL = """
 **No real device and no real control is in this table, because none was tried.** The supplied profiles come from
-manuals, and so do the emulators in `simulators/devices/`, which were written from the manual and not from the driver;
-what no manual confirms is marked **confirm** in [devices](devices.md). What was tried of the control itself is in
+manuals, and so do the emulators in `simulators/devices/`: they were written from the manual and not from the driver.
+What no manual confirms is marked **confirm** in [devices](devices.md). What was tried of the control itself is in
 [nc](nc.md).
 """
 

@@ -10,8 +10,8 @@ HEAD = """# Faults
 
 This page shows what each fault of a sensor, a device or a wire looks like, and what to do about it. It is generated
 from the table of the tests. They play each row over a real wire (pseudo-terminal, TCP, serial CAN adapter, UDP
-multicast), with the gateway's acquisition on the other end, at a period of 0.4 s and with `retry_max_periods = 2` (by
-default 1 s and 60: a bus that was away for long is then back up to 60 periods later). Each time they check that
+multicast), with the gateway's acquisition on the other end. The period is 0.4 s, and `retry_max_periods` is 2. (The
+defaults are 1 s and 60: a bus that was away for long is then back up to 60 periods later.) Each time they check that
 
 - the channel's quality changes within two periods, and the reading says why, in the words of the last column;
 - no earlier value is shown as good in the meantime;
@@ -21,9 +21,9 @@ default 1 s and 60: a bus that was away for long is then back up to 60 periods l
 - the log and the events report the fault once when it begins and once when it ends, not every second.
 
 `comm_fault`: no valid answer. `sensor_fault`, `out_of_range`: the device answers, but this channel is broken or beyond
-its range. `stale`: the number may be old. Channels that are not good have no number, or are not used. While a read
-hangs (for up to `read_limit_s`), the service publishes the channels of that bus as `stale`, without a number and with
-the age of the last one, as soon as it is three periods old.
+its range. `stale`: the number may be old. Channels that are not good have no number, or are not used. A read may hang
+for up to `read_limit_s`. Meanwhile, as soon as the last number of a channel of that bus is three periods old, the
+service publishes the channel as `stale`, without a number and with that age.
 """
 
 WIDTH = 120
@@ -118,7 +118,7 @@ Every row above is also played ten times, all rows of a wire in sequence. This l
 memory behind. For each wire it means about 350 to 850 polls in half a minute, as many as in a quarter of an hour at 1
 Hz. It does not show what would grow over weeks.
 
-The tests also play five units on one Modbus RTU line, read every second with a timeout of half a second: three fall
+The tests also play five units on one Modbus RTU line, read every second with a timeout of half a second. Three fall
 silent at once, or one is intermittent, or one answers late once. Each time the others keep every interval within 20 %
 of the period, and a single late answer is not reported as a fault. When all five fall silent, each one shows it within
 two periods, and no period is missed.

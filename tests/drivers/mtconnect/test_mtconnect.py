@@ -106,7 +106,7 @@ async def test_a_data_item_that_is_something_else_is_named(
 
 
 async def test_an_address_or_machine_that_the_server_does_not_have_is_told(agent: tuple[Any, str]) -> None:
-    with pytest.raises(BadAnswer, match=r"probe: HTTP status 404 \(see url and machine\)"):
+    with pytest.raises(BadAnswer, match=r"probe: HTTP status 404 \(check url and machine\)"):
         await control(agent[1], machine="lathe").connect()
 
 

@@ -167,7 +167,9 @@ async def test_nothing_readable_goes_over_the_wire(site: EncryptedSite) -> None:
 async def test_a_certificate_that_the_control_does_not_trust(site: EncryptedSite) -> None:
     stranger = make_pair(site.folder, "stranger", GATEWAY_URI)
     nc = site.driver(certificate=stranger.certificate, private_key=stranger.key)
-    with pytest.raises(Refused, match=r"refuses our certificate .*BadCertificateUntrusted.*let the control trust"):
+    with pytest.raises(
+        Refused, match=r"refuses the gateway's certificate .*BadCertificateUntrusted.*let the control trust"
+    ):
         await nc.connect()
 
 

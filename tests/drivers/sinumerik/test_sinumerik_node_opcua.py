@@ -72,7 +72,7 @@ async def test_signed_and_encrypted(node: str, tmp_path: Path) -> None:
         await nc.connect()
         await works(nc)
         await nc.close()
-        with pytest.raises(DriverError, match="our certificate"):
+        with pytest.raises(DriverError, match="the gateway's certificate"):
             await Sinumerik(site.settings(url, "stranger"), SystemClock()).connect()
         site.password.write_text("guess\n")
         with pytest.raises(Refused, match="refuses user 'gateway'"):

@@ -120,7 +120,7 @@ async def test_trying_to_write_names_each_node_that_is_written_when_the_control_
             emulated.write_protected = {path}
             with pytest.raises(Refused) as refused:
                 await nc.try_writing()
-            assert refused.value.what.startswith(f"the server does not let us write {path} (")
+            assert refused.value.what.startswith(f"the server does not let the gateway write {path} (")
         emulated.write_protected = set()
         await nc.try_writing()
         await nc.close()

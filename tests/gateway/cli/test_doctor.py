@@ -237,14 +237,14 @@ def test_a_certificate_of_the_telemetry_that_ends_soon_is_found(
     write(tmp_path / "gateway.toml", TEXT + tls)
     whats = found(load(tmp_path / "gateway.toml"), root)
     assert len(whats) == soon
-    assert all(f"[telemetry.tls] certificate: '{certificate}' ends on 20" in what for what in whats)
+    assert all(f"[telemetry.tls] certificate: '{certificate}' expires on 20" in what for what in whats)
 
 
 def test_an_authority_of_the_telemetry_that_ends_soon_is_found(tmp_path: Path, root: Path) -> None:
     ending, _ = PlantAuthority(tmp_path / "plant").issue("authority2", 10 * DAY)
     write(tmp_path / "gateway.toml", TEXT + f'[telemetry.tls]\nauthority = "{ending}"\n')
     (what,) = found(load(tmp_path / "gateway.toml"), root)
-    assert f"[telemetry.tls] authority: '{ending}' ends on 20" in what
+    assert f"[telemetry.tls] authority: '{ending}' expires on 20" in what
 
 
 @pytest.mark.parametrize(

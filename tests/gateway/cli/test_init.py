@@ -254,7 +254,7 @@ def test_the_untouched_example_of_the_package_is_replaced_and_an_edited_one_is_n
 def test_a_folder_that_cannot_be_written_is_told_before_anything_is_asked(tmp_path: Path) -> None:
     done = init(str(tmp_path / "absent" / "gateway.toml"), typed="mill\n")
     assert done.exit_code == 2
-    assert "nothing can be written to" in done.output
+    assert "does it exist, and may you write there?" in done.output
     assert "Name of the machine" not in done.output
 
 

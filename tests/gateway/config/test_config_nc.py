@@ -184,7 +184,7 @@ def test_a_sound_setup_gives_no_caution(tmp_path: Path) -> None:
     assert told(config(SECURE + 'server_certificate = "control.pem"\n', tmp_path)) == {}
 
 
-@pytest.mark.parametrize(("days", "said"), [(-1, "is valid from"), (29, "ends on")])
+@pytest.mark.parametrize(("days", "said"), [(-1, "is valid from"), (29, "expires on")])
 def test_a_certificate_that_has_ended_or_soon_will_is_a_caution(tmp_path: Path, days: float, said: str) -> None:
     write_files(tmp_path, days=days)
     found = told(config(SECURE + 'server_certificate = "control.pem"\n', tmp_path))

@@ -129,7 +129,7 @@ def test_an_expired_certificate_is_refused_and_one_that_ends_soon_is_a_warning(t
     authority.issue("mill", timedelta(days=20))
     code, output = checked(tmp_path, LISTEN_TLS)
     assert code == 0
-    assert "warning: gateway.toml: [telemetry.tls] certificate: 'plant/mill.pem' ends on" in output
+    assert "warning: gateway.toml: [telemetry.tls] certificate: 'plant/mill.pem' expires on" in output
 
 
 @pytest.mark.parametrize(
@@ -138,8 +138,8 @@ def test_an_expired_certificate_is_refused_and_one_that_ends_soon_is_a_warning(t
         ("", "'users' is empty: nobody could connect"),
         ("alice:wonderland\nbob\n", "'users', line 2: expected user:password"),
         (None, "'users' cannot be read: No such file"),
-        ("\n\ufeffalice:wonderland\n", "'users', line 2: '\\ufeffalice:wonderland' contains a character that nobody"),
-        ("al\0ice:wonderland\n", "'users', line 1: 'al\\x00ice:wonderland' contains a character that nobody"),
+        ("\n\ufeffalice:wonderland\n", "'users', line 2: '\\ufeffalice:wonderland' contains an invisible character"),
+        ("al\0ice:wonderland\n", "'users', line 1: 'al\\x00ice:wonderland' contains an invisible character"),
     ],
 )
 def test_a_file_of_users_has_a_password_for_each(tmp_path: Path, users: str | None, said: str) -> None:

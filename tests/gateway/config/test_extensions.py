@@ -131,10 +131,10 @@ BROKEN = {
     "syntax error": ("class It(:\n", "SyntaxError: invalid syntax"),
     "exit": ("raise SystemExit(7)\n", "SystemExit: 7"),
     "no such name": ("other = 1\n", "AttributeError: module 'other_package' has no attribute 'It'"),
-    "no class": ("def It(): ...\n", "other_package:It is no class derived from gateway.config.ControlSection"),
+    "no class": ("def It(): ...\n", "other_package:It is not a class derived from gateway.config.ControlSection"),
     "another class": (
         BASES + "class It(OtherBus): ...\n",
-        "other_package:It is no class derived from gateway.config.ControlSection",
+        "other_package:It is not a class derived from gateway.config.ControlSection",
     ),
     "abstract": (ABSTRACT, "other_package:It does not define address, control, known_states"),
     "another kind": (

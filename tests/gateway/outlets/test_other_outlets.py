@@ -102,7 +102,7 @@ WHOLE = BASE + 'class It(OutletSettings):\n    kind: Literal["strange"]\n    def
     ("code", "says"),
     [
         ("import not_installed_anywhere\n", "cannot be used: ModuleNotFoundError: No module named"),
-        ("def It(): ...\n", "other_package:It is no class derived from gateway.outlets.OutletSettings"),
+        ("def It(): ...\n", "other_package:It is not a class derived from gateway.outlets.OutletSettings"),
         (WHOLE.replace("def outlet", "def other"), "other_package:It does not define outlet"),
         (WHOLE.replace('"strange"', '"odd"'), "other_package:It has kind ('odd',): expected Literal[\"strange\"]"),
         (BASE + "class It(OutletSettings):\n    def outlet(self): ...\n", "It has kind (): expected Literal"),

@@ -146,7 +146,7 @@ def test_a_database_with_a_record_is_only_replaced_when_told_and_kept(source: Ga
     go_on(here, Past(Controller(here.input_names, here.talc)), "own", 0, 5)
     refused = run("import-learnt", file, file_of(source))
     assert (refused.exit_code, past_in(here).last_k) == (3, 4)
-    assert "has a record of its own" in refused.output
+    assert "has a record, which the import would replace" in refused.output
     taken = run("import-learnt", file, file_of(source), "--replace")
     assert taken.exit_code == 0, taken.output
     (kept,) = here.storage.path.parent.glob("gateway.sqlite.before-import-*")

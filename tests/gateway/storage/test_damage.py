@@ -240,7 +240,7 @@ def test_a_spoilt_schema_version_is_damage_and_not_another_programs_file(
     with closing(sqlite3.connect(path)) as connection:
         connection.execute(f"PRAGMA user_version = {version}")
     past, mended = restarted(path, "second")
-    assert f"says that its schema version is {version}" in mended
+    assert f"states schema version {version}, but was written with another" in mended
     assert past.last_k == STEPS - 1
 
 

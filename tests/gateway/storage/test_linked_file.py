@@ -44,7 +44,7 @@ def test_a_damaged_file_is_set_aside_where_it_is_and_the_link_leads_to_the_new_o
 def test_a_link_to_a_disk_that_is_not_mounted_is_refused_and_makes_no_folder(tmp_path: Path) -> None:
     path = tmp_path / "g.sqlite"
     path.symlink_to(tmp_path / "disk" / "talc" / "g.sqlite")
-    with pytest.raises(StoreError, match=r"is a link to .*, which cannot be reached; is the disk mounted"):
+    with pytest.raises(StoreError, match=r"is a link to .*, which cannot be reached; is its disk mounted"):
         Store(path, "first", SteppedClock())
     assert not (tmp_path / "disk").exists()
 
