@@ -85,7 +85,7 @@ async def test_a_model_update_that_moves_the_prediction_is_ramped(tmp_path: Path
         assert bench.in_force_um == pytest.approx((0.0, 0.0, 4.0))
 
 
-# Nothing to rest on --------------------------------------------------------------------------------------------------
+# Without a basis for offsets ------------------------------------------------------------------------------------------
 
 
 @pytest.mark.slow
