@@ -97,12 +97,12 @@ class TelemetryTls(Section):
 
 
 class Operator(Section):
-    """Somebody who may give commands (docs/commands.md). Without such a table the gateway takes none from anybody."""
+    """Somebody who may give commands (docs/commands.md). Without such a table the gateway accepts no commands."""
 
     name: Annotated[str, matching(r"[A-Za-z0-9._@-]{1,64}", "up to 64 letters, digits and . _ @ -")]
     """Name of the person; every command is stored with it."""
     key_file: FilePath
-    """File with the key that proves it: 32 characters or more, known to this gateway and that person alone."""
+    """File with the key that proves who gives a command: 32 characters or more, known to gateway and person alone."""
     may: tuple[CommandName, ...] = Field(min_length=1)
     """The commands that this person may give."""
 

@@ -69,7 +69,8 @@ class CommandTaker:
         async with self._turn:
             now_s, at = self._clock.monotonic(), self._clock.utc()
             if command.by == UNPROVED:  # must not use up what operators may give; the door lets few of them pass
-                outcome = CommandOutcome(command, at, accepted=False, text=refused or "nobody proved to give it")
+                why = refused or "the sender did not prove to be an operator"
+                outcome = CommandOutcome(command, at, accepted=False, text=why)
                 self._report(outcome)
                 return outcome
             if self._too_many(command, now_s):
@@ -151,7 +152,7 @@ class CommandTaker:
         if link.disarmed is not None:
             return True, f"the gateway was {link.disarmed} already"
         link.disarm(order)
-        return True, "the offsets go to zero and stay there, and no measurement is requested, until somebody arms it"
+        return True, "the offsets go to zero and stay there until somebody arms the gateway; no cycle is requested"
 
     def _armed(self, link: NcLink) -> tuple[bool, str]:
         order = link.disarmed

@@ -137,7 +137,7 @@ class SensorWatch:
     async def _attempt(self, failing: str, part: Callable[[], Awaitable[bool]]) -> None:
         try:
             if await part():
-                self._problems.clear(failing, f"sensors, no longer: {failing}")
+                self._problems.clear(failing, f"sensors, resolved: {failing}")
         except WorkError as error:
             self._problems.report(failing, str(error), f"sensors: {failing}: {error}")
         except Exception as error:  # noqa: BLE001 - reported with its traceback

@@ -75,9 +75,7 @@ class Lease:
         elif not heard and self._heard_before:
             self._tell_watchdog(NOT_RECEIVED)
         elif not heard and self._heard_before is False and not self._unheard_told:  # the first may be too early
-            self._tell_watchdog(
-                f"{NOT_ANSWERED}: no offset is written. Does its program run on the control since power on?"
-            )
+            self._tell_watchdog(f"{NOT_ANSWERED}: no offset is written. Has its program been started since power-on?")
         self._heard_before = heard
         return heard
 

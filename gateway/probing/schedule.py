@@ -241,7 +241,7 @@ class Bulletin:
         if self._problem and (over or blocked not in ("", self._problem)):
             # What prevented a measurement may well go on when none is wanted any more.
             moot = outlook.standing is Standing.NOT_WANTED
-            opening = "probing: no measurement is wanted any more; until now" if moot else "probing, no longer"
+            opening = "probing: no measurement is wanted any more; until now" if moot else "probing, resolved"
             events.append(Event(EventKind.PROBLEM_ENDED, f"{opening}: {self._problem}"))
             self._problem = ""
         if blocked and blocked != self._problem:

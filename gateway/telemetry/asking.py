@@ -24,7 +24,7 @@ class SeveralAnswer(OSError):
     """More than one gateway answers under one name; the message says what to do."""
 
     def __init__(self, many: int) -> None:
-        mixed = f"{many} gateways answer under this name, and what they say would be mixed"
+        mixed = f"{many} gateways answer under this name, and their messages would be mixed"
         super().__init__(f"{mixed}; give each its own [machine] name")
 
 

@@ -24,7 +24,7 @@ class SignedCommand:
     def answered(self, payload: bytes, given: bytes) -> CommandAnswer:
         """The answer. Raises ValueError unless it is signed for this command."""
         if not is_signed(self._session, GATEWAY, 0, payload, given):
-            raise ValueError("what answered is not a gateway with this key")
+            raise ValueError("the answer does not come from a gateway with this key")
         return decode_answer(CommandAnswer, payload)
 
 

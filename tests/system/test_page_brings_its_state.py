@@ -63,7 +63,7 @@ def test_it_is_not_drawn_for_a_browser_with_a_tolerance_of_its_own(settings: Pat
             expect(page.locator("#tolerance")).to_have_value("3")
             expect(page.locator("#word")).to_be_empty()
             page.clock.run_for(8000)
-            expect(page.locator("#lost")).to_contain_text("does not reach its server, and has nothing to show yet")
+            expect(page.locator("#lost")).to_contain_text("cannot reach its server, and has nothing to show yet")
 
 
 @pytest.mark.parametrize(("late_ms", "drawn"), [(5000, True), (8000, False)])

@@ -137,7 +137,7 @@ def test_the_control_explains_alarms_until_the_gateway_is_connected_again() -> N
     alarms = [
         problem(1010.0, "NC: not connected"),
         problem(1100.0, blocked),
-        ended(2030.0, f"probing, no longer: {blocked}"),
+        ended(2030.0, f"probing, resolved: {blocked}"),
         problem(2100.0, blocked),
         ended(2400.0, "NC: connected again"),
         problem(2500.0, blocked),

@@ -72,9 +72,9 @@ MEANING: Mapping[str, str] = {
     "exception code": "The device understood the request and refused it. Check whether the profile matches the device.",
     "silent for one address": (
         "The unit answers, but not a request for one of its addresses: the profile names one that it does not have, or "
-        "a module behind it is gone. At first it cannot be told from a unit that is lost; then only the channels that "
-        "need this address are. The gateway divides the request to find the address, and asks for it again less and "
-        "less often, once in a period at most, after all other devices."
+        "a module behind it is gone. At first it looks like a lost unit; after that, only the channels that need this "
+        "address are lost. The gateway divides the request to find the address, and asks for it again less and less "
+        "often, once in a period at most, after all other devices."
     ),
     "bus-off": (
         "The CAN controller left the bus after too many errors: wrong bitrate, short circuit, missing termination."

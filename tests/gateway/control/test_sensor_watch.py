@@ -220,10 +220,10 @@ async def test_a_learning_that_fails_is_reported_once_and_tried_each_hour(
         await run(watch(ear, teacher), days()[: DAY + 48], K0)
     text = "their model could not be learnt"
     assert len(teacher.rows) == 4
-    assert [r.getMessage() for r in caplog.records] == [f"sensors: {text}: {said}", f"sensors, no longer: {text}"]
+    assert [r.getMessage() for r in caplog.records] == [f"sensors: {text}: {said}", f"sensors, resolved: {text}"]
     assert [(kind, t) for kind, t, _ in ear.events] == [
         (EventKind.PROBLEM, f"sensors: {text}: {said}"),
-        (EventKind.PROBLEM_ENDED, f"sensors, no longer: {text}"),
+        (EventKind.PROBLEM_ENDED, f"sensors, resolved: {text}"),
     ]
 
 

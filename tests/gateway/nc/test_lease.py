@@ -116,7 +116,7 @@ async def test_one_beat_that_is_not_heard_at_the_begin_is_no_news_and_two_are() 
     texts = await LeaseBench().beats(False, False, False, False)
     assert len(texts) == 1
     assert texts[0].startswith(SILENT)
-    assert texts[0].endswith("Does its program run on the control since power on?")
+    assert texts[0].endswith("Has its program been started since power-on?")
 
 
 async def test_a_watchdog_that_was_active_and_is_not_is_told_once_and_so_is_its_return() -> None:

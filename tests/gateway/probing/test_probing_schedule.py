@@ -207,7 +207,7 @@ def test_a_measurement_no_longer_wanted_while_requested_is_not_requested_again(e
 @pytest.mark.parametrize(
     ("wanted", "seen", "said"),
     [
-        (Why.INTERVAL, CUTTING, "probing, no longer: the control cannot be reached"),
+        (Why.INTERVAL, CUTTING, "probing, resolved: the control cannot be reached"),
         (None, None, "probing: no measurement is wanted any more; until now: the control cannot be reached"),
     ],
 )

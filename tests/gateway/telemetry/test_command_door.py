@@ -207,9 +207,9 @@ def test_an_answer_that_is_not_signed_for_this_command_is_not_believed() -> None
     first, second = (ANNA.sign(PAUSE, gate.terms(), "mill") for _ in range(2))
     replied = gate.door.answer(AskedQuery("pause", "", first.payload, first.signature))
     for payload, attachment in ((replied.payload, b""), (replied.payload + b" ", replied.attachment or b"")):
-        with pytest.raises(ValueError, match="not a gateway with this key"):
+        with pytest.raises(ValueError, match="does not come from a gateway with this key"):
             first.answered(payload, attachment)
-    with pytest.raises(ValueError, match="not a gateway with this key"):
+    with pytest.raises(ValueError, match="does not come from a gateway with this key"):
         second.answered(replied.payload, replied.attachment or b"")
 
 
