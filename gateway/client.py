@@ -43,7 +43,7 @@ _ANYONE = Access()
 
 
 class MachineError(OSError):
-    """A gateway cannot be reached, does not run, shares its name with another one, or refuses what was asked; the
+    """A gateway cannot be reached, does not run, shares its name with another one, or refuses the request; the
     message says which."""
 
 

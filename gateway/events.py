@@ -35,7 +35,7 @@ class FrameMade:
 
     frame: Frame
     moment: StepTime | None = None
-    """What the clocks said then; None: not told."""
+    """The clocks at that time; None: not reported."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -175,13 +175,13 @@ class ReasonsGiven:
 
 @dataclass(frozen=True, slots=True)
 class ForecastMade:
-    """The learner says what becomes of its estimates, after each step."""
+    """The learner's forecast of its estimates, after each step."""
 
     forecast: Forecast
     misses: Misses
     """How far such forecasts have been off."""
     planned: Mapping[str, PlannedForecast | None] = field(default_factory=dict)
-    """By planned load, at the same times; None: it is not known yet what it does."""
+    """By planned load, at the same times; None: its effect is not known yet."""
 
 
 GatewayEvent = (

@@ -51,7 +51,7 @@ def divide(groups: Path = _GROUPS, own: Path = _OWN) -> bool:
 
 
 def join_learning(groups: Path = _GROUPS, own: Path = _OWN) -> None:
-    """Move this process from the gateway's group into that of what learns, where `divide` made them."""
+    """Move this process from the gateway's group into the group of the learning processes, if `divide` made them."""
     group = _group(groups, own)
     if group is not None and group.name == GATEWAY and (group.parent / LEARNING).is_dir():
         with suppress(OSError):  # it has its lower priority in any case

@@ -293,7 +293,7 @@ class Service:
         return {name: self._ages.monotonic_of(k) for name, k in self._past.missing.items()}
 
     def _remember(self) -> None:
-        """The clock is known to be right from now on, and with it how long ago what the earlier run left was."""
+        """From now on the clock is known to be right, and with it the age of everything that the earlier run left."""
         if self.link is not None:
             self.link.remembered(self._measured_s(), self._missing_s())
 

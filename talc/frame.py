@@ -130,7 +130,7 @@ class Decision:
     """Set when a training is wanted. The caller runs it and hands the result to `adopt`."""
     events: tuple[Event, ...]
     substituted: tuple[str, ...] = ()
-    """Inputs of live models without a good value in this step, for which the last good one stands; of the learner all
-    inputs without one, for which stands what the others say."""
+    """Inputs without a good value in this step. For those of live models the last good value is used; for all of the
+    learner's, the value that the other inputs imply."""
     trusted: BoolArray = field(default_factory=lambda: np.ones(9, dtype=np.bool_))
     """(9,) the estimate is better than no correction; where not, the learner's `corrected` is 0."""

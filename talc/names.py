@@ -14,10 +14,10 @@ ERROR_UNITS: Final = dict.fromkeys(THERMAL_ERRORS[:6], MICROMETRE) | dict.fromke
 )
 
 TINY_UM: Final = 0.25
-"""Errors that are never larger are most likely not in µm: the learner believes no measurement to be better."""
+"""Errors that are never larger are most likely not in µm: the learner trusts no measurement to be better."""
 
 LEAST_NAMED: Final = 0.05
-"""In an error's unit: what moves it by less would be told as zero, and is not named."""
+"""In an error's unit: an input that moves it by less would be shown as zero, and is not named."""
 LEAST_SHARE_NAMED: Final = 0.05
 """Of an expert that is named."""
 MOST_NAMED: Final = 4

@@ -20,9 +20,9 @@ _LEAST_VALID: Final = 0.8
 _PARTS: Final = 4
 """Consecutive parts of the record, each of which is left out in turn."""
 _LEAST_FOLLOWED: Final = 0.9
-"""An input follows loads if with them left-out rows miss at most this share of what they miss without."""
+"""An input follows loads if they reduce its residual on left-out rows to at most this share."""
 _FARTHEST: Final = 1.2
-"""Times the largest load that was learnt: beyond it nothing is foreseen."""
+"""Of the largest load that was learnt: beyond this multiple of it nothing is foreseen."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -89,7 +89,7 @@ def learn_response(
     if not followed.any():
         return None
     followers = tuple(names[i] for i, follows in zip(rest, followed, strict=True) if follows)
-    # The others, such as the hall, tell apart what is the weather's; in a forecast they stay as they are.
+    # The other inputs, such as the hall's, show the effect of the weather; in a forecast they stay as they are.
     heat = heat_of(np.hstack([features, x[:, ~followed]]), x[:, followed])
     size = features.shape[1]
     return LoadResponse(followers, scale, heat.weights[:size])

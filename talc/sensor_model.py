@@ -79,9 +79,9 @@ class SensorModel:
     level: View
     change: View
     loads: LoadScale | None = None
-    """Loads that say something of the inputs; None: none does."""
+    """Loads that predict the inputs; None: none does."""
     without_loads: "SensorModel | None" = None
-    """What the inputs say of each other, for when the loads are unknown."""
+    """How the inputs predict each other when the loads are unknown."""
 
     @property
     def freedom(self) -> float:

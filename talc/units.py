@@ -19,7 +19,7 @@ COLUMN_UNITS: Final[Mapping[str, tuple[str, float]]] = {
     "deg": (MICROMETRE_PER_METRE, math.pi / 180 * 1e6),
     "arcsec": (MICROMETRE_PER_METRE, math.pi / 180 / 3600 * 1e6),
 }
-"""Units of a column of errors: what they are here, and how much of it."""
+"""Units of a column of errors: the unit used here, and how many of it one of them is."""
 
 _AT_END = tuple(unit for unit in COLUMN_UNITS if unit not in ("m", "in", "um/m"))
 """Units that a name may end with without brackets; `_m` and `_in` mean other things as well."""

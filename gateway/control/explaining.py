@@ -10,7 +10,7 @@ from talc.frame import Decision, FloatArray, Frame
 from talc.learner import ForecastRecord
 
 _EXPLAIN_EVERY_S = 3599.0
-"""An hour, less what the ends of its steps may differ by."""
+"""An hour, less a margin for the ends of steps."""
 _AHEAD_S = (1800.0, 3600.0, 7200.0, 10800.0, 14400.0, 21600.0, 28800.0)
 """How far the forecasts reach."""
 

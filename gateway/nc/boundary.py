@@ -190,7 +190,7 @@ _KINDS: Mapping[str, _Types] = {
     "tool": (int, type(None)), "probe_in_spindle": _OR_NOT, "ready": _OR_NOT, "probing": _OR_NOT,
     "cannot_probe": (str, type(None)), "alarms": tuple,
 }  # fmt: skip
-"""What each of a snapshot's other fields is. A 0 that stands for False would not be taken for it: offsets would be
+"""The type of each of a snapshot's other fields. A 0 instead of False would count as not False: offsets would be
 written during an emergency stop."""
 
 

@@ -286,7 +286,7 @@ class NcLink:
         except Exception:
             if self._state is not LinkState.STOPPING:
                 raise
-            # What ended the gateway shall not leave the offsets where they are.
+            # Whatever ended the gateway must not leave the offsets where they are.
             log.exception("a step of the compensation was not stored while stopping")
 
     # The end ---------------------------------------------------------------------------------------------------------

@@ -162,7 +162,7 @@ class ByErrors:
         return np.asarray(self._largest * errors, dtype=np.float64)
 
     def during(self, coefficients: FloatArray, centres_mm: FloatArray | None) -> Offsets:
-        """At the origin: what stood still during a cycle the control reports itself, with the result."""
+        """At the origin: with the result, the control itself reports the shift that stood still during the cycle."""
         del centres_mm
         return as_offsets((coefficients * self.basis(np.zeros(5))).sum(axis=1))
 
@@ -181,7 +181,7 @@ class ByErrors:
 
 
 class AsGreeted:
-    """What the control takes shows when it is connected: the nine errors, slopes, or a shift alone."""
+    """Takes the form that the connected control accepts: the nine errors, slopes, or a shift alone."""
 
     def __init__(self, nc: FollowsErrors, radius_m: float, bound_um: Triple) -> None:
         self._nc, self._radius_m, self._bound_um = nc, radius_m, bound_um

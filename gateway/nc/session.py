@@ -101,5 +101,5 @@ class Session:
 
 
 def _root(error: DriverError) -> BaseException:
-    """What an unexpected error is made from: two of different kinds are two problems."""
+    """The cause of an unexpected error: two causes of different kinds are two problems."""
     return error.__cause__ or error if isinstance(error, UnexpectedError) else error

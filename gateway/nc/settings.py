@@ -17,13 +17,13 @@ class Identity:
     """Who claims a control. Each run has a number of its own, so that a copy of this computer is another gateway.
 
     After a crash the control may still believe the run before this one to be alive. The database tells a gateway which
-    run that was, if it was on this computer since it was switched on: in a copy it may be at work elsewhere.
+    run that was, if it ran on this computer since the computer was switched on: in a copy, it may run elsewhere.
     """
 
     owner: int = 1
     """Number of this run on the control; 1 .. 2**31 - 1."""
     predecessor: int | None = None
-    """Number of the run before it; None: it is the first, or that one may still be at work."""
+    """Number of the previous run; None: there is none, or it may still be running."""
 
     @classmethod
     def of(cls, boot: str, predecessor: str | None) -> "Identity":

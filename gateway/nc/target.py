@@ -41,9 +41,9 @@ class Target:
         self._decision: Decision | None = None
         self._decided_s = 0.0
         self.paused = paused
-        """While it is, there is nothing to cancel."""
+        """While set, there is nothing to cancel."""
         self.disarmed = disarmed
-        """While it is, zero is wanted, whatever `when_stale` says."""
+        """While set, zero is wanted, whatever `when_stale` says."""
 
     @property
     def decision(self) -> Decision | None:

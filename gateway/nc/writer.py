@@ -17,13 +17,13 @@ from gateway.nc.states import Source
 from talc.frame import FloatArray
 
 _LATE_S = 10.0
-"""For so long at least after a write without an answer it may still arrive: the offsets stand where it would find them,
-so that it is a step of one period's slew at most."""
+"""A write without an answer may still arrive for at least this long. Until then the offsets stand where it would find
+them, so that it is a step of one period's slew at most."""
 _APART, _WAITS = 0.99, 0.1
-"""Two writes that the control does not slew act at least so much of a period apart; the later one waits for this part
-of a period at most, or for the next period."""
+"""Two writes that the control does not slew act at least the first share of a period apart. The later one waits for the
+second share at most, or for the next period."""
 _LATEST_S = 120.0
-"""For so long at most, whatever the control says: TCP's maximum segment lifetime (RFC 9293)."""
+"""The offsets stand for at most this long, whatever the control says: TCP's maximum segment lifetime (RFC 9293)."""
 
 
 class OffsetWriter:

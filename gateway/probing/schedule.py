@@ -239,7 +239,7 @@ class Bulletin:
         blocked = outlook.reason if outlook.standing is Standing.BLOCKED else ""
         over = outlook.standing in (Standing.WAITING, Standing.NOT_WANTED)
         if self._problem and (over or blocked not in ("", self._problem)):
-            # What prevented a measurement may well go on when none is wanted any more.
+            # The cause may well last after the measurement is no longer wanted.
             moot = outlook.standing is Standing.NOT_WANTED
             opening = "probing: no measurement is wanted any more; until now" if moot else "probing, resolved"
             events.append(Event(EventKind.PROBLEM_ENDED, f"{opening}: {self._problem}"))

@@ -102,7 +102,7 @@ class DiskWork(Generic[Found]):
             await _within(left_s, told)
 
     def _leave(self) -> None:
-        """Nobody waits any more; what was found is unwanted, now or when it comes."""
+        """Nobody waits any more: drop the result, now or when it comes."""
         with self._changed:
             self._abandoned = True
             found = self._found if self._ended else []

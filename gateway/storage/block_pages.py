@@ -45,7 +45,7 @@ def blocks_page(
     """
     minutes, last = place_of(after)
     with reading_connection(path) as connection:
-        connection.execute("BEGIN")  # what is in a block and what is not: of one moment
+        connection.execute("BEGIN")  # readings in blocks and others: as of one moment
         known = connection.execute("SELECT id, name, unit FROM channel ORDER BY id").fetchall()
         wanted = PageSpan(begin.timestamp(), end.timestamp(), channel_ids(known, channels))
         numbers, names, units = zip(*known, strict=True) if known else ((), (), ())

@@ -101,7 +101,7 @@ def command_cells(outcome: CommandOutcome) -> Cells:
 
 
 def reasons_cells(time: datetime, reasons: Reasons) -> Cells:
-    """Of what the learner said of one step."""
+    """Of the learner's reasons of one step."""
     found = {e.error: e for e in reasons.errors}
     each = [found.get(name) for name in THERMAL_ERRORS]
     return (

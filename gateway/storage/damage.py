@@ -141,7 +141,7 @@ _NINE = bytes(72)
 
 
 def _check_config(text: str) -> None:
-    if json.loads(text):  # else nothing was told
+    if json.loads(text):  # else nothing was published
         validate(text)
 
 

@@ -31,7 +31,7 @@ NUMBERS: Final[Mapping[str, str]] = {
 BEFORE_ALL: Final = -1_000_000
 """Below every number: a reference that is stored again goes before the first row."""
 _MOST = 1000
-"""Epochs that are kept; who was away for longer begins anew."""
+"""Epochs that are kept; a collector that was away for longer begins again."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,7 +80,7 @@ def _after(epochs: Sequence[tuple[str, str]], table: str, number: int) -> RowSpa
         end = _start(following, table)
         if number < end:
             return RowSpan(name, number, end)
-        number = end  # what this file does not have of the epoch is not in it any more
+        number = end  # rows that this file does not have no longer belong to the epoch
     return RowSpan(epochs[-1][0], number, None) if epochs else None
 
 

@@ -6,7 +6,7 @@ class StoreError(Exception):
 
 
 class DamagedError(StoreError):
-    """What the file holds is damaged."""
+    """The contents of the file are damaged."""
 
 
 class GoneError(StoreError):

@@ -51,7 +51,7 @@ def means_page(
     """
     at = _interval(after)
     with reading_connection(path) as connection:
-        connection.execute("BEGIN")  # what is in means and what is not: of one moment
+        connection.execute("BEGIN")  # readings in means and others: as of one moment
         known = connection.execute("SELECT id, name, unit FROM channel ORDER BY id").fetchall()
         wanted = channel_ids(known, channels)
         means = _MeanFinder(connection, begin.timestamp(), end.timestamp(), every_s, wanted)

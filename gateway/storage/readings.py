@@ -63,7 +63,7 @@ _MOST_GATHERED = 1_000_000
 BLOCK_ROWS = 50_000
 """Most readings of a block."""
 _DAMPED = 0.9
-"""Of the largest size, what is left after making room."""
+"""Share of the largest size that is left after making room."""
 
 
 class Channels:
@@ -166,7 +166,7 @@ class Pruning:
         return ran_s
 
     def prune(self, connection: sqlite3.Connection, monotonic_s: float) -> None:
-        """Set a mark, thin raw readings that are old enough, and delete what else is."""
+        """Set a mark, thin raw readings that are old enough, and delete other rows that are."""
         ran_s = self.mark(connection, monotonic_s)
         old = self._before(connection, ran_s - self._keep.samples_days * _SECONDS_PER_DAY)
         if old is not None:

@@ -180,7 +180,7 @@ _TablePage = Callable[[sqlite3.Connection, RowSpan, int], TableRows]
 def _each(
     table: str, selected: str, kinds: CellKinds, cells: Callable[[Sequence[Any]], Cells], number: str = "id"
 ) -> _TablePage:
-    """Of a table in which each row stands for itself. cells: of the selected columns; number: the row's column."""
+    """Of a table whose rows are independent. cells: of the selected columns; number: the row's column."""
 
     def page(connection: sqlite3.Connection, span: RowSpan, limit: int) -> TableRows:
         found = _select(connection, f"SELECT {number}, {selected} FROM {table}", number, span, limit)

@@ -52,7 +52,7 @@ COMMAND_COLUMNS = "time, name, by, accepted, text"
 
 
 def _in_force(begins: CommandName, ends: CommandName) -> str:
-    """The first of these commands since the last one that ends it: who repeats it has not begun it."""
+    """The first of these commands since the last one that ends it: repeating a command does not begin it again."""
     return (
         f"SELECT {COMMAND_COLUMNS} FROM command WHERE accepted AND name = '{begins}' AND id >"
         f" (SELECT coalesce(max(id), 0) FROM command WHERE accepted AND name = '{ends}') ORDER BY id LIMIT 1"
@@ -63,7 +63,7 @@ STANDING: Final[Mapping[CommandName, str]] = {
     CommandName.PAUSE: _in_force(CommandName.PAUSE, CommandName.RESUME),
     CommandName.DISARM: _in_force(CommandName.DISARM, CommandName.ARM),
 }
-"""Commands that stand until another one ends them, and the query for the one that does now."""
+"""Commands that last until another one ends them, and the query for the one that lasts now."""
 ENDS: Final[Mapping[CommandName, CommandName]] = {
     CommandName.RESUME: CommandName.PAUSE,
     CommandName.ARM: CommandName.DISARM,

@@ -277,7 +277,7 @@ class Store:
                 row = (reasons.k, self._clock.utc().timestamp(), rows.of_reasons(reasons))
                 put("INSERT OR REPLACE INTO reasons VALUES (?, ?, ?)", [row], kind=WaitingKind.STEPS)
             case ForecastMade():
-                pass  # the decisions tell later what became of it
+                pass  # later decisions show its outcome
             case OutlookChanged() | SensorsJudged() | StorageChanged() | HealthChecked():
                 pass  # what an operator should know about them is also an EventReported
             case _:
@@ -323,7 +323,7 @@ def _latest_boot(connection: sqlite3.Connection) -> str | None:
 
 
 def _remove_torn_step(connection: sqlite3.Connection) -> None:
-    """Remove what follows the last whole step: a frame on which nothing was decided counts as not made."""
+    """Remove what follows the last whole step: a frame without a decision counts as not made."""
     whole = connection.execute("SELECT f.k FROM frame f JOIN decision d ON d.k = f.k ORDER BY f.k DESC LIMIT 1")
     (last,) = whole.fetchone() or (-1,)
     for table in ("frame", "decision", "trust", "moment", "pause"):

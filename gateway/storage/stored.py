@@ -35,7 +35,7 @@ class StoredMeasurement:
 
 @dataclass(frozen=True, slots=True)
 class StoredRun:
-    """One start of the gateway as stored, and what of its configuration the machine is learnt by."""
+    """One start of the gateway as stored, and the settings with which the machine is learnt."""
 
     number: int
     began: datetime

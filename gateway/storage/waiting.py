@@ -24,7 +24,7 @@ class WaitingKind(Enum):
     EVENTS = 10_001
     """Events in words."""
     SNAPSHOTS = 1
-    """A newer one takes the place of the one that waits; that is no loss."""
+    """A newer row replaces the waiting one; nothing is lost."""
 
 
 @dataclass(frozen=True, slots=True)

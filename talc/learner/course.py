@@ -30,7 +30,7 @@ from talc.settings import LearnerSettings
 _SETTLED_S = 3600.0
 """After a gap longer than this a measurement is wanted at once."""
 _UNKNOWN_PAUSE_S = 30 * 86400.0
-"""What a pause of unknown length is taken for, unless it was longer."""
+"""A pause of unknown length counts as this long, unless it was longer."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

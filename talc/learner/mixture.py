@@ -40,7 +40,7 @@ _EVIDENCE = np.array([0.5, 0.1, 0.1, 3.0, 1e-4, 1e2])
 """Weights that the variance before counts for; a smaller relative change is not made; bounds of a change, and of a
 variance over its first one."""
 _LARGE = "covariance", "mixed"
-"""What of a state grows with the square of the inputs."""
+"""Parts of a state that grow with the square of the number of inputs."""
 
 
 @dataclass(slots=True, eq=False)
@@ -371,8 +371,8 @@ def mixture_bytes(inputs: int, lags: int) -> int:
 
 
 def _copy_of(state: MixtureState) -> MixtureState:
-    """A copy. What covers errors that were never measured is zero, and is left alone: with many inputs it is gigabytes,
-    and zeros that nobody has written take no memory."""
+    """A copy. The large parts of errors that were never measured are zero, and are not copied: with many inputs they
+    are gigabytes, and zeros that nobody has written take no memory."""
     own = {field.name: deepcopy(getattr(state, field.name)) for field in fields(state) if field.name not in _LARGE}
     for name in _LARGE:
         large = getattr(state, name)

@@ -13,9 +13,9 @@ from talc.names import THERMAL_ERRORS
 FORMAT = 1
 _LAGS = len(TIME_CONSTANTS_S)
 _POSTERIOR_SHARE = 0.5
-"""Of the mean posterior covariance; what machines differ by is added whole, on the diagonal."""
+"""Share of the mean posterior covariance; the variance between machines is added in full, on the diagonal."""
 _ALONE = 0.25
-"""Of one machine's weights, squared: how much another one may differ while there is only one."""
+"""Share of one machine's squared weights: how much another may differ, if only one is known."""
 _LEAST_MEASUREMENTS = 12
 _LARGEST = 1e12
 """Magnitude of a number in a file: the squares and sums of larger ones could overflow."""

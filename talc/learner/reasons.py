@@ -12,7 +12,7 @@ from talc.learner.learner import Estimate, Explanation
 _SHOWN = 5
 """Number of inputs that are named for an error."""
 KINDS = ("last measurement held", "all inputs", "chosen inputs", "other machines")
-"""Of experts: what they go by."""
+"""Kinds of experts, by what they predict from."""
 
 
 @dataclass(frozen=True, slots=True)
