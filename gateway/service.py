@@ -49,7 +49,7 @@ from gateway.polling import Notice
 from gateway.probing import NotBegun, ProbingSchedule
 from gateway.storage import StoreError
 from gateway.watches import ClockWatch, HealthWatch, StoreWatch
-from talc.frame import Decision, Event, EventKind, Frame, TrainingJob, Why
+from talc.frame import Decision, Event, EventKind, FloatArray, Frame, TrainingJob, Why
 
 log = logging.getLogger(__name__)
 
@@ -239,6 +239,7 @@ class Service:
             Trainings(controller, clock, sink, job),
             self._ages,
             [self._follow, self._seen, explanations.follow],
+            self._renew,
         )
 
     def _make_link(self) -> NcLink | None:
@@ -300,6 +301,10 @@ class Service:
     def _follow(self, _: Frame, decision: Decision) -> None:
         if self.link is not None:
             self.link.follow(decision)
+
+    def _renew(self, corrected: FloatArray) -> None:
+        if self.link is not None:
+            self.link.renew(corrected)
 
     def _seen(self, frame: Frame, _: Decision) -> None:
         self._sensors.frame(frame)

@@ -115,6 +115,12 @@ class Controller:
     def phase(self) -> Phase:
         return self._phase if self._course is None else self._course.phase
 
+    def between(self, inputs: FloatArray, valid: BoolArray, steps: float) -> FloatArray | None:
+        """(9,) the learner's correction this many steps after the last frame, > 0, with the (n,) inputs of that moment:
+        means over one step, as a frame has them. Changes nothing. None before the first frame, and with the method
+        `models`, which are defined on the grid."""
+        return None if self._course is None else self._course.between(inputs, valid, steps)
+
     def explain(self) -> Explanation | None:
         """Why the learner's present estimates are what they are; None with the method `models`."""
         return None if self._course is None else self._course.explain()

@@ -7,7 +7,7 @@ from drivers.first_use import on_first_use
 if TYPE_CHECKING:
     from gateway.control.command_taker import AskReload, CommandTaker
     from gateway.control.explaining import Explanations
-    from gateway.control.grid import GridSampler, Schedule
+    from gateway.control.grid import GridSampler, Instant, Schedule
     from gateway.control.loop import GridLoop
     from gateway.control.measuring import Measuring
     from gateway.control.planned_loads import PlannedLoads
@@ -19,7 +19,7 @@ else:
         {
             ".command_taker": ("AskReload", "CommandTaker"),
             ".explaining": ("Explanations",),
-            ".grid": ("GridSampler", "Schedule"),
+            ".grid": ("GridSampler", "Instant", "Schedule"),
             ".loop": ("GridLoop",),
             ".measuring": ("Measuring",),
             ".planned_loads": ("PlannedLoads",),
@@ -34,6 +34,7 @@ __all__ = [
     "Explanations",
     "GridLoop",
     "GridSampler",
+    "Instant",
     "Measuring",
     "PlannedLoads",
     "Schedule",

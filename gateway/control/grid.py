@@ -6,11 +6,14 @@ from dataclasses import dataclass
 from datetime import datetime
 
 import numpy as np
+from numpy.typing import NDArray
 
 from drivers.base import Reading
-from talc.frame import Frame, Measurement
+from talc.frame import BoolArray, FloatArray, Frame, Measurement
 
 _BELIEVED_S = 366 * 86400.0
+_RECENT = 0.35
+"""Of a step: long enough to average noise, and so short that a mean hardly lags behind."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,6 +96,16 @@ class Schedule:
         return self._last_k is not None and (k - self._last_k) * self._step > _BELIEVED_S
 
 
+@dataclass(frozen=True, slots=True)
+class _Part:
+    """What was read in a part of a step."""
+
+    end_s: float
+    count: NDArray[np.int64]
+    """(n,) usable readings of each input; `total` (n,) their sums."""
+    total: FloatArray
+
+
 class GridSampler:
     """Collects the readings of a step and makes a frame of them.
 
@@ -112,7 +125,11 @@ class GridSampler:
         if len(self._index) != len(input_names):
             raise ValueError(f"input_names = {tuple(input_names)!r}: a name occurs twice")
         self._samples: list[tuple[int, float, float]] = []
-        """(input, monotonic seconds, value) not yet in a frame."""
+        """(input, monotonic seconds, value) not yet in a part."""
+        self._parts: list[_Part] = []
+        """Of the last step."""
+        self._framed_s = -math.inf
+        """The instant of the last frame."""
 
     def add(self, readings: Iterable[Reading]) -> None:
         """Take readings; those of unusable quality, and those of channels that are not inputs, are ignored."""
@@ -128,20 +145,41 @@ class GridSampler:
             if position is not None and math.isfinite(value):
                 self._samples.append((position, monotonic_s, value))
 
+    def present(self, now_s: float) -> tuple[FloatArray, BoolArray]:
+        """(n,) inputs and whether they are valid: means of the last third of a step, or else of the last step.
+
+        The next frame is as without this call. Calls must not go back in time.
+        """
+        self._add_up(now_s)
+        recent, is_recent = self._means(now_s - _RECENT * self._step)
+        whole, valid = self._means(now_s - self._step)
+        return np.where(is_recent, recent, whole), valid
+
     def frame(self, instant: Instant, measurement: Measurement | None = None, *, pause_unknown: bool = False) -> Frame:
         """The frame of the step that ends at `instant`. Later readings stay for the next one."""
-        count = np.zeros(len(self._index), dtype=np.int64)
-        total = np.zeros(len(self._index))
+        since_s = self._add_up(instant.monotonic_s)
+        self._framed_s = instant.monotonic_s
+        return Frame(instant.k, *self._means(since_s), measurement, pause_unknown)
+
+    def _add_up(self, until_s: float) -> float:
+        """Make one part of the readings of this step. Returns after when they were read: older ones are dropped."""
+        since_s = max(until_s - self._step, self._framed_s)
+        part = _Part(until_s, np.zeros(len(self._index), dtype=np.int64), np.zeros(len(self._index)))
         later: list[tuple[int, float, float]] = []
         for sample in self._samples:
             position, at, value = sample
-            if at > instant.monotonic_s:
+            if at > until_s:
                 later.append(sample)
-            elif at > instant.monotonic_s - self._step:
-                count[position] += 1
-                total[position] += value
+            elif at > since_s:
+                part.count[position] += 1
+                part.total[position] += value
         self._samples = later
+        self._parts = [*(earlier for earlier in self._parts if earlier.end_s > until_s - self._step), part]
+        return since_s
+
+    def _means(self, since_s: float) -> tuple[FloatArray, BoolArray]:
+        used = [part for part in self._parts if part.end_s > since_s]
+        count = np.sum([part.count for part in used], axis=0)
+        total = np.sum([part.total for part in used], axis=0)
         valid = count > 0
-        inputs = np.full(len(self._index), np.nan)
-        inputs[valid] = total[valid] / count[valid]
-        return Frame(instant.k, inputs, valid, measurement, pause_unknown)
+        return np.divide(total, count, out=np.full(len(total), np.nan), where=valid), valid

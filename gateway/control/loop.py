@@ -11,9 +11,12 @@ from gateway.control.measuring import Measuring
 from gateway.control.trainer import Trainings
 from gateway.events import DecisionMade, EventReported, FrameMade, Sink
 from talc.control import Controller
-from talc.frame import Decision, Frame
+from talc.frame import Decision, FloatArray, Frame
 
 log = logging.getLogger(__name__)
+
+_PARTS = 10
+"""Of a step, after each of which the correction is renewed."""
 
 
 class GridLoop:
@@ -27,6 +30,7 @@ class GridLoop:
     measuring, trainings: carry out what the controller wants
     ages: how long ago the last stored frame was; None: there is none
     followers: called with every frame and its decision, in this order
+    renew: called with the correction (9,) of each moment between two steps
     """
 
     def __init__(
@@ -40,11 +44,13 @@ class GridLoop:
         trainings: Trainings,
         ages: Ages | None = None,
         followers: Sequence[Callable[[Frame, Decision], None]] = (),
+        renew: Callable[[FloatArray], None] = lambda _: None,
     ) -> None:
         self._controller, self._sampler, self._schedule, self._clock = controller, sampler, schedule, clock
         self._sink, self._measuring, self._trainings = sink, measuring, trainings
         self._ages, self._followers = ages or Ages(clock, 1.0, None), tuple(followers)
-        self._last_k = -1
+        self._renew = renew
+        self._last_k, self._stepped_s = -1, 0.0
 
     async def run(self) -> None:
         """Run until cancelled."""
@@ -56,7 +62,7 @@ class GridLoop:
                         log.warning("the clock was set by %+.0f s; the grid follows", instant.clock_moved_s)
                     self._trainings.begin(tasks)
                     self._measuring.begin(tasks, instant.monotonic_s)
-                    await self._clock.sleep_until(instant.monotonic_s)
+                    await self._wait(instant.monotonic_s)
                     if self._last_k < 0 and self._schedule.moved(self._clock.utc(), self._clock.monotonic()):
                         continue  # the clock was set after the start: a run's first frame says how long the pause was
                     with self._clock.hold():
@@ -66,11 +72,30 @@ class GridLoop:
         finally:
             self._measuring.end()
 
+    async def _wait(self, until_s: float) -> None:
+        """Sleep until the step ends. On the way the correction follows the inputs, whose means lag behind."""
+        part_s = self._schedule.step_s / _PARTS
+        for left in range(_PARTS - 1, 0, -1):
+            due_s = until_s - left * part_s
+            if due_s > self._clock.monotonic():
+                await self._clock.sleep_until(due_s)
+                with self._clock.hold():
+                    self._follow_inputs(due_s)
+        await self._clock.sleep_until(until_s)
+
+    def _follow_inputs(self, now_s: float) -> None:
+        inputs, valid = self._sampler.present(now_s)
+        if self._last_k < 0 or now_s <= self._stepped_s:
+            return
+        corrected = self._controller.between(inputs, valid, (now_s - self._stepped_s) / self._schedule.step_s)
+        if corrected is not None:
+            self._renew(corrected)
+
     def _step(self, instant: Instant) -> None:
         unknown = self._last_k < 0 and math.isinf(self._ages.pause_s)
         frame = self._sampler.frame(instant, self._measuring.take(), pause_unknown=unknown)
         decision = self._controller.step(frame)
-        self._last_k = frame.k
+        self._last_k, self._stepped_s = frame.k, instant.monotonic_s
         self._sink(FrameMade(frame, self._moment(instant)))
         self._sink(DecisionMade(decision))
         for event in decision.events:

@@ -27,7 +27,7 @@ from gateway.nc.unmodelled import LastMeasured
 from gateway.nc.writer import OffsetWriter
 from gateway.polling import Notice, Periodic
 from gateway.probing import Held, NotBegun, Outcome, Prober, probe_of, to_its_end
-from talc.frame import Decision, Why
+from talc.frame import Decision, FloatArray, Why
 from talc.names import THERMAL_ERRORS
 
 log = logging.getLogger(__name__)
@@ -144,6 +144,10 @@ class NcLink:
     def follow(self, decision: Decision) -> None:
         """Compensate by this decision from now on."""
         self._target.follow(decision, self._clock.monotonic())
+
+    def renew(self, corrected: FloatArray) -> None:
+        """Compensate by these (9,) errors until the next decision, or until they are renewed again."""
+        self._target.renew(corrected)
 
     def remembered(self, measured_s: Sequence[float], missing_s: Mapping[str, float]) -> None:
         """The times of `Earlier`, now that the clock is known to be right; those of this run stay."""

@@ -40,6 +40,7 @@ class Target:
         self._missing = dict(missing_s)
         self._decision: Decision | None = None
         self._decided_s = 0.0
+        self._corrected = np.full(len(THERMAL_ERRORS), np.nan)
         self.paused = paused
         """While set, there is nothing to cancel."""
         self.disarmed = disarmed
@@ -57,8 +58,12 @@ class Target:
 
     def follow(self, decision: Decision, now_s: float) -> None:
         """Compensate by this decision from now on."""
-        self._decision, self._decided_s = decision, now_s
+        self._decision, self._decided_s, self._corrected = decision, now_s, decision.corrected
         self._missing = {name: self._missing.get(name, now_s) for name in decision.substituted}
+
+    def renew(self, corrected: FloatArray) -> None:
+        """Between two decisions: compensate by these (9,) errors. How old the decision may become is as before."""
+        self._corrected = corrected
 
     def remembered(self, measured_s: Sequence[float], missing_s: Mapping[str, float]) -> None:
         """Times of an earlier run that were not known; -inf: they still are not."""
@@ -88,9 +93,9 @@ class Target:
             return None, Source.NOT_STORED
         if any(now_s - since > settings.inputs_stale_after_s for since in self._missing.values()):
             return None, Source.INPUTS_STALE
-        corrected = decision.corrected
+        corrected = self._corrected
         if settings.when_stale == "zero":
-            corrected = self._last_measured.corrected(decision, now_s)
+            corrected = np.where(self._last_measured.outdated(decision, now_s), np.nan, corrected)
         if not np.any(np.isfinite(corrected)):
             return None, Source.NO_MODEL
         # An error without an estimate is not compensated; the others still are.

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from talc.frame import Decision, FloatArray, Measurement
+from talc.frame import BoolArray, Decision, Measurement
 
 
 class LastMeasured:
@@ -26,7 +26,6 @@ class LastMeasured:
         """When errors were measured that had no known time, (9,) monotonic seconds; -inf: still not known."""
         self._since = np.where(np.isneginf(self._since), since_s, self._since)
 
-    def corrected(self, decision: Decision, now_s: float) -> FloatArray:
-        """(9,) the decision's corrections; NaN for an error that is unknown or was not measured recently."""
-        without_model = ~np.isfinite(decision.predicted)
-        return np.where(without_model & (now_s - self._since > self._longest), np.nan, decision.corrected)
+    def outdated(self, decision: Decision, now_s: float) -> BoolArray:
+        """(9,) whether an error is known by its last measurement only, and that one is too old."""
+        return np.asarray(~np.isfinite(decision.predicted) & (now_s - self._since > self._longest))

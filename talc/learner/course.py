@@ -133,6 +133,14 @@ class LearningCourse:
             trusted=after.trusted,
         )
 
+    def between(self, inputs: FloatArray, valid: BoolArray, steps: float) -> FloatArray | None:
+        """(9,) the correction this many steps after the last frame, > 0, with the (n,) inputs of that moment; NaN as in
+        `Decision.corrected`. None before the first frame. Changes nothing."""
+        if self._last_k is None:
+            return None
+        good = valid & (np.abs(inputs) <= LARGEST_INPUT)  # NaN compares false
+        return self._learner.between(np.where(good, inputs, 0.0), good, steps)
+
     def explain(self) -> Explanation:
         """Why the present estimates are what they are."""
         return self._learner.explain()

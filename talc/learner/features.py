@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from talc.frame import FloatArray
+from talc.frame import BoolArray, FloatArray
 
 _ORDINARY, _JUMP = 60.0, 15.0
 """A temperature in degC stays within the first of these of its reference, and moves less than the second in one step.
@@ -43,8 +43,8 @@ class LagBank:
         """The features this many steps ahead, if the inputs stay as they are."""
         return self.towards(steps, self.level[:, 0] * self.span)
 
-    def towards(self, steps: int, deviation: FloatArray) -> FloatArray:
-        """The features this many steps ahead, if the inputs have these (n,) deviations from now on."""
+    def towards(self, steps: float, deviation: FloatArray) -> FloatArray:
+        """The features this many steps ahead, > 0, if the inputs have these (n,) deviations from now on."""
         kept = self._kept**steps
         return np.append((kept * self.level + (1.0 - kept) * (deviation / self.span)[:, None]).ravel(), 1.0)
 
@@ -60,14 +60,23 @@ class LagBank:
     def widen(self, deviation: FloatArray) -> FloatArray:
         """Let spans grow where these (n,) deviations require it. Returns the (n,) factors by which they grew."""
         size = np.abs(deviation)
-        self.wide |= (size > _ORDINARY) | (np.abs(deviation - self.level[:, 0] * self.span) > _JUMP)
+        self.wide |= self._is_wide(deviation)
         factor = np.ones(len(self.span))
-        beyond = self.wide & (size > self.span)
+        beyond = self.beyond(deviation)
         if beyond.any():
             factor[beyond] = np.exp2(np.ceil(np.log2(size[beyond] / self.span[beyond])))
             self.span = self.span * factor
             self.level = self.level / factor[:, None]
         return factor
+
+    def beyond(self, deviation: FloatArray) -> BoolArray:
+        """(n,) whether `widen` would let the span of an input grow with these (n,) deviations."""
+        wide = self.wide | self._is_wide(deviation)
+        return np.asarray(wide & (np.abs(deviation) > self.span), dtype=np.bool_)
+
+    def _is_wide(self, deviation: FloatArray) -> BoolArray:
+        jump = np.abs(deviation - self.level[:, 0] * self.span)
+        return np.asarray((np.abs(deviation) > _ORDINARY) | (jump > _JUMP), dtype=np.bool_)
 
     def advance(self, deviation: FloatArray) -> None:
         """Advance one step; (n,) deviations in physical units."""

@@ -165,6 +165,18 @@ class RowLearner:
         """The estimates of the present row, or of this many steps ahead if the inputs stay as they are."""
         return self._estimate(self._bank.ahead(ahead) if ahead else self._bank.features(), ahead)
 
+    def between(self, values: FloatArray, valid: BoolArray, steps: float) -> FloatArray:
+        """(9,) the correction at a moment between two rows: this many steps after the last one, > 0.
+
+        Changes nothing. Inputs stay as they were in the last row, if they are not valid now, were not valid then (they
+        may be other sensors now), or move further than ever before: `advance` decides what to make of these.
+        """
+        memory, bank, mixture = self._memory, self._bank, self._mixture
+        before = memory.last - memory.reference
+        now = np.where(valid & memory.known & (memory.away == 0), values - memory.reference, before)
+        x = bank.towards(steps, np.where(bank.beyond(now), before, now))
+        return np.where(mixture.count > 0, self._share() * (mixture.weights() @ x), np.nan)
+
     def forecast(self, ahead: Sequence[int]) -> tuple[list[Estimate], FloatArray, list[Estimate]]:
         """The estimates at S later steps if the inputs stay as they are; (S, 9) their sigma if the machine is measured
         now; and the estimates if the inputs have their mean of the last two weeks from now on."""

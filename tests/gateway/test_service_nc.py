@@ -1,6 +1,7 @@
 """The service and its NC link: the owner's number, what a restart resumes, and how the service releases the control."""
 
 import asyncio
+import math
 import shutil
 from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
 from contextlib import asynccontextmanager
@@ -8,6 +9,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import NamedTuple
 
+import numpy as np
 import pytest
 
 from gateway.config import GatewayConfig, validate
@@ -17,10 +19,11 @@ from gateway.past import Past, past_of
 from gateway.probing import End, Outcome
 from gateway.service import Service
 from gateway.storage import History, Store, StoreError
+from simulators.nc import Activity, DayPart, LoadCase, MeanLoads
 from simulators.nc.nck import R_WITHDRAW
 from simulators.nc.watchdog import R_OWNER
 from talc.control import Controller
-from talc.frame import Why
+from talc.frame import Frame, Measurement, Why
 from tests.benches.nc_link_bench import decision
 from tests.benches.wire_bench import WireBench, wire_bench
 
@@ -59,13 +62,17 @@ async def serving(
     health: Callable[[], StoreHealth] = StoreHealth,
     storage: Mapping[str, object] = MappingProxyType({}),
     on_disk: Callable[[], Awaitable[None]] | None = None,
+    learnt: tuple[GatewayConfig, Controller] | None = None,
 ) -> AsyncIterator[RunningGateway]:
     """A gateway with a database, which goes on from what an earlier one left there; stopped, or killed, at the end.
 
     on_disk: instead of the store's own
+    learnt: a configuration, instead of `config`, and a controller to begin with
     """
     settings = config(bench, name, storage)
     past = Past(Controller(settings.input_names, settings.talc))
+    if learnt is not None:
+        settings, past = learnt[0], Past(learnt[1])
     if settings.storage.path.exists():
         with History(settings.storage.path) as history:
             past = past_of(history, settings)
@@ -125,6 +132,28 @@ async def test_when_stopped_it_takes_the_offsets_back_and_releases_the_control(t
         assert bench.in_force_um == (0.0, 0.0, 0.0)
         assert not any(entry.ramped for entry in bench.control.nck.log), "by itself, not by the control's watchdog"
         assert bench.control.nck.r[R_OWNER] == 0.0
+        bench.assert_never_stepped()
+
+
+async def test_between_two_grid_steps_the_offsets_follow_the_spindle(tmp_path: Path) -> None:
+    """The learner knows that EZ0A is 2 µm per 1000 1/min; the spindle starts 20 s after a step."""
+    async with wire_bench(tmp_path) as bench:
+        turning = DayPart(80.0, 1e9, Activity.TURNING, MeanLoads(spindle=4000.0))
+        bench.control.nck.program = LoadCase([DayPart(0.0, 80.0, Activity.PAUSE, MeanLoads()), turning])
+        settings = validate(
+            config(bench, "a.sqlite", {}).model_dump(exclude_unset=True)
+            | {"grid": {"step_s": 60.0}, "probing": {"lead_s": 10.0}, "state": [{"name": "spindle_speed"}]}
+        )
+        controller = Controller(settings.input_names, settings.talc)
+        for k in range(100):
+            speed = 5000.0 * (1.0 + math.sin(0.2 * k))
+            measured = Measurement(2e-3 * speed * np.eye(9)[1], np.full(9, 0.5))
+            controller.step(Frame(k, np.array([speed]), np.ones(1, dtype=np.bool_), measured))
+        async with serving(bench, learnt=(settings, controller)):
+            await bench.clock.run_until(79.0)
+            assert abs(bench.in_force_um[2]) < 1.5
+            await bench.clock.run_until(118.0)
+            assert bench.in_force_um[2] == pytest.approx(8.0, abs=1.5)
         bench.assert_never_stepped()
 
 

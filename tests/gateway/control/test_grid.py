@@ -57,6 +57,63 @@ def test_readings_older_than_a_step_do_not_enter_a_late_frame() -> None:
     assert sampler.frame(Instant(4, 1200.0)).inputs[0] == 20.0
 
 
+def test_a_reading_that_arrives_after_the_frame_of_its_step_is_dropped() -> None:
+    sampler = GridSampler(("a",), 300.0)
+    sampler.add([reading("a", 20.0, 200.0)])
+    assert sampler.frame(Instant(1, 300.0)).inputs.tolist() == [20.0]
+    sampler.add([reading("a", 99.0, 300.0), reading("a", 21.0, 301.0)])
+    assert sampler.present(330.0)[0].tolist() == [20.5]
+    assert sampler.frame(Instant(2, 600.0)).inputs.tolist() == [21.0]
+
+
+def test_present_inputs_are_means_of_a_third_of_a_step_whatever_frame_came_between() -> None:
+    sampler = GridSampler(("a", "b", "c"), 300.0)
+    sampler.add([reading("a", 20.0, 190.0), reading("b", 5.0, 10.0)])
+    values, valid = sampler.present(210.0)
+    assert values[:2].tolist() == [20.0, 5.0]
+    assert valid.tolist() == [True, True, False]
+    sampler.add([reading("a", 22.0, 290.0), reading("b", 6.0, 295.0)])
+    assert sampler.frame(Instant(1, 300.0)).inputs[:2].tolist() == [21.0, 5.5]
+    sampler.add([reading("a", 27.0, 330.0), reading("a", 99.0, 331.0)])
+    values, valid = sampler.present(330.0)
+    assert values[:2].tolist() == [24.5, 6.0], "22 and 27: what was read at 190 s is too old, and 331 s is not yet"
+    assert valid.tolist() == [True, True, False]
+
+
+def test_an_input_that_is_read_less_often_is_the_mean_of_a_step_and_then_not_valid() -> None:
+    sampler = GridSampler(("a",), 300.0)
+    sampler.add([reading("a", 20.0, 60.0), reading("a", 22.0, 110.0)])
+    sampler.present(60.0)
+    sampler.present(120.0)
+    sampler.frame(Instant(1, 300.0))
+    assert sampler.present(350.0)[0].tolist() == [21.0]
+    assert sampler.present(390.0)[0].tolist() == [22.0]
+    assert sampler.present(450.0)[1].tolist() == [False]
+
+
+@given(
+    st.lists(st.tuples(st.floats(0.0, 900.0), st.floats(-50.0, 100.0)), max_size=40),
+    st.lists(st.floats(0.0, 900.0), max_size=12),
+)
+def test_a_frame_is_the_same_whether_or_not_somebody_has_looked_at_the_present(
+    samples: list[tuple[float, float]], looks: list[float]
+) -> None:
+    alone, looked_at = GridSampler(("a",), 300.0), GridSampler(("a",), 300.0)
+    happens = sorted([(at, 0, value) for at, value in samples] + [(at, 1, 0.0) for at in looks])
+    for k, end in enumerate((300.0, 600.0, 900.0), start=1):
+        for at, kind, value in happens:
+            if not end - 300.0 < at <= end:
+                continue
+            if kind:
+                looked_at.present(at)
+            else:
+                alone.add([reading("a", value, at)])
+                looked_at.add([reading("a", value, at)])
+        expected, found = alone.frame(Instant(k, end)), looked_at.frame(Instant(k, end))
+        assert found.valid.tolist() == expected.valid.tolist()
+        assert found.inputs == pytest.approx(expected.inputs, nan_ok=True)
+
+
 @given(st.lists(st.floats(-50, 100), min_size=1, max_size=50))
 def test_the_mean_lies_between_the_readings(values: list[float]) -> None:
     sampler = GridSampler(("a",), 300.0)

@@ -38,6 +38,34 @@ def test_a_decision_counts_until_it_is_stale() -> None:
     assert at.errors(Quality.GOOD, 100.0)[1] is Source.PREDICTION
 
 
+def test_a_renewed_correction_counts_as_long_as_its_decision_and_only_until_the_next() -> None:
+    at = target()
+    at.follow(decision(4.0), 10.0)
+    at.renew(decision(4.5).corrected)
+    errors, source = at.errors(Quality.GOOD, 70.0)
+    assert errors is not None
+    assert (errors[1], source) == (4.5, Source.PREDICTION)
+    assert at.errors(Quality.GOOD, 70.1) == (None, Source.STALE)
+    at.follow(decision(5.0), 71.0)
+    errors, _ = at.errors(Quality.GOOD, 71.0)
+    assert errors is not None
+    assert errors[1] == 5.0
+
+
+def test_renewing_does_not_revive_an_error_whose_measurement_is_too_old() -> None:
+    at, long_valid = Target(Compensation(), LastMeasured(200.0, [0.0] * 9), {}), 300.0
+    at.follow(replace(decision(4.0), predicted=np.full(9, math.nan)), 100.0)
+    at.renew(decision(4.5).corrected)
+    assert at.errors(Quality.GOOD, 200.0)[1] is Source.PREDICTION
+    assert at.errors(Quality.GOOD, long_valid) == (None, Source.NO_MODEL)
+
+
+def test_before_the_first_decision_a_correction_is_not_used() -> None:
+    at = target()
+    at.renew(decision(4.5).corrected)
+    assert at.errors(Quality.GOOD, 5.0) == (None, Source.NO_MODEL)
+
+
 @pytest.mark.parametrize("quality", [each for each in Quality if each is not Quality.GOOD])
 def test_nothing_is_built_on_a_snapshot_that_is_not_good(quality: Quality) -> None:
     at = target()

@@ -14,17 +14,15 @@ UNKNOWN = -math.inf
 
 
 def without_models(*modelled: int) -> Decision:
-    """Corrections 1 to 9; the errors with these numbers have a model."""
+    """The errors with these numbers have a model."""
     predicted = np.full(9, math.nan)
     predicted[list(modelled)] = 0.0
-    return replace(decision(0.0), predicted=predicted, corrected=np.arange(1.0, 10.0))
+    return replace(decision(0.0), predicted=predicted)
 
 
 def known(last: LastMeasured, now_s: float, *modelled: int) -> list[int]:
-    """Numbers of the errors that are corrected, each by its correction."""
-    found = last.corrected(without_models(*modelled), now_s)
-    assert all(value == n + 1.0 for n, value in enumerate(found) if not math.isnan(value))
-    return [n for n, value in enumerate(found) if not math.isnan(value)]
+    """Numbers of the errors that are corrected."""
+    return np.flatnonzero(~last.outdated(without_models(*modelled), now_s)).tolist()
 
 
 def test_each_counts_from_its_own_measurement_and_one_with_a_model_always() -> None:
@@ -60,4 +58,4 @@ def test_times_that_become_known_replace_only_unknown_ones() -> None:
 @pytest.mark.parametrize("predicted", [math.nan, math.inf, -math.inf])
 def test_a_prediction_that_is_no_number_is_none(predicted: float) -> None:
     made = replace(without_models(), predicted=np.full(9, predicted))
-    assert np.isnan(LastMeasured(100.0, [UNKNOWN] * 9).corrected(made, 0.0)).all()
+    assert LastMeasured(100.0, [UNKNOWN] * 9).outdated(made, 0.0).all()

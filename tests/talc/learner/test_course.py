@@ -68,6 +68,73 @@ def test_a_restart_from_a_saved_state_decides_as_no_restart(days: ThermalSeries)
         assert (a.phase, a.measure, a.events) == (b.phase, b.measure, b.events)
 
 
+@pytest.mark.parametrize("measured", [False, True])
+def test_a_step_later_the_correction_is_what_the_next_frame_predicts(days: ThermalSeries, measured: bool) -> None:
+    controller, _ = run(days, rows=range(300))
+    for k in range(300, 320):
+        inputs, valid = days.inputs[k], np.isfinite(days.inputs[k])
+        between = controller.between(inputs, valid, 1.0)
+        predicted = step(controller, days, k, k, measured).predicted
+        assert between == pytest.approx(predicted, rel=1e-9, abs=1e-9)
+
+
+def test_looking_between_two_steps_changes_no_decision(days: ThermalSeries) -> None:
+    whole, _ = run(days, rows=range(200))
+    again = Controller.restore(whole.state(), SETTINGS)
+    for k in range(200, 300):
+        for steps in (0.1, 0.9):
+            again.between(days.inputs[k] + 1.0, np.ones(len(days.names), dtype=np.bool_), steps)
+        a, b = (step(c, days, k, k, k % 24 == 0) for c in (whole, again))
+        for name in FIELDS:
+            np.testing.assert_array_equal(getattr(a, name), getattr(b, name))
+
+
+def test_between_two_steps_the_correction_follows_a_temperature_as_its_lags_would(days: ThermalSeries) -> None:
+    """Each lag moves towards its input with its own time constant, which is counted from the last step."""
+    controller, _ = run(days, rows=range(300))
+    weights, inputs, valid = controller.weights(), days.inputs[299], np.ones(len(days.names), dtype=np.bool_)
+    assert weights is not None
+    constants = np.array(weights.time_constants_s[1:])
+    stays = controller.between(inputs, valid, 0.4)
+    warmer = controller.between(inputs + 2.0 * (np.arange(len(inputs)) == 1), valid, 0.4)
+    assert stays is not None
+    assert warmer is not None
+    response = np.append(1.0, 1.0 - np.exp(-0.4 * 300.0 / constants))
+    expected = 2.0 * weights.share * (weights.inputs[:, 1] @ response)
+    assert np.abs(expected).max() > 0.1
+    assert warmer - stays == pytest.approx(expected, rel=1e-9, abs=1e-9)
+
+
+def test_between_two_steps_an_input_that_cannot_be_judged_counts_as_before(days: ThermalSeries) -> None:
+    controller, _ = run(days, rows=range(300))
+    inputs, valid = days.inputs[299].copy(), np.ones(len(days.names), dtype=np.bool_)
+    usual = controller.between(inputs, valid, 0.5)
+    for value in (np.nan, 1e300, 12000.0):  # not read; no possible value; further than ever before
+        inputs[0] = value
+        assert controller.between(inputs, valid, 0.5) == pytest.approx(usual)
+    inputs[0], valid[0] = days.inputs[299][0] + 5.0, False
+    assert controller.between(inputs, valid, 0.5) == pytest.approx(usual)
+    valid[0] = True
+    assert controller.between(inputs, valid, 0.5) != pytest.approx(usual)
+    without = valid.copy()
+    without[0] = False
+    controller.step(Frame(300, days.inputs[299], without))
+    kept = controller.between(days.inputs[299], without, 0.5)
+    assert controller.between(inputs, valid, 0.5) == pytest.approx(kept), "it may be another sensor"
+
+
+def test_before_the_first_frame_nothing_is_corrected_between_and_before_the_first_measurement_nothing_is_known(
+    days: ThermalSeries,
+) -> None:
+    controller, valid = Controller(days.names, SETTINGS), np.ones(len(days.names), dtype=np.bool_)
+    assert controller.between(days.inputs[0], valid, 0.5) is None
+    step(controller, days, 0, 0, measured=False)
+    unknown = controller.between(days.inputs[0], valid, 0.5)
+    assert unknown is not None
+    assert np.isnan(unknown).all()
+    assert Controller(days.names, TalcSettings(method="models")).between(days.inputs[0], valid, 0.5) is None
+
+
 def test_a_state_of_the_other_method_is_refused(days: ThermalSeries) -> None:
     controller, _ = run(days, rows=range(3))
     with pytest.raises(ValueError, match="method = 'models': the state is of the other method"):
