@@ -7,7 +7,9 @@ called directly. Not there: the checks of a measurement, and latencies of the wi
 import math
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
+from itertools import repeat
 
 import numpy as np
 
@@ -16,24 +18,27 @@ from drivers.nc import FollowsErrors, NcSnapshot, OperatingMode, ProgramState
 from drivers.problems import read_settings
 from drivers.sinumerik import SinumerikSettings, make_sinumerik
 from gateway.config import Probing
+from gateway.control import GridSampler, Instant
 from gateway.nc import ByErrors, Slew
 from gateway.probing import End, Probe, ProbingSchedule, Standing, probe_of
-from gateway.report import ReportData, Summary, Truth, summary
+from gateway.report import ReportData, Summary, SummaryRow, Truth, summary
 from simulators.bench.machine import TERMS, BenchMachine
 from simulators.nc import MachineState
 from simulators.plant import RADIUS_MM, load_machine
 from talc.control import Controller
 from talc.frame import Decision, FloatArray, Frame, Measurement
 from talc.indicators import reduction
-from talc.settings import TalcSettings
+from talc.settings import LearnerSettings, TalcSettings
 from talc.training import train
 
 SEEDS = range(1, 21)
-LEARNER = TalcSettings(method="learner")
+DEFAULT = TalcSettings(method="learner")
+LEARNER = replace(DEFAULT, learner=LearnerSettings(limit_um=3.0, limit_um_per_m=9.0))
+"""As in the demo's configuration."""
 _HOURS = 72.0
 _EPOCH = datetime(2026, 1, 5, 6, tzinfo=UTC)
-_TICK_S, _NC_S, _READ_S, _GRID_S = 10, 30, 100, 300
-"""Periods of the demo: of a look at a probing cycle, of the NC, of the devices and of the grid."""
+_TICK_S, _NC_S, _READ_S, _RENEWED_S, _GRID_S = 10, 30, 100, 30, 300
+"""Periods of the demo: of a look at a probing cycle, of the NC, of the devices, of the correction and of the grid."""
 _TRAVEL_MM = [[-210.0, 210.0], [-210.0, 210.0], [0.0, 250.0]]
 _ROUTE = {"route": "errors", "travel_mm": _TRAVEL_MM}
 """From simulators/bench/gateway.toml."""
@@ -71,7 +76,7 @@ class DemoLoop:
     seed: of weather, loads and noise
     hours: of simulated time
     settings: models are trained between two steps, which on a machine takes seconds
-    sent: (T, 9) errors that go to the control after each grid step instead of the decision's; NaN counts as zero
+    sent: (T, 9) errors that go to the control after each grid step instead of the controller's; NaN counts as zero
     """
 
     def __init__(
@@ -109,8 +114,8 @@ class DemoLoop:
         )
         for number, value in ((_SILENCE, math.inf), (_OWNER, 1.0), (_BEAT, 1.0)):
             self._nck.write_r(number, value, 0.0)
-        self._read: list[list[float]] = []
-        self._states: list[list[float]] = []
+        self._sampler = GridSampler(names, _GRID_S)
+        self._corrected = np.full(9, np.nan)
         self._finished: Measurement | None = None
         self._decisions: list[Decision] = []
         self._frames: list[Frame] = []
@@ -123,13 +128,16 @@ class DemoLoop:
             state = self._machine.control.state()
             self._machine.advance(self._clock.now)
             if time_s % _READ_S == 0:
-                self._read.append([*self._temperatures(), self._machine.growth()()[0]])
+                self._add(self._channels, self._temperatures())
+                self._add(["spindle_growth"], [self._machine.growth()()[0]])
             if time_s % _NC_S == 0:
-                self._states.append(_states(state))
+                self._add(_STATES, _states(state))
                 self._compensate(state)
             self._see_to_probing(state)
             if time_s % _GRID_S == 0:
                 self._step()
+            elif time_s % _RENEWED_S == 0:
+                self._follow_inputs()
         return self._data()
 
     @property
@@ -141,12 +149,21 @@ class DemoLoop:
         values = self._machine.temperatures(self._channels)()
         return [round(v, 1 if i < _STEPS_OF else 2) for i, v in enumerate(values)]
 
+    def _add(self, names: Sequence[str], values: Sequence[float]) -> None:
+        self._sampler.add_states(dict(zip(names, values, strict=True)), self._clock.now)
+
+    def _follow_inputs(self) -> None:
+        """The correction between two grid steps."""
+        inputs, valid = self._sampler.present(self._clock.now)
+        corrected = self._controller.between(inputs, valid, self._clock.now % _GRID_S / _GRID_S)
+        if corrected is not None and self._sent is None:
+            self._corrected = corrected
+
     def _compensate(self, state: MachineState) -> None:
-        """Offsets follow the latest decision; while the machine probes they stand still."""
+        """Offsets follow the latest correction; while the machine probes they stand still."""
         if not self._decisions or self._number or state.probing:
             return
-        now, last = self._clock.now, len(self._decisions) - 1
-        errors = np.nan_to_num(self._decisions[last].corrected if self._sent is None else self._sent[last])
+        now, errors = self._clock.now, np.nan_to_num(self._corrected)
         wanted = self._form.wanted(errors, _where(state), RADIUS_MM * 1e-3)
         step = self._slew.follow(now, wanted)
         for i, value in enumerate(self._form.errors_of(np.array(step.coefficients_um))):
@@ -186,12 +203,11 @@ class DemoLoop:
         self._plan.ended(End.MEASURED, "", self._clock.now)
 
     def _step(self) -> None:
-        values = np.concatenate([np.mean(self._read, axis=0), np.mean(self._states, axis=0)])
-        self._read, self._states = [], []
         measurement, self._finished = self._finished, None
         k = round(self._clock.utc().timestamp() / _GRID_S)
-        frame = Frame(k, values, np.isfinite(values), measurement)
+        frame = self._sampler.frame(Instant(k, self._clock.now), measurement)
         decision = self._controller.step(frame)
+        self._corrected = decision.corrected if self._sent is None else self._sent[len(self._decisions)]
         self._frames.append(frame)
         self._decisions.append(decision)
         if decision.training is not None:
@@ -229,20 +245,35 @@ class DemoLoop:
         )
 
 
-def demo(seed: int, hours: float = _HOURS) -> Summary:
+def demo(seed: int, settings: TalcSettings = LEARNER, hours: float = _HOURS) -> Summary:
     """The figures of one run, as `talc-gateway demo` prints them."""
-    return summary(DemoLoop(seed, hours).run())
+    return summary(DemoLoop(seed, hours, settings).run())
 
 
 def rows() -> list[BenchRow]:
     """All rows of the table; takes some minutes."""
     with ProcessPoolExecutor() as pool:
-        return list(table(list(pool.map(demo, SEEDS))))
+        found = list(pool.map(demo, SEEDS))
+        default = list(pool.map(demo, SEEDS, repeat(DEFAULT)))
+    return [*table(found), *_cost(default, "default limits: ")]
 
 
 def table(found: Sequence[Summary]) -> Iterator[BenchRow]:
     """Medians of the runs, and their ranges in brackets."""
-    for same in zip(*((*s.rows, *s.tool) for s in found), strict=True):
+    yield from _figures([s.rows for s in found])
+    yield from _cost(found)
+
+
+def _cost(found: Sequence[Summary], before: str = "") -> Iterator[BenchRow]:
+    """What is left at the tool, and what it takes."""
+    yield from _figures([s.tool for s in found], before)
+    yield BenchRow(f"{before}measurements", spread([float(s.measurements) for s in found], 0))
+    yield BenchRow(f"{before}productivity Pd, %", spread([s.productivity for s in found], 1))
+
+
+def _figures(found: Sequence[Sequence[SummaryRow]], before: str = "") -> Iterator[BenchRow]:
+    """Of one error or direction after the other; found: of each run."""
+    for same in zip(*found, strict=True):
         name, unit = same[0].name, same[0].unit
         for kind, figures in (
             ("E_RMS", [(r.e_rms, r.compensated_e_rms) for r in same]),
@@ -251,9 +282,7 @@ def table(found: Sequence[Summary]) -> Iterator[BenchRow]:
             without, left = zip(*figures, strict=True)
             less = [reduction(*pair) for pair in figures]
             beside = f"{spread(without)} without; {spread(less, 0)} % less"
-            yield BenchRow(f"{name}, {kind}, {unit}", spread(left), beside)
-    yield BenchRow("measurements", spread([float(s.measurements) for s in found], 0))
-    yield BenchRow("productivity Pd, %", spread([s.productivity for s in found], 1))
+            yield BenchRow(f"{before}{name}, {kind}, {unit}", spread(left), beside)
 
 
 def spread(values: Sequence[float], digits: int = 2) -> str:

@@ -18,6 +18,10 @@ from simulators.clock import SharedClock
 _EPOCH = datetime(2026, 1, 5, 6, tzinfo=UTC)
 """A Monday morning."""
 STEPS_PER_HOUR = 12
+_LIMITS = """[talc.learner]
+limit_um = 3.0                     # 5 and 15 by default; Y moves by 7 µm RMS, and is worth more measurements
+limit_um_per_m = 9.0
+"""
 _PLANNED_LOAD = """
 # What a person may plan; from the third day on, the page says when the machine would be ready (docs/page.md).
 [[planned_load]]
@@ -111,10 +115,10 @@ def _config(demo: Demo, addresses: dict[str, str | int]) -> GatewayConfig:
 
 
 def talc_section(demo: Demo) -> str:
-    """The keys of `[talc]`, and what stands below it: of `[talc.control]`, and the load that a person may plan."""
+    """The keys of `[talc]`, and what stands below it: the method's own keys, and the load that a person may plan."""
     lines = [f'method = "{demo.method}"' if demo.preset is None else f'preset = "{demo.preset}"']
     if demo.calibration_hours is not None:
         lines += ["[talc.control]", f"calibration_steps = {round(demo.calibration_hours * STEPS_PER_HOUR)}"]
     if demo.method == "learner" and demo.preset is None:
-        lines.append(_PLANNED_LOAD)
+        lines += [_LIMITS, _PLANNED_LOAD]
     return "\n".join(lines)

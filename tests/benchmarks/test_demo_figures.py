@@ -1,6 +1,7 @@
 """The demo in simulated time, and the figures that the README takes from it."""
 
 import re
+import tomllib
 from dataclasses import replace
 from pathlib import Path
 
@@ -8,7 +9,9 @@ import numpy as np
 import pytest
 
 from benchmarks import demo
+from gateway.cli.demo_machine import Demo, talc_section
 from gateway.report import ReportData, Truth, summary
+from talc.settings import LearnerSettings, TalcSettings
 
 ROOT = Path(__file__).parents[2]
 HOURS = 6.0
@@ -32,6 +35,13 @@ def test_it_measures_learns_and_shifts_the_tool_as_the_demo_does(run: ReportData
     at = np.searchsorted(run.truth.time_s, run.time_s[seen])
     off = run.measured[seen] - run.truth.errors[at]
     assert (np.abs(np.median(off[:, :6], axis=0)) < 3.0).all()
+
+
+def test_its_learner_has_the_settings_of_the_demo_s_configuration() -> None:
+    asked = Demo(1.0, "learner", None, None, 1.0, 1, Path(), 0, (), plain=True)
+    section = tomllib.loads(f"[talc]\n{talc_section(asked)}")["talc"]
+    assert section["method"] == demo.LEARNER.method
+    assert TalcSettings(learner=LearnerSettings(**section["learner"])) == demo.LEARNER, "nothing else is set"
 
 
 def test_the_control_follows_its_axes_so_that_each_direction_gains(run: ReportData) -> None:
