@@ -105,8 +105,6 @@ class Control:
         """µm in one of LinuxCNC's linear units, in which the pins are."""
         self._owner, self._nc, self._command = 0, None, None
         self._seconds, self._moved_s = -1.0, 0.0
-        self._held = [0.0, 0.0, 0.0]
-        """In force during the latest cycle: nothing moves until it has ended."""
         self._cycle, self._travel = Cycle(pins, settings.probe_tool, settings.machine.cannot_probe), Travel()
         self.verbs = {
             name: getattr(self, name)
@@ -122,9 +120,6 @@ class Control:
         if nc is not None:
             self._travel.add(now, self._settings.positions(nc))
         self._cycle.step(now, nc, self._command)
-        self._pins["hold"] = self._cycle.under_way
-        if self._cycle.under_way:
-            self._held = self.read()
 
     def status(self, _: dict[str, Any]) -> dict[str, Any]:
         """Positions: the tool's tip from where A and C meet, mm; A, C in degrees."""
@@ -151,7 +146,10 @@ class Control:
 
     def read(self, _: dict[str, Any] | None = None) -> list[float]:
         """The offsets in force, µm: after the bound and the slew of talc_errors.comp, where the tool is."""
-        return [self._pins[f"{axis}-in-force"] * self._um for axis in AXES]
+        return self._offsets("in-force")
+
+    def _offsets(self, which: str) -> list[float]:
+        return [self._pins[f"{axis}-{which}"] * self._um for axis in AXES]
 
     def write(self, command: dict[str, Any]) -> None:
         """A shift, the same wherever the tool is: three of the nine errors are one."""
@@ -219,9 +217,9 @@ class Control:
         self._cycle.request(time.monotonic(), whole(command, "number"), valid_for)
 
     def probing(self, command: dict[str, Any]) -> dict[str, Any]:
-        """As Cycle.status; when done, also the offsets in force while it ran, µm."""
+        """As Cycle.status; when done, also the offsets that stood still, µm."""
         status = self._cycle.status(whole(command, "number"))
-        return {**status, "in_force": self._held if status["state"] == "done" else None}
+        return {**status, "in_force": self._offsets("held") if status["state"] == "done" else None}
 
     def withdraw(self, command: dict[str, Any]) -> None:
         self._cycle.withdraw(whole(command, "number"))
@@ -320,9 +318,10 @@ def component() -> Any:
         it.newpin(name, hal.HAL_FLOAT, hal.HAL_OUT)
     centres = (f"centre-{pose}-{axis}" for pose in range(POSES) for axis in AXES)
     in_force = (f"{name}-in-force" for name in (*AXES, *ERRORS))
-    for name in (*in_force, "answers", "state", "reason", "result-of", "spread", *centres):
+    held = (f"{axis}-held" for axis in AXES)
+    for name in (*in_force, *held, "answers", "state", "reason", "result-of", "spread", *centres):
         it.newpin(name, hal.HAL_FLOAT, hal.HAL_IN)
-    for name in ("beat", "free", "hold"):
+    for name in ("beat", "free"):
         it.newpin(name, hal.HAL_BIT, hal.HAL_OUT)
     for name in ("watching", "beat-seen", "may-start"):
         it.newpin(name, hal.HAL_BIT, hal.HAL_IN)

@@ -134,7 +134,9 @@ class Cycle:
         elif self._started_s is not None:
             self._start(now, nc, command, obstacle)
         elif _idle(nc) and not obstacle:
-            self._started_s, self._mode_before = now, nc.task_mode
+            self._started_s = now
+            if self._mode_before is None:  # otherwise the cycle before has not given it back yet
+                self._mode_before = nc.task_mode
             command.mode(linuxcnc.MODE_MDI)
 
     def _start(self, now: float, nc: Any, command: Any, obstacle: str) -> None:

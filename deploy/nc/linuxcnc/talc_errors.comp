@@ -34,11 +34,16 @@ pin out float ec0c_in_force;
 pin out float x_offset "in LINEAR_UNITS";
 pin out float y_offset;
 pin out float z_offset;
+pin out float x_held "offset while the program last said 2, in LINEAR_UNITS";
+pin out float y_held;
+pin out float z_held;
 pin in float x_bound = 1e9 "um, either way; bound_um holds besides";
 pin in float y_bound = 1e9;
 pin in float z_bound = 1e9;
 pin in bit is_homed "all axes";
-pin in bit probing "nothing moves while the control probes";
+pin in float request "number of the gateway's request for a probing cycle, 0: none";
+pin in float answers "number of the request that the probing program has taken";
+pin in float cycle "what the program says: 1 accepted, the errors stand still; 2 running, the offsets too";
 pin in bit aside "the offsets go to zero, as before homing";
 pin in bit by_hand "nobody sends beats: what is wanted is set by hand";
 pin in bit beat "toggles with every beat";
@@ -70,6 +75,8 @@ FUNCTION(_) {
     const double mm = unit_mm, um = unit_mm * 1e3;
     const double wanted[TALC_ERRORS] = {ey0a, ez0a, ex0c, ey0c, ez0t, er0t, ea0c, eb0c, ec0c};
     const double bounds[3] = {x_bound, y_bound, z_bound};
+    const int taken = request != 0 && request == answers && cycle > 0.5 && cycle < 2.5;
+    const int touching = taken && cycle > 1.5;
     in.dt = period * 1e-9;
     unheard = beat != past ? 0.0 : unheard + in.dt;
     past = beat_seen = beat;
@@ -88,9 +95,9 @@ FUNCTION(_) {
     in.reach[0] = reach_x;
     in.reach[1] = reach_yz;
     in.slew = slew_um_per_s;
-    in.rate = watching || by_hand ? slew_um_per_s : fmin(ramp, slew_um_per_s);
+    in.rate = taken && watching ? 0.0 : watching || by_hand ? slew_um_per_s : fmin(ramp, slew_um_per_s);
     in.homed = is_homed && !aside;
-    in.hold = probing && watching;
+    in.hold = touching && watching;
     talc_step(&state, &in);
     ey0a_in_force = state.errors[EY0A];
     ez0a_in_force = state.errors[EZ0A];
@@ -104,5 +111,10 @@ FUNCTION(_) {
     x_offset = state.out[0] / um;
     y_offset = state.out[1] / um;
     z_offset = state.out[2] / um;
+    if (touching) {
+        x_held = x_offset;
+        y_held = y_offset;
+        z_held = z_offset;
+    }
     homing_inhibit = fabs(state.out[0]) + fabs(state.out[1]) + fabs(state.out[2]) > TALC_GONE_UM;
 }

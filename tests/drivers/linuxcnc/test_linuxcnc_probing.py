@@ -136,6 +136,10 @@ async def test_without_a_program_it_starts_by_itself_only_where_that_is_allowed(
     assert loose.state is ProbingState.DONE
     assert loose.spread_mm == pytest.approx(8e-3, abs=1.5e-3)  # what the touches differ by
     assert (await bench.nc.probing_status(1)).state is ProbingState.IDLE
+    # The next request comes while the first program still changes the tool: the mode from before both is given back.
+    await bench.nc.request_probing(3)
+    await reaches(bench, 3, ProbingState.RUNNING)
+    await bench.nc.withdraw_probing(3)
     await operator_sees(bench, mode=MANUAL, idle=True)
 
 
@@ -191,7 +195,7 @@ async def test_every_way_to_end_without_a_result_is_reported(bench: AgentBench) 
         await bench.nc.request_probing(3)
     await bench.nc.withdraw_probing(2)
     assert (await reaches(bench, 2, *FINAL)).reason == "withdrawn"
-    await operator_sees(bench, idle=True)
+    await operator_sees(bench, mode=MANUAL, idle=True)
 
     await bench.operator.ask("mdi", "G20 G91 G55 G92 X1")
     before = await bench.operator.ask("state")
