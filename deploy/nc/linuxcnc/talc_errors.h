@@ -4,7 +4,8 @@
 
    The errors move slowly: talc_weights says how far one µm (µm/m) of each moves a point of the travel at most, and the
    slew holds for the sum. Where the tool is counts at once. What would be a step for another reason (a tool change, the
-   end of homing or of probing, another bound) goes into `bridge`, which is taken back at the slew. */
+   end of homing or of probing, another bound) goes into `bridge`, which is taken back at half of the slew: the errors
+   have the other half. */
 
 #ifndef TALC_ERRORS_H
 #define TALC_ERRORS_H

@@ -121,14 +121,14 @@ def ends_probing_elsewhere(thread: ServoThread) -> None:
 
 
 @pytest.mark.parametrize("event", [homes_again, longer_tool, narrower_bound, ends_probing_elsewhere])
-def test_what_would_be_a_step_is_a_ramp_at_the_slew(event: Callable[[ServoThread], None]) -> None:
+def test_what_would_be_a_step_is_a_ramp_at_half_of_the_slew(event: Callable[[ServoThread], None]) -> None:
     thread = at_rest()
     thread.want(WARM)
     thread.settle()
     before = np.array(list(thread.state.out))
     event(thread)
     rows = np.vstack([before, thread.turn(60000)])
-    assert np.abs(np.diff(rows, axis=0)).max() <= SLEW_UM_PER_MS * (1 + 1e-9)
+    assert np.abs(np.diff(rows, axis=0)).max() == pytest.approx(SLEW_UM_PER_MS / 2, rel=1e-9)
     end = shift_at(thread, WARM) * thread.input.homed
     assert rows[-1] == pytest.approx(np.clip(end, -thread.input.bound[0], thread.input.bound[0]), abs=1e-9)
 
