@@ -86,6 +86,14 @@ async def test_a_cycle_of_such_an_agent_is_done_with_what_was_in_force(tmp_path:
         assert (await nc.probing_status(7)).in_force_um == (1.0, -2.0, 3.0)
 
 
+@pytest.mark.parametrize("centres", [[], [[0.0, 0.0, 0.0]] * 5, [[0.0, 0.0, 0.0]] * 7, None])
+async def test_a_cycle_without_a_centre_for_each_pose_is_no_result(centres: object, tmp_path: Path) -> None:
+    async with agent_and_driver(tmp_path) as (agent, nc):
+        agent.answers["probing"] = {"state": "done", "centres": centres, "spread": 0.0, "in_force": [0.0] * 3}
+        with pytest.raises(BadAnswer, match="cycle 7 is done without 6 centres"):
+            await nc.probing_status(7)
+
+
 @pytest.mark.parametrize(
     "errors",
     [

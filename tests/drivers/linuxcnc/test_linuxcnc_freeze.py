@@ -79,3 +79,22 @@ async def test_offsets_stand_still_from_the_first_touch_to_the_last_and_nothing_
     assert {*np.unique(state[probe])} >= {1.0, 3.0}
     assert np.abs(out - geometry)[probe].max() < 1e-3
     assert np.ptp(geometry[probe], axis=0).max() > 20.0
+
+
+async def test_the_watchdog_takes_the_offsets_to_zero_in_the_middle_of_a_cycle_too(tmp_path: Path) -> None:
+    async with running(tmp_path, {"SLEW": 1.0}) as bench:
+        await claimed(bench, WatchdogTerms(60.0, 1000.0))
+        await bench.nc.write_compensation((40.0, -10.0, 0.0))
+        await bench.nc.claim(7, WatchdogTerms(5.0, 1000.0))
+        await bench.nc.request_probing(5)
+        await bench.operator.ask("freeze", "talc_agent.py")
+        # As the program says it. The request is still the agent's last word, and no beat comes any more.
+        await bench.operator.ask("mdi", "M68 E41 Q2")
+        await bench.operator.ask("mdi", "M68 E40 Q5")
+
+        async def gone() -> bool:
+            return [await bench.pin(f"talc-{axis}-in-force") for axis in "xy"] == [0.0, 0.0]
+
+        await until(gone)
+        assert await bench.pin("talc-request") == await bench.pin("talc-answers") == 5.0
+        await bench.operator.ask("thaw", "talc_agent.py")
