@@ -95,7 +95,7 @@ FUNCTION(_) {
     in.reach[0] = reach_x;
     in.reach[1] = reach_yz;
     in.slew = slew_um_per_s;
-    in.rate = taken && watching ? 0.0 : watching || by_hand ? slew_um_per_s : fmin(ramp, slew_um_per_s);
+    in.rate = taken && watching ? 0.0 : watching || by_hand ? slew_um_per_s : ramp; /* the slew holds anyway */
     in.homed = is_homed && !aside;
     in.hold = touching && watching;
     talc_step(&state, &in);

@@ -119,6 +119,7 @@ async def admitted(port: int) -> bool:
         return "answer" in await it.login()
 
 
+ERRORS = {"do": "write_errors", "owner": 1, "errors": [0] * 9, "radius_mm": 120, "bound_um": [50, 50, 50]}
 REFUSED: list[tuple[dict[str, Any], str]] = [
     ({"do": "shell"}, "expected one of"),
     ({"do": "write", "um": [0, 0, 200.1]}, "beyond [TALC] BOUND"),
@@ -127,6 +128,13 @@ REFUSED: list[tuple[dict[str, Any], str]] = [
     ({"do": "write", "um": "high"}, "list of three"),
     ({"do": "write", "um": [1, 0, 0]}, "no heartbeat"),
     ({"do": "write", "um": [1, 0, 0], "owner": 2}, "no heartbeat"),
+    ({**ERRORS, "errors": [0] * 8}, "list of nine"),
+    ({**ERRORS, "errors": [0] * 8 + [float("inf")]}, "finite"),
+    ({**ERRORS, "radius_mm": 0}, "radius_mm = 0: expected more than 0"),
+    ({**ERRORS, "radius_mm": -120}, "radius_mm = -120: expected more than 0"),
+    ({**ERRORS, "bound_um": [50, -1, 50]}, "expected 0 or more"),
+    ({**ERRORS, "owner": 2}, "no heartbeat"),
+    ({"do": "errors", "radius_mm": 0}, "radius_mm = 0: expected more than 0"),
     ({"do": "claim", "owner": 1, "silence_s": 0, "ramp_um_per_s": 1}, "silence_s 0.05"),
     ({"do": "claim", "owner": 1, "silence_s": 10**400, "ramp_um_per_s": 1}, "finite"),
     ({"do": "write", "um": [0, -(10**400), 0], "owner": 1}, "finite"),
@@ -136,6 +144,7 @@ REFUSED: list[tuple[dict[str, Any], str]] = [
     ({"do": "heartbeat", "owner": True}, "owner = True"),
     ({"do": "probe", "number": 0, "valid_for_s": 1}, "number = 0"),
     ({"do": "probe", "number": 1}, "valid_for_s = None"),
+    ({"do": "probe", "number": 1, "valid_for_s": -1}, "valid_for_s = -1: expected 0 or more"),
     ({"do": "probing", "number": "1"}, "number = '1'"),
 ]
 
@@ -144,6 +153,8 @@ async def test_what_is_out_of_bounds_is_refused_and_the_line_stays_open(port: in
     async with client(port) as it:
         for command, says in REFUSED:
             assert says in (await it.ask(**command))["error"]
+        # Any ramp is a right one: what the control's own slew does not allow is done at that.
+        assert await it.ask(do="claim", owner=1, silence_s=86400, ramp_um_per_s=1e9) == {"answer": None}
         it.say(b"[" * 3000)
         assert "error" in await it.hear()
         assert (await it.ask(do="read"))["answer"] == [0.0, 0.0, 0.0]
