@@ -222,6 +222,9 @@ def test_a_gateway_that_leaves_and_none_at_all_leave_nothing_in_force() -> None:
     channel.want(WARM)
     channel.turn(50)
     assert np.array_equal(channel.shift_um, np.zeros(3)), "nobody has claimed the control"
+    channel.beat()
+    channel.turn()
+    assert channel.r[STATE] == 0.0, "nor does a beat without an owner"
     channel = ErrorChannel(program())
     channel.alive()
     channel.settle(WARM * 0.01)
