@@ -14,7 +14,7 @@ def fixed_sleeps(text: str) -> list[int]:
     def visit(node: ast.AST, marked: bool, looking: bool) -> None:
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
             marked = marked or any(ast.unparse(mark).startswith(TIMES) for mark in node.decorator_list)
-        looking = looking or isinstance(node, ast.While | ast.For | ast.AsyncFor)
+        looking = looking or isinstance(node, ast.While) or can_end_early(node)
         if isinstance(node, ast.Call) and ast.unparse(node.func) in ("asyncio.sleep", "time.sleep", "sleep"):
             long = ast.unparse(node.args[0]) not in ("0", "0.0")
             if long and not marked and not looking and "  # " not in lines[node.lineno - 1]:
@@ -28,6 +28,12 @@ def fixed_sleeps(text: str) -> list[int]:
     return found
 
 
+def can_end_early(node: ast.AST) -> bool:
+    """Whether it is a loop that ends when what it waits for is there."""
+    ends = ast.Break | ast.Return
+    return isinstance(node, ast.For | ast.AsyncFor) and any(isinstance(inside, ends) for inside in ast.walk(node))
+
+
 def is_mark(node: ast.Assign) -> bool:
     return ast.unparse(node.targets[0]) == "pytestmark"
 
@@ -36,6 +42,10 @@ def test_what_counts_as_a_fixed_sleep() -> None:
     assert fixed_sleeps("def test():\n    time.sleep(0.1)\n") == [2]
     assert fixed_sleeps("async def test():\n    await asyncio.sleep(1)\n    assert done\n") == [2]
     assert fixed_sleeps("def test():\n    while not done:\n        time.sleep(0.1)\n") == []
+    assert fixed_sleeps("def test():\n    for _ in range(3):\n        time.sleep(0.1)\n") == [3]
+    assert (
+        fixed_sleeps("def test():\n    for _ in many:\n        if done:\n            break\n        sleep(1)\n") == []
+    )
     assert fixed_sleeps("def test():\n    time.sleep(0.1)  # its pace\n") == []
     assert fixed_sleeps("@pytest.mark.simulated_time\nasync def test():\n    await asyncio.sleep(1)\n") == []
     assert fixed_sleeps("pytestmark = pytest.mark.realtime\n\n\ndef test():\n    time.sleep(1)\n") == []

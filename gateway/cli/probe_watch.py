@@ -22,7 +22,7 @@ from gateway.config import GatewayConfig
 from gateway.polling import Notice
 
 _WINDOW = 60
-"""FiniteNumber of reads over which rate and jitter are computed."""
+"""Number of reads over which rate and jitter are computed."""
 _TABLE_EVERY_S, _LINES_EVERY_S = 0.5, 10.0
 _CELL = 17 + 1 + 14 + 1 + 6
 """Width of one channel, so that two fit side by side on 80 columns."""
@@ -41,7 +41,7 @@ class DeviceFigures:
     answered_at: float | None = None
     """Monotonic seconds of the last one, including the first read."""
     periods: int = 0
-    """FiniteNumber since the start."""
+    """Number since the start."""
     lost: int = 0
     """Periods without an answer since the start."""
     error: str = ""

@@ -14,6 +14,7 @@ from drivers.base import BadAnswer, ConnectError, Driver, DriverError, NoAnswer,
 from drivers.build import make_bus, make_device
 from drivers.mqtt import bus as mqtt_bus
 from drivers.mqtt.bus import MqttBus
+from drivers.tap import Tap
 from tests.benches.stream_server import Serve, stream_server
 
 CONNECT, SUBSCRIBE, PING, GOODBYE = 1, 8, 12, 14
@@ -86,10 +87,10 @@ def broker(accepts: bytes = ACCEPTED, grants: Callable[[bytes], bytes] = BOTH_GR
 
 
 @asynccontextmanager
-async def reading(serve: Serve, folder: Path) -> AsyncIterator[tuple[MqttBus, Driver]]:
+async def reading(serve: Serve, folder: Path, tap: Tap | None = None) -> AsyncIterator[tuple[MqttBus, Driver]]:
     (folder / "topics.toml").write_text(PROFILE)
     async with stream_server(serve) as port:
-        bus = make_bus("hall", "mqtt", {"url": f"mqtt://127.0.0.1:{port}", "timeout_s": 1.0})
+        bus = make_bus("hall", "mqtt", {"url": f"mqtt://127.0.0.1:{port}", "timeout_s": 1.0}, tap)
         assert isinstance(bus, MqttBus)
         driver = make_device("d", bus, str(folder / "topics.toml"), 1, {"a": 0, "b": 1}, {}, SystemClock())
         try:
@@ -211,16 +212,26 @@ async def test_what_no_broker_sends_ends_the_connection(then: bytes, tmp_path: P
             await read(bus, driver)
 
 
-async def test_an_error_in_the_librarys_thread_is_a_lost_connection(tmp_path: Path) -> None:
-    """Otherwise it would seem open, and nothing would ever be received again."""
+class FailsOnce:
+    """A tap with a bug at the first message, which it gets in the library's thread."""
 
-    async with reading(broker(), tmp_path) as (bus, driver):
+    failed = False
 
-        def hear(*_: object) -> None:
+    def data(self, sent: bool, data: bytes) -> None:
+        if not self.failed:
+            self.failed = True
             raise RuntimeError("a bug")
 
-        with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(MqttBus, "_hearing", lambda *_: hear)
-            with pytest.raises(ConnectError, match=r"cannot be understood: RuntimeError\('a bug'\)"):
-                await read(bus, driver)
+    def frame(self, sent: bool, identifier: int, extended: bool, data: bytes) -> None:
+        """There is no CAN."""
+
+    def note(self, text: str) -> None:
+        """Nobody asks."""
+
+
+async def test_an_error_in_the_librarys_thread_is_a_lost_connection(tmp_path: Path) -> None:
+    """Otherwise it would seem open, and nothing would ever be received again."""
+    async with reading(broker(), tmp_path, FailsOnce()) as (bus, driver):
+        with pytest.raises(ConnectError, match=r"cannot be understood: RuntimeError\('a bug'\)"):
+            await read(bus, driver)
         assert told(await read(bus, driver)) == [1.5, 2.5]

@@ -16,7 +16,8 @@ from gateway.clock import RealClock
 from gateway.config import load
 from gateway.scan.found import ScanReport
 from gateway.scan.tcp import TcpScan, scan_hosts
-from simulators.devices import Adam6015, TcpHost
+from simulators.devices import M7015, Adam6015, Cia404Node, RtuLine, SlcanAdapter, TcpHost
+from simulators.devices.pta8d08 import Pta8d08
 from simulators.devices.source import SensorFault
 from tests.benches.command import beside, here
 
@@ -63,6 +64,14 @@ async def adam(*, silent: bool = False) -> AsyncIterator[int]:
         await host.stop()
 
 
+@asynccontextmanager
+async def served(wire: RtuLine | SlcanAdapter) -> AsyncIterator[str]:
+    try:
+        yield await wire.start()
+    finally:
+        await wire.stop()
+
+
 def of_reading(reading: Reading) -> tuple[str, Quality]:
     return "" if isnan(reading.value) else f"{reading.value:.2f}", reading.quality
 
@@ -82,22 +91,24 @@ async def run(file: Path) -> ShownValues:
     def take(readings: Sequence[Reading]) -> None:
         for reading in readings:
             taken.setdefault(reading.channel, reading)
-        complete.set()
+        if len(taken) == len(channels):
+            complete.set()
 
-    async with Acquisition(lines_of(load(file), RealClock()), RealClock(), take, lambda _: None), asyncio.timeout(60.0):
+    config = load(file)
+    channels = [channel.name for channel in config.channels]
+    async with Acquisition(lines_of(config, RealClock()), RealClock(), take, lambda _: None), asyncio.timeout(60.0):
         await complete.wait()
-    return {channel: of_reading(reading) for channel, reading in taken.items()}
+    return {channel: of_reading(taken[channel]) for channel in channels}
 
 
 def probe(file: Path) -> ShownValues:
-    rows = re.findall(r"│ adam +│ (\w+) +│ +([\d.]*)[^│]*│ (\w+) +│", here("probe", str(file)).out)
-    return {channel: (number, Quality(quality)) for channel, number, quality in rows}
+    rows = [[cell.strip() for cell in line.split("│")] for line in here("probe", str(file)).out.splitlines()]
+    return {row[3]: (row[4].removesuffix(" degC"), Quality(row[5])) for row in rows if len(row) == 8}
 
 
 def probe_watch(file: Path) -> ShownValues:
     done = here("probe", str(file), "--watch", "--seconds", "2", "--every", "1")
-    last = done.out.splitlines()[-1]
-    return {channel: of_text(text) for channel, text in re.findall(r"(\w+)=(\S+)", last)}
+    return {channel: of_text(text) for channel, text in re.findall(r"(\w+)=(\S+)", done.out)}
 
 
 async def scan(port: int) -> ScanReport:
@@ -130,3 +141,30 @@ def test_a_silent_device(tmp_path: Path) -> None:
         taken, probed, watched = asyncio.run(run(file)), probe(file), probe_watch(file)
     assert taken == dict.fromkeys(("bed", "column", "oil", "hall"), ("", Quality.COMM_FAULT))
     assert probed == watched == taken
+
+
+def test_devices_of_two_wires_from_the_scan_that_found_them_to_the_service(tmp_path: Path) -> None:
+    """At 600 baud, which a configuration once refused. Each command reads with what `scan` wrote."""
+    file = tmp_path / "gateway.toml"
+    module = M7015(lambda: [20.0, 30.0, 40.0, 50.0, 60.0, 70.0])
+    module.faults.set(2, SensorFault.OPEN)
+    node = Cia404Node(5, lambda: [20.0, 30.0, 40.0, 999.0], inputs=4, vendor="esd")
+    node.faults.set(1, SensorFault.OPEN)
+    line = RtuLine({1: module, 2: Pta8d08(lambda: [20.0, 99.96, 22.0, 23.0, 24.0, 25.0, 26.0, 27.0])}, baud=600)
+    speeds = ("--protocol", "modbus_rtu", "--units", "1,2", "--baud", "1200", "--baud", "600")
+    with beside(served(line)) as port, beside(served(SlcanAdapter([node], bitrate=125_000))) as adapter:
+        found = here("scan", "serial", port, *speeds, "--toml", str(file)).out
+        can = ("scan", "can", adapter, "--interface", "slcan", "--bitrate", "125000")
+        found += here(*can, "--toml", str(file), answer="y\n").out
+        checked = here("check", str(file))
+        taken, probed, watched = asyncio.run(run(file)), probe(file), probe_watch(file)
+    assert checked.code == 0, checked.out
+    scanned = [text for row in re.findall(r"│ +│ +│ +│ ([^│]*) degC +│", found) for text in row.split()]
+    assert dict(zip(taken, map(of_text, scanned), strict=True)) == taken
+    assert probed == watched == taken
+    assert {channel: shown for channel, shown in taken.items() if shown[1] is not Quality.GOOD} == {
+        "rtd1_in2": ("", Quality.SENSOR_FAULT),
+        "rtd2_in1": ("", Quality.OUT_OF_RANGE),
+        "rtd3_in1": ("", Quality.SENSOR_FAULT),
+        "rtd3_in3": ("", Quality.OUT_OF_RANGE),
+    }
