@@ -3,6 +3,7 @@
 import asyncio
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import permutations
 from pathlib import Path
 from typing import TypeVar
 
@@ -17,6 +18,7 @@ from gateway.storage import History, Store
 from simulators.nc.watchdog import R_OWNER, Logged
 from talc import kinematics
 from talc.frame import Decision
+from tests.benches.nc_link_bench import config as nc_config
 from tests.benches.nc_link_bench import decision
 from tests.benches.wire_bench import BOUND_UM, STALE_S, assert_never_stepped, config, wire_bench
 
@@ -50,9 +52,16 @@ async def test_without_compensate_the_control_is_not_touched(mode: str, tmp_path
         assert not any(write.written for write in bench.writes)
 
 
-def test_the_mode_does_not_change_while_the_gateway_runs() -> None:
+@pytest.mark.parametrize(("old", "new"), list(permutations(("monitor", "advise", "compensate"), 2)))
+def test_the_mode_does_not_change_while_the_gateway_runs(old: str, new: str) -> None:
     with pytest.raises(ReloadError, match=r"\[compensation\] changed: restart"):
-        bus_changes(config("compensate"), config("monitor"))
+        bus_changes(config(old), config(new))
+
+
+@pytest.mark.parametrize("now", [False, True])
+def test_probing_is_neither_armed_nor_disarmed_by_a_reload(now: bool) -> None:
+    with pytest.raises(ReloadError, match=r"\[probing\] changed: restart"):
+        bus_changes(nc_config("monitor", armed=now), nc_config("monitor", armed=not now))
 
 
 # Bound and slew ------------------------------------------------------------------------------------------------------
