@@ -58,6 +58,22 @@ async def test_stopped_it_takes_back_what_is_in_force_and_not_what_it_remembers(
     assert bench.notices == []
 
 
+async def test_stopped_after_the_control_was_not_ready_it_takes_back_what_is_in_force_and_not_what_it_wrote() -> None:
+    bench = LinkBench("compensate")
+    async with bench.running():
+        bench.link.follow(decision(8.0))
+        await bench.clock.run_until(20.0)
+        bench.control.ready = False
+        await bench.clock.run_until(22.0)
+        bench.control.in_force = (0.0, 0.0, 2.0)
+    bench.control.ready, before = True, len(bench.control.writes)
+    stopping = asyncio.create_task(bench.link.stop())
+    await bench.clock.run_until(60.0)
+    await stopping
+    assert [offsets[2] for _, offsets in bench.control.writes[before:]] == [1.0, 0.0]
+    assert bench.notices == []
+
+
 async def test_stopped_without_the_watchdogs_ear_it_writes_nothing_more() -> None:
     bench = LinkBench("compensate")
     async with bench.running():
