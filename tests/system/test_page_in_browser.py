@@ -17,7 +17,7 @@ from PIL import Image
 from playwright.sync_api import Page, Response, expect
 
 from gateway.passwords import make_hash
-from tests.benches.npm_peer import PEERS, node_with
+from tests.benches.axe import violations
 from tests.benches.page_rig import LIMIT_MS, SCREENS, expect_each_part, page_rig, played_mill, ports
 
 pytestmark = [pytest.mark.peer, pytest.mark.slow]
@@ -298,65 +298,6 @@ def test_nothing_old_looks_fresh(settings: Path, end: str) -> None:
                 expect(page.locator("[data-axis=Z] [data-of=half]")).not_to_have_text("–")
                 expect(machines.locator("li .notice")).to_have_count(2)
                 expect_forecast(page, True)
-
-
-_DESKTOP, _PANEL, _PHONE = SCREENS
-_LOOKED_AT = (
-    ("/machine/mill", _PHONE, False, True),
-    ("/machine/mill?lang=de", _DESKTOP, True, True),
-    ("/?all=1", _PHONE, False, True),
-    ("/machine/mill", _DESKTOP, False, False),
-    ("/machine/mill", _PANEL, True, False),
-)
-"""Path, screen, dark, and whether its gateway is alive."""
-
-
-def violations(page: Page) -> object:
-    """What axe finds; the page must be open without its policy."""
-    node_with("axe", "axe-core")
-    axe = PEERS / "axe" / "node_modules" / "axe-core" / "axe.min.js"
-    page.add_script_tag(content=axe.read_text("utf-8"))
-    return page.evaluate("axe.run().then((r) => r.violations.map((v) => [v.id, v.nodes.map((n) => n.html)]))")
-
-
-def test_axe_finds_no_violation(settings: Path) -> None:
-    with page_rig() as rig:
-        gateway = played_mill(rig, settings)
-        for path, (width, height), dark, alive in _LOOKED_AT:
-            if not alive:
-                gateway.kill()
-            with rig.page(path, width, height, dark=dark, trusted=True) as page:
-                expect(page.locator("#axes .u-over").or_(page.locator("#machines li")).first).to_be_attached()
-                if not alive:
-                    expect(page.locator("#word")).to_have_text("Gone")
-                assert violations(page) == []
-
-
-@pytest.mark.parametrize("dark", [False, True])
-def test_axe_finds_no_violation_in_any_state(settings: Path, dark: bool) -> None:
-    with page_rig() as rig:
-        gateway = played_mill(rig, settings)
-        assert rig.web is not None
-        with rig.page("/machine/lathe", *_DESKTOP, dark=dark, trusted=True) as page:
-            expect(page.locator("#word")).to_have_text("Never heard")
-            assert violations(page) == []
-        with rig.page("/?all=1", *_PANEL, dark=dark, trusted=True) as machines:
-            with rig.page("/machine/mill", *_PHONE, dark=dark, trusted=True) as page:
-                gateway.say("status " + json.dumps({"unarmed": ["probing is not armed"]}))
-                gateway.say("reading/ambient_left " + json.dumps({"quality": "sensor_fault", "value": None}))
-                expect(page.locator("#doubts")).to_contain_text("ambient_left")
-                page.fill("#tolerance", "3")
-                page.keyboard.press("Enter")
-                expect(page.locator("#word")).to_have_text("Not sure")
-                assert violations(page) == []
-                gateway.say("compensation " + json.dumps({"source": "stale"}))
-                expect(page.locator("#word")).to_have_text("Not ready")
-                assert violations(page) == []
-                os.kill(rig.web.pid, signal.SIGSTOP)
-                expect(page.locator("#word")).to_have_text("No connection")
-                assert violations(page) == []
-            expect(machines.locator("#machines .word")).to_have_text("No connection")
-            assert violations(machines) == []
 
 
 def test_a_user_with_a_key_gives_commands_after_a_second_confirmation(tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ from simulators.devices.cia404_node import Nmt
 from simulators.devices.modbus_servers import crc16
 from simulators.devices.source import SensorFault
 from simulators.devices.spoil import Late, Spoil
-from tests.benches.faults.plants import NEIGHBOUR, SENSORS, TIMEOUT_S, VICTIM, FaultyPlant
+from tests.benches.faults.plant import NEIGHBOUR, SENSORS, TIMEOUT_S, VICTIM, FaultyPlant
 
 PERIOD_S = 0.4
 LONG_TIMEOUT_S = PERIOD_S / 2

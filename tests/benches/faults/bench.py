@@ -16,7 +16,7 @@ from gateway.acquisition.plausibility import Plausible
 from gateway.clock import RealClock
 from gateway.polling import Notice
 from tests.benches.faults.actions import PERIOD_S
-from tests.benches.faults.plants import FaultyPlant
+from tests.benches.faults.plant import FaultyPlant
 
 FAULT_PERIODS = 6
 RETRY_MAX_PERIODS = 2

@@ -46,7 +46,8 @@ from tests.benches.faults.actions import (
     whole,
     wrong_type,
 )
-from tests.benches.faults.plants import CAN, CANOPEN, ME_LINE, MODBUS_LINE, NEIGHBOUR, PLANTS, TIMEOUT_S, VICTIM
+from tests.benches.faults.plant import NEIGHBOUR, TIMEOUT_S, VICTIM
+from tests.benches.faults.plants import CAN, CANOPEN, ME_LINE, MODBUS_LINE, PLANTS
 from tests.benches.faults.sensor_faults import SENSOR_FAULTS
 
 COMM, STALE = Quality.COMM_FAULT, Quality.STALE

@@ -5,7 +5,7 @@ from collections.abc import Awaitable, Callable, Mapping
 from pathlib import Path
 
 from tests.benches.faults.actions import Do
-from tests.benches.faults.plants import FaultyPlant
+from tests.benches.faults.plant import FaultyPlant
 
 Play = Callable[[Path], Awaitable[None]]
 """Takes an empty folder; raises AssertionError or TimeoutError."""

@@ -24,7 +24,8 @@ from gateway.clock import RealClock
 from gateway.polling import Notice
 from tests.benches.faults.actions import restarted, whole
 from tests.benches.faults.matrix import HARMLESS, MATRIX
-from tests.benches.faults.plants import PLANTS, FaultyPlant
+from tests.benches.faults.plant import FaultyPlant
+from tests.benches.faults.plants import PLANTS
 from tests.benches.faults.play import done
 from tests.benches.processes import open_links
 
