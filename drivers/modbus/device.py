@@ -158,7 +158,8 @@ class ModbusDevice:
             self._fault_answers.clear()
             if self._was_silent:
                 self._forget()
-            elif self._values.refused and self._clock.monotonic() - self._refused_since_s >= _ASK_REFUSED_AGAIN_S:
+            elif self._refused_is_due:
+                self._checked = not self._codes.refused  # without its type code a channel has no scaling
                 self._reset_plans(silent=False)
         if not self._checked and (self._codes.requests or self._settings.requests):
             await self.connect()
@@ -225,6 +226,12 @@ class ModbusDevice:
                 elif not error.absent and plan.has_answered(request):  # it may be better in a moment
                     answers.missed(request)
                     raise Busy(error.what, bus=error.bus, device=error.device, hint=error.hint) from error
+
+    @property
+    def _refused_is_due(self) -> bool:
+        """Whether what the unit has refused is to be asked for again."""
+        refused = self._values.refused or self._codes.refused
+        return bool(refused) and self._clock.monotonic() - self._refused_since_s >= _ASK_REFUSED_AGAIN_S
 
     def _leaves_out(self, plan: ReadPlan, request: Block, error: NoAnswer) -> bool:
         """Whether the request, which was not answered, is left out from now on, as the unit answers others."""
@@ -346,7 +353,8 @@ class ModbusDevice:
         if not isfinite(raw):
             return Fault(Quality.SENSOR_FAULT, f"the device sends {raw} instead of a value")
         span = self._spans.get(channel)
-        value = span.apply(raw) if block.scaled_by == "type_code" and span else total(raw * block.scale, block.offset)
+        by_code = block.scaled_by == "type_code"
+        value = self._spans[channel].apply(raw) if by_code else total(raw * block.scale, block.offset)
         if span is not None and not span.holds(value):
             ends = f"{span.low:g} to {span.high:g}"
             text = f"{value:.4g} {one.unit} is outside the range that the input is set to, {ends}"

@@ -1,0 +1,87 @@
+"""A channel that is scaled by its type code has no value while the unit refuses that code."""
+
+from collections.abc import AsyncIterator, Mapping
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+import pytest
+
+from drivers.base import Driver, Quality
+from drivers.build import make_bus, make_device
+from simulators.devices import TcpHost
+from tests.benches.manual_clock import ManualClock
+
+pytestmark = pytest.mark.simulated_time
+
+PROFILE = """
+protocol = "modbus"
+title = "Somebody's module"
+buses = ["modbus_tcp"]
+channels = 4
+unit = "degC"
+[value]
+function = 4
+address = 0
+type = "uint16"
+scaled_by = "type_code"
+[type_code]
+function = 3
+address = 200
+raw_low = 0
+raw_high = 65535
+code = [{ code = 0x03A4, low = -50, high = 150 }]
+"""
+RAW, DEGC = 22938, pytest.approx(20.0, abs=0.01)
+
+
+class Module:
+    """Four inputs; it refuses what it `lacks`."""
+
+    silent = False
+
+    def __init__(self, *lacks: tuple[int, int]) -> None:
+        self.lacks = set(lacks)
+
+    def memory(self, function: int) -> Mapping[int, int]:
+        words = {4: dict.fromkeys(range(4), RAW), 3: dict.fromkeys(range(200, 204), 0x03A4)}.get(function, {})
+        return {address: word for address, word in words.items() if (function, address) not in self.lacks}
+
+
+@asynccontextmanager
+async def reading(module: Module, folder: Path, clock: ManualClock) -> AsyncIterator[Driver]:
+    path = folder / "module.toml"
+    path.write_text(PROFILE)
+    host = TcpHost({1: module})
+    bus = make_bus("tcp1", "modbus_tcp", {"host": "127.0.0.1", "port": await host.start()})
+    driver = make_device("module", bus, str(path), 1, {f"c{i}": i for i in range(4)}, {}, clock)
+    try:
+        await bus.connect()
+        await driver.connect()
+        yield driver
+    finally:
+        await bus.close()
+        await host.stop()
+
+
+async def good(driver: Driver) -> dict[str, float]:
+    return {reading.channel: reading.value for reading in await driver.read() if reading.quality is Quality.GOOD}
+
+
+async def test_no_value_comes_unscaled_when_what_was_refused_is_asked_for_again(tmp_path: Path) -> None:
+    """One channel's code and another channel's value are refused."""
+    clock = ManualClock()
+    async with reading(Module((3, 201), (4, 3)), tmp_path, clock) as driver:
+        for now_s in (0.0, 61.0, 62.0, 130.0):
+            clock.move_to(now_s)
+            assert await good(driver) == {"c0": DEGC, "c2": DEGC}, f"after {now_s} s"
+
+
+async def test_a_refused_code_is_asked_for_again_after_a_minute(tmp_path: Path) -> None:
+    module, clock = Module((3, 201)), ManualClock()
+    async with reading(module, tmp_path, clock) as driver:
+        assert await good(driver) == {"c0": DEGC, "c2": DEGC, "c3": DEGC}
+        module.lacks.clear()
+        clock.move_to(50.0)
+        assert "c1" not in await good(driver)
+        clock.move_to(61.0)
+        assert await good(driver) == {f"c{i}": DEGC for i in range(4)}
