@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 
 from drivers.base import Clock, DriverError, Quality, Reading, Refused
-from drivers.canopen.bus import CanOpenBus
+from drivers.canopen.bus import CanOpenBus, Uncounted
 from drivers.canopen.node import NO_HEARTBEAT, NodeReader
 from drivers.canopen.place import CanObject
 from drivers.canopen.profile import STATUS_BITS, Cia404Profile, Scaling
@@ -152,7 +152,8 @@ class Cia404Device:
             fault = first_fault(self._rules, status & STATUS_BITS) or unknown
             emergency = self._bus.events(self._node).emergency
             return fault if emergency is None else Fault(fault.quality, f"{fault.detail}; the node reports {emergency}")
-        if len(value) < (size := self._profile.value_bytes):
+        size = self._profile.value_bytes
+        if len(value) < size or (len(value) > size and not isinstance(value, Uncounted)):
             what = f"object {self._profile.value_object:04X} holds {len(value)} bytes, not {size}"
             return Fault(Quality.COMM_FAULT, what)
         raw, scaling = int.from_bytes(value[:size], "little", signed=True), self._scales[number]

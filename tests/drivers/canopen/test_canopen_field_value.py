@@ -1,8 +1,9 @@
-"""Field values of CANopen nodes: raw counts scaled by the profile, because the node does not state the scaling."""
+"""Values of CANopen nodes other than the usual one: field values, which the profile scales, and their sizes."""
 
 import math
 import re
-from collections.abc import AsyncIterator
+import struct
+from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager
 from importlib.resources import files
 from pathlib import Path
@@ -13,6 +14,7 @@ from drivers.base import Driver, Quality, SetupError, SystemClock, WrongDevice
 from drivers.build import make_bus, make_device
 from drivers.profiles import load_profile
 from simulators.devices import Cia404Node, SlcanAdapter
+from simulators.devices.slcan_adapter import CanFrame
 from simulators.devices.source import SensorFault
 
 pytestmark = pytest.mark.simulated_time
@@ -118,3 +120,21 @@ async def test_the_ends_of_what_an_object_can_hold_are_no_values(
     assert end.detail == ("0x8" if low else "0x7") + ("0" if low else "F") * (2 * size - 1) + (
         ", the end of what it can send"
     )
+
+
+class WideNode(Cia404Node):
+    """Sends four bytes of 7130, of which CiA 404 says that it has two."""
+
+    def on_frame(self, identifier: int, data: bytes) -> Sequence[CanFrame]:
+        if identifier == 0x600 + NODE and data[:3] == b"\x40\x30\x71":
+            return [(0x580 + NODE, b"\x43" + data[1:4] + struct.pack("<i", 40_000))]
+        return super().on_frame(identifier, data)
+
+
+async def test_of_a_value_with_more_bytes_than_its_object_has_no_part_is_taken(tmp_path: Path) -> None:
+    (tmp_path / "wide.toml").write_text(SUPPLIED.replace('object = "9130"', 'object = "7130"'), encoding="utf-8")
+    node = WideNode(NODE, lambda: TEMPERATURES, inputs=2, digits=3)
+    async with bench(node, str(tmp_path / "wide.toml"), "sdo") as driver:
+        await driver.connect()
+        readings = await driver.read()
+    assert {(r.quality, r.detail) for r in readings} == {(Quality.COMM_FAULT, "object 7130 holds 4 bytes, not 2")}
