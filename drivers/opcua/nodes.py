@@ -92,10 +92,12 @@ class NodeValue:
 
     def fault(self) -> Fault | None:
         """What the status says against the value; None if it is good."""
-        if not self.status & _SEVERITY:
-            return None
         code = self.status & _CODE
         quality = _QUALITIES.get(code)
+        if quality is None and not self.status & _SEVERITY:
+            limit = _LIMITS.get(self.status & _DETAILS)
+            text = f"the server reports that the value is at its {limit} limit"
+            return None if limit is None else Fault(Quality.OUT_OF_RANGE, text)
         if quality is None:
             quality = Quality.SENSOR_FAULT if self.status & _SEVERITY == _UNCERTAIN else Quality.COMM_FAULT
         hint = ": compare the id with the server's own names, case included" if self.is_unknown else ""
@@ -105,9 +107,12 @@ class NodeValue:
 NO_NAMESPACE: Final = NodeValue(None, 0x8033_0000, "BadNodeIdInvalid")
 """Of a node in a namespace that the server does not have."""
 _CODE, _SEVERITY, _UNCERTAIN = 0xFFFF_0000, 0xC000_0000, 0x4000_0000
+_DETAILS, _LIMITS = 0x0F00, {0x0500: "low", 0x0600: "high"}
+"""Of a value: that it stands at the end of what its source can measure (Part 4, 7.39, LimitBits)."""
 _UNKNOWN = (0x8034_0000, 0x8033_0000, 0x8035_0000)
 """BadNodeIdUnknown, BadNodeIdInvalid, BadAttributeIdInvalid."""
 _QUALITIES: Mapping[int, Quality] = {
+    0x0096_0000: Quality.SENSOR_FAULT,  # GoodLocalOverride: somebody has entered the number by hand
     0x8089_0000: Quality.SENSOR_FAULT,  # BadConfigurationError
     0x808B_0000: Quality.SENSOR_FAULT,  # BadDeviceFailure
     0x808C_0000: Quality.SENSOR_FAULT,  # BadSensorFailure

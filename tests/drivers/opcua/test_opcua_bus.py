@@ -57,6 +57,8 @@ node = "nsu=urn:nobody;s=motor"
 node = "ns=0;i=2255"
 """
 COUNT = 7
+_AT_LOW_LIMIT, _AT_HIGH_LIMIT = 0x0500, 0x0600
+"""Good, with the details of a value that its source cannot measure further (Part 4, 7.39)."""
 
 
 @asynccontextmanager
@@ -107,7 +109,10 @@ async def test_values_statuses_and_nodes_that_are_not_there(tmp_path: Path) -> N
                 StatusCodes.UncertainUnderRange: "out_of_range",
                 StatusCodes.UncertainSensorNotAccurate: "sensor_fault",
                 StatusCodes.UncertainSubstituteValue: "sensor_fault",
-                StatusCodes.GoodLocalOverride: "good",
+                StatusCodes.GoodLocalOverride: "sensor_fault",
+                StatusCodes.GoodClamped: "good",
+                _AT_LOW_LIMIT: "out_of_range",
+                _AT_HIGH_LIMIT: "out_of_range",
             }
             found = {}
             for status in expected:
