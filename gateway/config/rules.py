@@ -214,9 +214,10 @@ def _places(config: GatewayConfig) -> Iterator[Problem]:
         except SetupError as error:
             yield Problem(f"bus '{bus.name}'", error.advice)
             continue
-        if place in first:
-            yield Problem(f"bus '{bus.name}'", f"{place} is already bus '{first[place]}'; put its devices there")
-        first.setdefault(place, bus.name)
+        port = place.rpartition("://")[2]  # of a device server, however it is spoken to
+        if port in first:
+            yield Problem(f"bus '{bus.name}'", f"{place} is already bus '{first[port]}'; put its devices there")
+        first.setdefault(port, bus.name)
 
 
 def _waits(config: GatewayConfig) -> Iterator[Problem]:
