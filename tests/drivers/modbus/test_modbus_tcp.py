@@ -2,7 +2,7 @@
 
 import asyncio
 import struct
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Iterable
 from contextlib import AsyncExitStack, asynccontextmanager
 
 import pytest
@@ -100,6 +100,53 @@ async def test_rest_of_an_answer_that_comes_after_the_timeout_is_ignored() -> No
         with pytest.raises(BadAnswer):
             await bus.read("d", 1, TWO)
         assert await bus.read("d", 1, TWO) == (100, 101)
+
+
+Pieces = Iterable[tuple[float, bytes]]
+"""What is sent, and how long after what was sent before, s."""
+
+
+@asynccontextmanager
+async def slow_host(reply: Callable[[int, int], Pieces]) -> AsyncIterator[ModbusTcpBus]:
+    """It sends reply(number, unit) in pieces. Its units 1 to 3 have been quick, so the bus waits 50 ms for them."""
+    known = False
+
+    async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        while request := await reader.read(12):
+            number, unit = int.from_bytes(request[:2], "big"), request[6]
+            for wait_s, piece in reply(number, unit) if known else [(0.0, message(number, GOOD, unit=unit))]:
+                await asyncio.sleep(wait_s)
+                writer.write(piece)
+
+    async with modbus_host(serve, 0.5) as bus:
+        for unit in (1, 2, 3) * 5:
+            await bus.read("d", unit, TWO)
+        known = True
+        yield bus
+
+
+async def test_an_answer_that_has_begun_is_waited_for() -> None:
+    def reply(number: int, unit: int) -> Pieces:
+        answer = message(number, GOOD, unit=unit)
+        return [(0.03, answer[at : at + 4]) for at in range(0, len(answer), 4)]
+
+    async with slow_host(reply) as bus:
+        assert await bus.read("d", 1, TWO) == (100, 101)
+
+
+async def test_the_next_unit_has_its_full_time_while_a_gateway_may_wait_for_a_silent_one() -> None:
+    """The gateway waits 0.3 s for unit 1, and then asks unit 2."""
+    async with slow_host(lambda n, unit: [(0.3, b"")] if unit == 1 else [(0.0, message(n, GOOD, unit=2))]) as bus:
+        with pytest.raises(NoAnswer, match=r"within 0\.05 s"):
+            await bus.read("d", 1, TWO)
+        assert await bus.read("d", 2, TWO) == (100, 101)
+
+
+async def test_of_a_host_that_says_nothing_at_all_only_one_unit_has_its_full_time() -> None:
+    async with slow_host(lambda _n, _unit: []) as bus:
+        for unit, waited in ((1, "0.05"), (2, "0.5"), (3, "0.05")):
+            with pytest.raises(NoAnswer, match=f"unit {unit} did not answer within {waited} s"):
+                await bus.read("d", unit, TWO)
 
 
 async def test_dead_unit_behind_a_gateway_leaves_the_connection_open() -> None:
