@@ -96,7 +96,7 @@ class Driver(Protocol):
 @runtime_checkable
 class AsksLater(Protocol):
     """A driver that leaves out what its device does not answer while it answers the rest, and asks for it again when
-    the runner has time."""
+    the runner has time; or that checks its device again then."""
 
     @property
     def asks_later(self) -> bool:

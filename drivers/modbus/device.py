@@ -12,11 +12,13 @@ from drivers.modbus.numbers import AddressRange, Block, Span
 from drivers.modbus.plan import ReadPlan
 from drivers.modbus.profile import ModbusProfile
 from drivers.modbus.settings import ModbusOptions
-from drivers.modbus.tables import Plausibility
 from drivers.readings import ReadingMaker, total
 
 _ASK_REFUSED_AGAIN_S = 60.0
 """After this time the device is asked again for what it refused: a module may have been added or set up."""
+
+_CHECK_AGAIN_S = 60.0
+"""After this time one more request asks for settings or type codes: somebody may have set the module anew."""
 
 _SAME_UNIT_S = 2.0
 """For so long what a unit has answered in a check that failed is kept: nobody exchanges it faster."""
@@ -53,6 +55,11 @@ class ModbusDevice:
         self._spans: dict[str, Span] = {}
         self._checked = False
         """Whether the unit is known to match the profile."""
+        self._told: dict[tuple[int, int], int] = {}
+        """The settings and type codes that it was found to have."""
+        self._checked_s = -inf
+        """When it was asked for some of them last."""
+        self._checks = 0
         self._answers = BlockAnswers()
         """To the requests of values."""
         self._fault_answers = BlockAnswers()
@@ -91,6 +98,7 @@ class ModbusDevice:
         try:
             await self._check(again)
             self._checked, self._check_answered_s = True, self._clock.monotonic()
+            self._checked_s = self._check_answered_s
         except (NoAnswer, BadAnswer, Busy) as error:
             error.heard |= bool(self._check_answers)  # it has answered a part of it
             missed = True
@@ -101,11 +109,15 @@ class ModbusDevice:
 
     async def _check(self, again: bool) -> None:
         if self._settings.requests:
-            self._check_settings(await self._fetch(self._settings, again))
+            words = await self._fetch(self._settings, again)
+            self._check_settings(words)
             if self._settings.refused:
                 raise self._settings.error
+            self._told.update(self._settings.needed(words))
         if self._codes.requests:
-            self._spans = self._spans_of(await self._fetch(self._codes, again))
+            words = await self._fetch(self._codes, again)
+            self._spans = self._spans_of(words)
+            self._told.update(self._codes.needed(words))
         elif not self._profile.settings:
             try:
                 await self._ask(self._values.test, again=again)
@@ -240,16 +252,21 @@ class ModbusDevice:
 
     @property
     def asks_later(self) -> bool:
-        """Whether it has left out what is to be asked for again by now."""
-        return self._values.silent_due(self._clock.monotonic()) is not None
+        """Whether something is to be asked for again by now: what it has left out, or what was checked."""
+        now_s = self._clock.monotonic()
+        return self._values.silent_due(now_s) is not None or (
+            self._checked and bool(self._told) and now_s - self._checked_s >= _CHECK_AGAIN_S
+        )
 
     async def ask_later(self) -> None:
-        """Ask once for what was left out because the unit did not answer it; what it answers is read from now on.
+        """Ask once for what was left out because the unit did not answer it; what it answers is read from now on. If
+        there is nothing of that, ask once for some of what was checked; if that has changed, all is checked again.
 
-        Raises the bus's errors other than silence.
+        Raises the bus's errors, of what was left out other than silence.
         """
         request = self._values.silent_due(self._clock.monotonic())
         if request is None:
+            await self._look_again()
             return
         answered = True
         try:
@@ -261,6 +278,14 @@ class ModbusDevice:
         except (Refused, BadAnswer):  # it is not silent
             pass
         self._values.asked_silent(request, self._clock.monotonic(), answered=answered)
+
+    async def _look_again(self) -> None:
+        requests = (*self._settings.requests, *self._codes.requests)
+        request = requests[self._checks % len(requests)]
+        self._checks, self._checked_s = self._checks + 1, self._clock.monotonic()
+        words = enumerate(await self._ask(request), start=request.address)
+        found = {(request.function, address): word for address, word in words}
+        self._checked &= all(self._told.get(place, word) == word for place, word in found.items())
 
     def _silence(self, request: Block) -> NoAnswer:
         """Why what this request is to read has no value, though the unit answers others."""
@@ -311,7 +336,7 @@ class ModbusDevice:
         self._forget()
 
     def _forget(self) -> None:
-        self._spans, self._checked, self._was_silent = {}, False, False
+        self._spans, self._told, self._checked, self._was_silent = {}, {}, False, False
         self._reset_plans()
 
     def _reset_plans(self, *, silent: bool = True) -> None:
@@ -359,14 +384,5 @@ class ModbusDevice:
             ends = f"{span.low:g} to {span.high:g}"
             text = f"{value:.4g} {one.unit} is outside the range that the input is set to, {ends}"
             return Fault(Quality.OUT_OF_RANGE, text)
-        return _implausible(block.plausibility, value, one.unit) or value
-
-
-def _implausible(rule: Plausibility | None, value: float, unit: str) -> Fault | None:
-    if rule is None:
-        return None
-    if rule.suspicious is not None and rule.suspicious[0] <= value <= rule.suspicious[1]:
-        return Fault(Quality.SENSOR_FAULT, f"{value:.4g} {unit} is the reading of this device when an input is open")
-    if not rule.low <= value <= rule.high:
-        return Fault(Quality.OUT_OF_RANGE, f"{value:.4g} {unit} is outside {rule.low:g} to {rule.high:g} {unit}")
-    return None
+        implausible = block.plausibility and block.plausibility.fault(value, one.unit)
+        return implausible or value

@@ -6,7 +6,8 @@ from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
-from drivers.faults import CodeRule, FaultText, check_code
+from drivers.base import Quality
+from drivers.faults import CodeRule, Fault, FaultText, check_code
 from drivers.modbus.numbers import BIT_FUNCTIONS, REGISTER_BITS, REGISTER_FUNCTIONS, Order, Span, as_in_manuals
 from drivers.section import Section, wrong
 
@@ -219,6 +220,16 @@ class Plausibility(Section):
         if self.open_input_low is None or self.open_input_high is None:
             return None
         return self.open_input_low, self.open_input_high
+
+    def fault(self, value: float, unit: str) -> Fault | None:
+        """What is doubtful about the value; None: nothing."""
+        if self.suspicious is not None and self.suspicious[0] <= value <= self.suspicious[1]:
+            return Fault(
+                Quality.SENSOR_FAULT, f"{value:.4g} {unit} is the reading of this device when an input is open"
+            )
+        if not self.low <= value <= self.high:
+            return Fault(Quality.OUT_OF_RANGE, f"{value:.4g} {unit} is outside {self.low:g} to {self.high:g} {unit}")
+        return None
 
 
 class Judged(Section):

@@ -1,4 +1,4 @@
-"""A channel that is scaled by its type code has no value while the unit refuses that code."""
+"""Channels that are scaled by their type code: while the unit refuses a code, and after somebody has set another."""
 
 from collections.abc import AsyncIterator, Mapping
 from contextlib import asynccontextmanager
@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.base import Driver, Quality
+from drivers.base import AsksLater, Driver, Quality, Refused, WrongDevice
 from drivers.build import make_bus, make_device
 from simulators.devices import TcpHost
 from tests.benches.manual_clock import ManualClock
@@ -29,7 +29,13 @@ function = 3
 address = 200
 raw_low = 0
 raw_high = 65535
-code = [{ code = 0x03A4, low = -50, high = 150 }]
+code = [{ code = 0x03A4, low = -50, high = 150 }, { code = 0x03A2, low = -200, high = 200 }]
+[[setting]]
+function = 1
+address = 268
+equals = 1
+name = "data format"
+hint = "set it to engineering"
 """
 RAW, DEGC = 22938, pytest.approx(20.0, abs=0.01)
 
@@ -41,9 +47,11 @@ class Module:
 
     def __init__(self, *lacks: tuple[int, int]) -> None:
         self.lacks = set(lacks)
+        self.code, self.format = 0x03A4, 1
 
     def memory(self, function: int) -> Mapping[int, int]:
-        words = {4: dict.fromkeys(range(4), RAW), 3: dict.fromkeys(range(200, 204), 0x03A4)}.get(function, {})
+        codes = dict.fromkeys(range(200, 204), self.code)
+        words = {4: dict.fromkeys(range(4), RAW), 3: codes, 1: {268: self.format}}.get(function, {})
         return {address: word for address, word in words.items() if (function, address) not in self.lacks}
 
 
@@ -85,3 +93,40 @@ async def test_a_refused_code_is_asked_for_again_after_a_minute(tmp_path: Path) 
         assert "c1" not in await good(driver)
         clock.move_to(61.0)
         assert await good(driver) == {f"c{i}": DEGC for i in range(4)}
+
+
+async def asked_later(driver: Driver, clock: ManualClock, now_s: float) -> bool:
+    """What the runner does when a period has time left."""
+    assert isinstance(driver, AsksLater)
+    clock.move_to(now_s)
+    due = driver.asks_later
+    if due:
+        await driver.ask_later()
+    return due
+
+
+async def test_a_module_that_is_set_anew_while_it_is_read_is_noticed(tmp_path: Path) -> None:
+    module, clock = Module(), ManualClock()
+    async with reading(module, tmp_path, clock) as driver:
+        assert [await asked_later(driver, clock, now_s) for now_s in (50.0, 61.0, 62.0, 122.0)] == [
+            *(False, True),
+            *(False, True),
+        ]
+        assert await good(driver) == {f"c{i}": DEGC for i in range(4)}, "nothing has changed"
+        module.code = 0x03A2
+        assert [await asked_later(driver, clock, now_s) for now_s in (183.0, 244.0)] == [True, True]
+        assert await good(driver) == {f"c{i}": pytest.approx(-60.0, abs=0.01) for i in range(4)}
+        module.format = 0
+        assert await asked_later(driver, clock, 305.0)
+        with pytest.raises(WrongDevice, match="data format is 0"):
+            await driver.read()
+
+
+async def test_a_module_that_refuses_its_codes_later_is_read_on(tmp_path: Path) -> None:
+    module, clock = Module(), ManualClock()
+    async with reading(module, tmp_path, clock) as driver:
+        module.lacks = {(3, 200 + i) for i in range(4)} | {(1, 268)}
+        for now_s in (61.0, 122.0):
+            with pytest.raises(Refused):
+                await asked_later(driver, clock, now_s)
+            assert await good(driver) == {f"c{i}": DEGC for i in range(4)}
