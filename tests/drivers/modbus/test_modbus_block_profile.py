@@ -15,6 +15,7 @@ from drivers.base import Driver, Quality, Reading, Refused, SetupError
 from drivers.build import make_bus, make_device
 from drivers.profiles import load_profile
 from simulators.devices import TcpHost
+from simulators.devices.modbus_unit import ModbusUnit
 from tests.benches.free_port import free_port
 from tests.benches.manual_clock import ManualClock
 
@@ -67,7 +68,11 @@ CHANNELS = {f"c{number}": number for number in range(11)}
 
 @asynccontextmanager
 async def reading(
-    meter: Meter, folder: Path, text: str = "", channels: Mapping[str, int] = CHANNELS, clock: ManualClock | None = None
+    meter: ModbusUnit,
+    folder: Path,
+    text: str = "",
+    channels: Mapping[str, int] = CHANNELS,
+    clock: ManualClock | None = None,
 ) -> AsyncIterator[Driver]:
     path = folder / "meter.toml"
     path.write_text(text or meter_profile(), encoding="utf-8")
@@ -199,6 +204,61 @@ async def test_device_that_refuses_gaps_is_read_in_parts(tmp_path: Path) -> None
             meter.asked.clear()
             assert faults(list(await driver.read())) == {}
     assert meter.asked == [2, 3, 3, 3, 4]
+
+
+BITS = """
+protocol = "modbus"
+title = "Somebody's contacts"
+buses = ["modbus_tcp"]
+unit = "1"
+[[block]]
+function = 3
+address = 10
+channels = 5
+type = "bit"
+bit = 13
+[[block]]
+function = 3
+address = 10
+channels = 3
+type = "bit"
+bit = 1
+stride = 12
+[[block]]
+function = 3
+addresses = [12, 10]
+type = "bit"
+bit = 15
+[[block]]
+function = 3
+address = 12
+type = "uint16"
+[[block.sentinel]]
+raw = 32768
+quality = "sensor_fault"
+detail = "the first counts"
+[[block.sentinel]]
+raw = 32768
+quality = "out_of_range"
+detail = "not this"
+"""
+
+
+class Contacts:
+    """Three registers."""
+
+    silent = False
+
+    def memory(self, function: int) -> Mapping[int, int]:
+        return {10: 0b1010_0000_0000_0010, 11: 0b0000_0010_0000_0010, 12: 0x8000} if function == 3 else {}
+
+
+async def test_bits_go_on_in_the_next_register(tmp_path: Path) -> None:
+    async with reading(Contacts(), tmp_path, BITS) as driver:
+        await driver.connect()
+        readings = list(await driver.read())
+    assert values(readings) == [*(1, 0, 1, 0, 1), *(1, 1, 1), *(1, 1)]
+    assert faults(readings) == {"c10": ("sensor_fault", "the first counts")}
 
 
 async def test_numbers_that_another_program_encodes(tmp_path: Path) -> None:

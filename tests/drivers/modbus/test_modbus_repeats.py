@@ -64,6 +64,20 @@ async def test_blocks_that_hold_the_same_words_are_asked_for_once_more_only_at_f
     assert asked == [7, 7, 7, 3, 3], "two requests more for each pair, three times"
 
 
+async def test_blocks_that_differ_again_are_suspected_again() -> None:
+    """They were found equal often enough; then a repeater is put into the line."""
+    async with line() as (bus, peer):
+        peer.reply = lambda request: honest(request, 100)
+        for _ in range(4):
+            await period(bus)
+        twice(peer, PERIOD_S, 200)
+        await period(bus)
+        for number in range(3, 8):
+            twice(peer, 0.002, 100 * number)
+            values = [100 * number + block.address for block in BLOCKS]
+            assert await period(bus) == [(value, value + 1) for value in values], number
+
+
 async def test_a_line_without_copies_is_not_slowed_down() -> None:
     async with line() as (bus, peer):
         for number in range(3):
