@@ -197,6 +197,19 @@ async def test_answers_that_come_twice(tmp_path: Path, what: str) -> None:
             assert await values(neighbour) == RIGHT
 
 
+@pytest.mark.parametrize("length", [0, 3, 5, 7])
+async def test_of_an_answer_that_is_cut_no_byte_is_taken(tmp_path: Path, length: int) -> None:
+    """CiA 301: every answer has eight bytes."""
+    async with bench(tmp_path) as (node, odd, neighbour, _):
+        await neighbour.connect()
+        await odd.connect()
+        node.fault = only(REAL, lambda _, answer: [answer[:length]])
+        assert isinstance(await values(odd), NoAnswer)
+        assert await values(neighbour) == RIGHT
+        node.fault = right
+        assert await values(odd) == RIGHT
+
+
 async def test_four_bytes_of_which_no_count_is_stated(tmp_path: Path) -> None:
     """CiA 301: then the type of the object says how many count."""
     async with bench(tmp_path) as (node, odd, _, _adapter):

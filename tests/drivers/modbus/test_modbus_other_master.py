@@ -87,6 +87,7 @@ NOISE = bytes(range(250))
         ([], lambda request: request + honest(request)),  # local echo
         ([], lambda request: honest(request)[:-1] + b"\x00"),  # disturbed
         ([], lambda _: b""),
+        ([], lambda _: registers(OURS, *range(9))),  # more than was asked for
         ([ASKS[:-1] + b"\x00", ANSWER[:-2]], honest),  # disturbed, or cut
     ],
 )
