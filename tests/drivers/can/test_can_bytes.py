@@ -5,13 +5,17 @@ import socket
 from collections.abc import Sequence
 from contextlib import AsyncExitStack, suppress
 
+import can
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.base import BadAnswer, DriverError, NoAnswer
 from drivers.build import make_bus
+from drivers.can.bus import CanBus
 from drivers.can.interface import slcan_frame
+from drivers.can.settings import CanSettings
+from drivers.can.wanted import WantedFrame
 from drivers.canopen.bus import CanOpenBus
 from simulators.devices import Cia404Node
 from simulators.devices.multicast_bus import MulticastBus
@@ -236,3 +240,23 @@ def test_foreign_packets_on_the_group_are_ignored() -> None:
 
         any_packets()
         runner.run(stack.aclose())
+
+
+@pytest.mark.parametrize("kind", ["error", "remote"])
+async def test_error_and_remote_frames_are_no_messages_of_their_identifier(kind: str) -> None:
+    """An error frame of the kernel has an identifier and eight bytes, too."""
+    place = {"interface": "virtual", "channel": f"frames {kind}"}
+    bus = CanBus("can1", CanSettings.model_validate(place | {"timeout_s": 5.0}))
+    first, last = WantedFrame(4), WantedFrame(5)
+    bus.want([first, last])
+    try:
+        await bus.connect()
+        with can.Bus(interface="virtual", channel=place["channel"]) as other:
+            other.send(can.Message(arbitration_id=4, is_extended_id=False, data=b"right"))
+            odd = can.Message(arbitration_id=4, is_extended_id=False, dlc=8)
+            odd.is_error_frame, odd.is_remote_frame = kind == "error", kind == "remote"
+            other.send(odd)
+            other.send(can.Message(arbitration_id=5, is_extended_id=False, data=b"end"))
+            assert await bus.latest("d", [first, last]) == {first: b"right", last: b"end"}
+    finally:
+        await bus.close()
