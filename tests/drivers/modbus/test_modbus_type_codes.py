@@ -40,7 +40,7 @@ hint = "set it to engineering"
 RAW, DEGC = 22938, pytest.approx(20.0, abs=0.01)
 
 
-class Module:
+class CodedModule:
     """Four inputs; it refuses what it `lacks`."""
 
     silent = False
@@ -56,7 +56,7 @@ class Module:
 
 
 @asynccontextmanager
-async def reading(module: Module, folder: Path, clock: ManualClock) -> AsyncIterator[Driver]:
+async def reading(module: CodedModule, folder: Path, clock: ManualClock) -> AsyncIterator[Driver]:
     path = folder / "module.toml"
     path.write_text(PROFILE)
     host = TcpHost({1: module})
@@ -78,14 +78,14 @@ async def good(driver: Driver) -> dict[str, float]:
 async def test_no_value_comes_unscaled_when_what_was_refused_is_asked_for_again(tmp_path: Path) -> None:
     """One channel's code and another channel's value are refused."""
     clock = ManualClock()
-    async with reading(Module((3, 201), (4, 3)), tmp_path, clock) as driver:
+    async with reading(CodedModule((3, 201), (4, 3)), tmp_path, clock) as driver:
         for now_s in (0.0, 61.0, 62.0, 130.0):
             clock.move_to(now_s)
             assert await good(driver) == {"c0": DEGC, "c2": DEGC}, f"after {now_s} s"
 
 
 async def test_a_refused_code_is_asked_for_again_after_a_minute(tmp_path: Path) -> None:
-    module, clock = Module((3, 201)), ManualClock()
+    module, clock = CodedModule((3, 201)), ManualClock()
     async with reading(module, tmp_path, clock) as driver:
         assert await good(driver) == {"c0": DEGC, "c2": DEGC, "c3": DEGC}
         module.lacks.clear()
@@ -106,7 +106,7 @@ async def asked_later(driver: Driver, clock: ManualClock, now_s: float) -> bool:
 
 
 async def test_a_module_that_is_set_anew_while_it_is_read_is_noticed(tmp_path: Path) -> None:
-    module, clock = Module(), ManualClock()
+    module, clock = CodedModule(), ManualClock()
     async with reading(module, tmp_path, clock) as driver:
         assert [await asked_later(driver, clock, now_s) for now_s in (50.0, 61.0, 62.0, 122.0)] == [
             *(False, True),
@@ -123,7 +123,7 @@ async def test_a_module_that_is_set_anew_while_it_is_read_is_noticed(tmp_path: P
 
 
 async def test_a_module_that_refuses_its_codes_later_is_read_on(tmp_path: Path) -> None:
-    module, clock = Module(), ManualClock()
+    module, clock = CodedModule(), ManualClock()
     async with reading(module, tmp_path, clock) as driver:
         module.lacks = {(3, 200 + i) for i in range(4)} | {(1, 268)}
         for now_s in (61.0, 122.0):
