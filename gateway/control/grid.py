@@ -97,7 +97,7 @@ class Schedule:
 
 
 @dataclass(frozen=True, slots=True)
-class _Part:
+class _Sums:
     """What was read in a part of a step."""
 
     end_s: float
@@ -126,7 +126,7 @@ class GridSampler:
             raise ValueError(f"input_names = {tuple(input_names)!r}: a name occurs twice")
         self._samples: list[tuple[int, float, float]] = []
         """(input, monotonic seconds, value) not yet in a part."""
-        self._parts: list[_Part] = []
+        self._parts: list[_Sums] = []
         """Of the last step."""
         self._framed_s = -math.inf
         """The instant of the last frame."""
@@ -164,7 +164,7 @@ class GridSampler:
     def _add_up(self, until_s: float) -> float:
         """Make one part of the readings of this step. Returns after when they were read: older ones are dropped."""
         since_s = max(until_s - self._step, self._framed_s)
-        part = _Part(until_s, np.zeros(len(self._index), dtype=np.int64), np.zeros(len(self._index)))
+        part = _Sums(until_s, np.zeros(len(self._index), dtype=np.int64), np.zeros(len(self._index)))
         later: list[tuple[int, float, float]] = []
         for sample in self._samples:
             position, at, value = sample

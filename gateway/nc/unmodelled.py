@@ -28,4 +28,5 @@ class LastMeasured:
 
     def outdated(self, decision: Decision, now_s: float) -> BoolArray:
         """(9,) whether an error is known by its last measurement only, and that one is too old."""
-        return np.asarray(~np.isfinite(decision.predicted) & (now_s - self._since > self._longest))
+        without_model = ~np.isfinite(decision.predicted)
+        return np.asarray(without_model & (now_s - self._since > self._longest))
