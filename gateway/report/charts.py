@@ -144,7 +144,7 @@ def error_charts(data: ReportData, e: int) -> ChartGroup:
         bottom.append(ChartLine("truth minus estimate", Ink.AFTER, "line", truth.time_s, left))
     if data.recorded is not None:
         top.append(ChartLine("recorded", Ink.BEFORE, "dots", times, data.recorded[:, e]))
-    top.append(ChartLine("estimate in force", Ink.ESTIMATE, "line", times, data.corrected[:, e]))
+    top.append(ChartLine("estimate of the step", Ink.ESTIMATE, "line", times, data.corrected[:, e]))
     used = "measured" if data.recorded is None else "used as a measurement"
     top.append(ChartLine(used, Ink.MEASURED, "dots", times[seen], data.measured[seen, e]))
     seen_as, known = ("measured", data.measured) if data.recorded is None else ("recorded", data.recorded)

@@ -27,7 +27,7 @@ class SummaryRow:
     """Without compensation: the error itself, relative to the reference measurement."""
     compensated_e_pv: float
     compensated_e_rms: float
-    """With compensation: what remains after the estimate in force."""
+    """With compensation: what remains after the estimate of the latest grid step."""
     noise: float = float("nan")
     """Standard uncertainty of one measurement; NaN: unknown."""
 
@@ -97,7 +97,7 @@ def summary(data: ReportData) -> Summary:
         return Summary(basis, (), (), hours, hours, 0.0, 0, 0, 0, data.rejected_cycles, course=course)
     begin_s = float(time_s[first])
     if data.truth is not None:
-        basis = "simulated truth each minute, against the estimate in force"
+        basis = "simulated truth each minute, against the estimate of the latest grid step"
         rows = _rows(data, *_against_truth(data, begin_s))
     elif data.recorded is not None:
         basis = "recorded instants, against what would have been in force before that instant's measurement"
