@@ -35,7 +35,7 @@ SEEDS = range(1, 21)
 DEFAULT = TalcSettings(method="learner")
 LEARNER = replace(DEFAULT, learner=LearnerSettings(limit_um=3.0, limit_um_per_m=9.0))
 """As in the demo's configuration."""
-_HOURS = 72.0
+HOURS = 72.0
 _EPOCH = datetime(2026, 1, 5, 6, tzinfo=UTC)
 _TICK_S, _NC_S, _READ_S, _RENEWED_S, _GRID_S = 10, 30, 100, 30, 300
 """Periods of the demo: of a look at a probing cycle, of the NC, of the devices, of the correction and of the grid."""
@@ -245,7 +245,7 @@ class DemoLoop:
         )
 
 
-def demo(seed: int, settings: TalcSettings = LEARNER, hours: float = _HOURS) -> Summary:
+def demo(seed: int, settings: TalcSettings, hours: float) -> Summary:
     """The figures of one run, as `talc-gateway demo` prints them."""
     return summary(DemoLoop(seed, hours, settings).run())
 
@@ -253,8 +253,8 @@ def demo(seed: int, settings: TalcSettings = LEARNER, hours: float = _HOURS) -> 
 def rows() -> list[BenchRow]:
     """All rows of the table; takes some minutes."""
     with ProcessPoolExecutor() as pool:
-        found = list(pool.map(demo, SEEDS))
-        default = list(pool.map(demo, SEEDS, repeat(DEFAULT)))
+        found = list(pool.map(demo, SEEDS, repeat(LEARNER), repeat(HOURS)))
+        default = list(pool.map(demo, SEEDS, repeat(DEFAULT), repeat(HOURS)))
     return [*table(found), *_cost(default, "default limits: ")]
 
 

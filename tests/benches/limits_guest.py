@@ -57,7 +57,7 @@ def _groups() -> Iterator[GuestRow]:
     )
     weights = read("gateway/cpu.weight"), read("learning/cpu.weight")
     yield "the weights of the gateway and of what learns", weights == ("100", "10"), " and ".join(weights)
-    said = run("journalctl --sync; journalctl --boot --unit=talc-gateway --output=cat --no-pager | grep 'what learns'")
+    said = run("journalctl --sync; journalctl --boot --unit=talc-gateway --output=cat --no-pager | grep 'learning has'")
     yield "the service says so", "a control group of its own" in said, said
     run("systemctl reload talc-gateway && systemctl restart talc-gateway")
     weights = read("gateway/cpu.weight"), read("learning/cpu.weight")

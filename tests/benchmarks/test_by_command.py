@@ -18,7 +18,7 @@ pytestmark = pytest.mark.slow
 ROOT = Path(__file__).parents[2]
 TWO = (("day", 0), ("axes", 1))
 SMALL: dict[str, dict[str, object]] = {
-    "demo": {"SEEDS": (1,)},
+    "demo": {"SEEDS": (1,), "HOURS": 4.0},
     "demo_bounds": {"SEEDS": (1,), "HOURS": 4.0},
     "demo_models": {"SEEDS": (1,), "HOURS": 26.0},
     "forecast": {"MACHINES": TWO, "HOURS": 36},
@@ -61,8 +61,6 @@ def test_it_makes_the_rows_of_the_page_and_renews_them(
     if subject == "selection":
         monkeypatch.setattr(module, "machine", shorter)
         monkeypatch.setattr(module, "median_s", once)
-    if subject == "demo":
-        monkeypatch.setattr(module.demo, "__defaults__", (4.0,))
     before = (ROOT / "docs" / "results.md").read_text("utf-8")
     page = tmp_path / "results.md"
     page.write_text(before, encoding="utf-8")
