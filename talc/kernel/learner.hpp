@@ -112,6 +112,15 @@ inline void filters_look(MatrixOut covariance, Matrix growth, Vector x, MatrixOu
     }
 }
 
+// Of each mixture: gain := P x. Changes no covariance, so it needs no copy of them.
+inline void mixtures_gain(Matrix mixed, Vector x, MatrixOut gain) {
+    const size_t n = x.shape(0), errors = mixed.shape(0), packed = n * (n + 1) / 2;
+    if (mixed.shape(1) != packed || gain.shape(0) != errors || gain.shape(1) != n)
+        throw nb::value_error("mixtures: shapes do not fit together");
+    nb::gil_scoped_release release;
+    for (size_t j = 0; j < errors; ++j) packed_times(mixed.data() + j * packed, x.data(), gain.data() + j * n, n);
+}
+
 constexpr size_t widest = 16; // weights of one input
 
 // The weights first..first+width-1 of one filter have `information` more about being zero (less, when negative).
@@ -307,5 +316,7 @@ inline void bind_learner(nb::module_ &m) {
     m.def("mixtures_predict", &mixtures_predict, nb::arg("mean"), nb::arg("weight"), nb::arg("mixed"), nb::arg("drift"),
           nb::arg("elapsed"), nb::arg("x"), nb::arg("predicted"), nb::arg("variance"),
           "Mean and variance of each error's mixture of filters.");
+    m.def("mixtures_gain", &mixtures_gain, nb::arg("mixed"), nb::arg("x"), nb::arg("gain"),
+          "Of each error, gain := P x with the mixture's covariance (errors, n (n + 1) / 2).");
 }
 }  // namespace talc

@@ -228,7 +228,9 @@ class Mixture:
     def predict(self, x: FloatArray, ahead: int = 0) -> tuple[FloatArray, FloatArray]:
         """(9,) means and variances with features x (n,), `ahead` steps from now, the hypothesis of zero left aside.
         Before the first measurement of an error: 0 and 0."""
-        s, mean, variance = self._s, np.empty(self._errors), np.empty(self._errors)
+        s, mean, variance = self._s, np.zeros(self._errors), np.zeros(self._errors)
+        if not s.count.any():  # with many inputs, even zeros take long to read
+            return mean, variance
         _kernel.mixtures_predict(s.mean, s.weight, s.mixed, s.drift, s.elapsed + ahead, x, mean, variance)
         return mean, variance + s.jolt + np.where(s.count > 0, s.weight @ self._misfit, 0.0)
 
@@ -239,10 +241,13 @@ class Mixture:
     def covariance(self, x: FloatArray, others: FloatArray) -> FloatArray:
         """(9, S) between what is predicted now with features x (n,), and with others (S, n)."""
         s = self._s
+        if not s.count.any():
+            return np.zeros((self._errors, len(others)))
         growth = s.drift * s.elapsed[:, None]
         growth[:, -1] += s.jolt
-        gain, spread = np.empty_like(growth), np.empty(self._errors)
-        _kernel.filters_look(s.mixed.copy(), growth, x, gain, spread)
+        gain = np.empty_like(growth)
+        _kernel.mixtures_gain(s.mixed, x, gain)
+        gain += growth * x
         here, there = s.mean @ x, s.mean @ others.T
         apart = here - np.sum(s.weight * here, axis=1)[:, None]
         return np.asarray(gain @ others.T + np.einsum("je,jes->js", s.weight * apart, there), dtype=np.float64)

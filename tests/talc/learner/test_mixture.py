@@ -70,6 +70,20 @@ def test_one_filter_is_the_dense_normal_distribution_s_posterior(expert: Expert)
     np.testing.assert_allclose(mixture.variances()[0], [variance for _, variance in each], rtol=1e-8, atol=1e-12)
 
 
+def test_a_measurement_narrows_another_prediction_by_their_covariance_squared() -> None:
+    """Conditional variance of a joint normal distribution: Var(z | y) = Var(z) - Cov(z, y)² / (Var(y) + noise²)."""
+    mixture, x = alone(Expert(1.0, 0.01, 0.02)), features(20)
+    fed(mixture, x, np.arange(0.0, 60.0, 3.0), x[:, 0])
+    mixture.elapse(5)
+    here, others = features(1, 5)[0], features(3, 6)
+    covariance, (_, spread) = mixture.covariance(here, others), mixture.predict(here)
+    before = [mixture.predict(other)[1][0] for other in others]
+    mixture.learn(here, np.append(1.0, np.full(8, np.nan)), np.full(9, NOISE), np.zeros(9))
+    narrowed = [variance - mixture.predict(other)[1][0] for variance, other in zip(before, others, strict=True)]
+    np.testing.assert_allclose(narrowed, covariance[0] ** 2 / (spread[0] + NOISE**2), rtol=1e-8)
+    assert not covariance[1:].any()
+
+
 def test_a_weight_s_variance_is_that_of_the_mixed_distributions() -> None:
     experts = (Expert(1.0, 0.01), Expert(0.0, 0.04))
     mixture = Mixture(INPUTS, LAGS, 300.0, experts)
