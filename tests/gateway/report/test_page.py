@@ -163,6 +163,15 @@ def test_a_year_of_a_simulation_stays_small() -> None:
     assert len(build(replace(run, truth=truth)).encode()) < MOST_BYTES
 
 
+def test_what_a_simulated_machine_does_after_its_gateway_has_stopped_is_not_judged() -> None:
+    """The machine notes the instant of the last decision once the offsets are gone."""
+    run = small_run(12)
+    minutes, last = np.arange(70.0) * 60.0, run.time_s[-1]
+    left = np.where(minutes[:, None] >= last, 40.0, 1.0) * np.ones(3)
+    truth = Truth(minutes, np.zeros((70, 9)), np.full((70, 3), 40.0), left, np.zeros(70, dtype=np.bool_))
+    assert [row.compensated_e_rms for row in summary(replace(run, truth=truth)).tool] == [1.0, 1.0, 1.0]
+
+
 def test_times_are_local_also_in_the_night_in_which_the_clock_goes_back() -> None:
     start = datetime(2026, 10, 24, 18, tzinfo=UTC).timestamp()  # 20:00 CEST
     run = replace(small_run(12 * 14, start=start), shifts=(time(6), time(22)))
