@@ -13,7 +13,10 @@ from talc.frame import BoolArray, FloatArray, Frame, Measurement
 
 _BELIEVED_S = 366 * 86400.0
 _RECENT = 0.35
-"""Of a step: long enough to average noise, and so short that a mean hardly lags behind."""
+"""Of a step, in which a part ends that counts as recent: long enough to average noise, and so short that a mean hardly
+lags behind. Of ten parts these are the latest four."""
+_FEWEST = 0.2
+"""Of a step's readings: if fewer are recent, the input is failing, and its last readings are those most often wrong."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,20 +149,22 @@ class GridSampler:
                 self._samples.append((position, monotonic_s, value))
 
     def present(self, now_s: float) -> tuple[FloatArray, BoolArray]:
-        """(n,) inputs and whether they are valid: means of the last third of a step, or else of the last step.
+        """(n,) inputs and whether they are valid: means of the recent parts of a step, one of which ends now. If hardly
+        anything is recent, those of the last step.
 
         The next frame is as without this call. Calls must not go back in time.
         """
         self._add_up(now_s)
-        recent, is_recent = self._means(now_s - _RECENT * self._step)
-        whole, valid = self._means(now_s - self._step)
-        return np.where(is_recent, recent, whole), valid
+        recent, count = self._means(now_s - _RECENT * self._step)
+        whole, of_step = self._means(now_s - self._step)
+        return np.where(count > _FEWEST * of_step, recent, whole), of_step > 0
 
     def frame(self, instant: Instant, measurement: Measurement | None = None, *, pause_unknown: bool = False) -> Frame:
         """The frame of the step that ends at `instant`. Later readings stay for the next one."""
         since_s = self._add_up(instant.monotonic_s)
         self._framed_s = instant.monotonic_s
-        return Frame(instant.k, *self._means(since_s), measurement, pause_unknown)
+        inputs, count = self._means(since_s)
+        return Frame(instant.k, inputs, count > 0, measurement, pause_unknown)
 
     def _add_up(self, until_s: float) -> float:
         """Make one part of the readings of this step. Returns after when they were read: older ones are dropped."""
@@ -177,9 +182,9 @@ class GridSampler:
         self._parts = [*(earlier for earlier in self._parts if earlier.end_s > until_s - self._step), part]
         return since_s
 
-    def _means(self, since_s: float) -> tuple[FloatArray, BoolArray]:
+    def _means(self, since_s: float) -> tuple[FloatArray, NDArray[np.int64]]:
+        """(n,) means of the parts that ended after that, NaN without a reading, and of how many readings they are."""
         used = [part for part in self._parts if part.end_s > since_s]
         count = np.sum([part.count for part in used], axis=0)
         total = np.sum([part.total for part in used], axis=0)
-        valid = count > 0
-        return np.divide(total, count, out=np.full(len(total), np.nan), where=valid), valid
+        return np.divide(total, count, out=np.full(len(total), np.nan), where=count > 0), count

@@ -173,7 +173,7 @@ class RowLearner:
         """
         memory, bank, mixture = self._memory, self._bank, self._mixture
         before = memory.last - memory.reference
-        now = np.where(valid & memory.known & (memory.away == 0), values - memory.reference, before)
+        now = np.where(valid & (memory.away == 0), values - memory.reference, before)
         x = bank.towards(steps, np.where(bank.beyond(now), before, now))
         return np.where(mixture.count > 0, self._share() * (mixture.weights() @ x), np.nan)
 

@@ -1,6 +1,7 @@
 """From readings to frames, and the numbering of grid instants."""
 
 import math
+import tracemalloc
 from datetime import UTC, datetime, timedelta
 from itertools import pairwise
 
@@ -66,7 +67,7 @@ def test_a_reading_that_arrives_after_the_frame_of_its_step_is_dropped() -> None
     assert sampler.frame(Instant(2, 600.0)).inputs.tolist() == [21.0]
 
 
-def test_present_inputs_are_means_of_a_third_of_a_step_whatever_frame_came_between() -> None:
+def test_present_inputs_are_means_of_two_fifths_of_a_step_whatever_frame_came_between() -> None:
     sampler = GridSampler(("a", "b", "c"), 300.0)
     sampler.add([reading("a", 20.0, 190.0), reading("b", 5.0, 10.0)])
     values, valid = sampler.present(210.0)
@@ -86,9 +87,35 @@ def test_an_input_that_is_read_less_often_is_the_mean_of_a_step_and_then_not_val
     sampler.present(60.0)
     sampler.present(120.0)
     sampler.frame(Instant(1, 300.0))
-    assert sampler.present(350.0)[0].tolist() == [21.0]
-    assert sampler.present(390.0)[0].tolist() == [22.0]
+    for now_s, mean in ((350.0, 21.0), (390.0, 22.0)):
+        values, valid = sampler.present(now_s)
+        assert values.tolist() == [mean]
+        assert valid.tolist() == [True]
     assert sampler.present(450.0)[1].tolist() == [False]
+
+
+def test_a_frame_less_than_a_step_after_the_last_one_has_its_own_readings_only() -> None:
+    """The grid was anchored anew, because the clock was set."""
+    sampler = GridSampler(("a",), 300.0)
+    sampler.add([reading("a", 20.0, 190.0), reading("a", 21.0, 350.0)])
+    sampler.present(210.0)
+    assert sampler.frame(Instant(1, 300.0)).inputs.tolist() == [20.0]
+    assert sampler.frame(Instant(2, 400.0)).inputs.tolist() == [21.0]
+
+
+def test_looking_at_the_present_for_weeks_takes_no_more_memory() -> None:
+    sampler, held = GridSampler(("a",), 300.0), []
+    tracemalloc.start()
+    try:
+        for step in range(1, 501):
+            for part in range(1, 11):
+                sampler.present(300.0 * step - 300.0 + 30.0 * part)
+            sampler.frame(Instant(step, 300.0 * step))
+            if step in (100, 500):
+                held.append(tracemalloc.get_traced_memory()[0])
+    finally:
+        tracemalloc.stop()
+    assert held[1] < held[0] + 50_000
 
 
 @given(

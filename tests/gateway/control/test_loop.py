@@ -4,13 +4,11 @@ import asyncio
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from dataclasses import replace
-from datetime import timedelta
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from drivers.base import Quality, Reading
 from drivers.nc import OperatingMode, ProbingState, ProgramState, RequestStatus
 from gateway.config import Probing, parse
 from gateway.control import Explanations, GridLoop, GridSampler, Measuring, Schedule, Trainings
@@ -156,42 +154,6 @@ async def test_the_learner_says_after_each_step_what_the_next_hours_bring() -> N
     known = [bool(np.isfinite(each.misses.value[0]).all()) for each in said]
     # The first value is of the second step; six forecasts over half an hour have then come due after twelve more.
     assert known == [False] * 12 + [True] * (len(known) - 12)
-
-
-async def test_between_two_steps_the_correction_follows_the_readings() -> None:
-    """Nine times a step, from the means of one step's readings; the decision is renewed at the step."""
-    bench, told, renewed = LinkBench("monitor"), KeptEvents(), []
-    clock, controller = bench.clock, Controller(("a",), TalcSettings(method="learner"))
-    sampler = GridSampler(("a",), STEP_S)
-    plan = ProbingSchedule(prefer_idle_s=600.0, insist_after_s=1800.0, retries=2, pause_s=3600.0)
-    loop = GridLoop(
-        controller,
-        sampler,
-        Schedule(STEP_S),
-        clock,
-        told,
-        Measuring(bench.link, plan, Probing(), clock, told),
-        Trainings(controller, clock, told),
-        renew=lambda corrected: renewed.append((clock.monotonic(), corrected)),
-    )
-    for k in range(100):  # an error of 2 µm/K
-        warmer = 4.0 * np.sin(0.2 * k)
-        measured = Measurement(2.0 * warmer * np.eye(9)[0], np.full(9, 0.5))
-        controller.step(Frame(k, np.array([20.0 + warmer]), np.ones(1, dtype=np.bool_), measured))
-    task = asyncio.create_task(loop.run())
-    try:
-        for now_s in range(0, 900, 10):
-            await clock.run_until(float(now_s))
-            at = EPOCH + timedelta(seconds=now_s)
-            sampler.add([Reading("a", 20.0 if now_s < 300 else 24.0, "degC", Quality.GOOD, at, float(now_s))])
-    finally:
-        task.cancel()
-        await asyncio.gather(task, return_exceptions=True)
-    assert [at for at, _ in renewed] == [300.0 + 30.0 * part for part in (*range(1, 10), *range(11, 20))]
-    course = [corrected[0] for _, corrected in renewed[:9]]
-    rises = np.diff(course)
-    assert rises[:3] == pytest.approx([2.0] * 3, rel=0.3), "the mean of a third of a step rises by 1 K each time"
-    assert rises[3:] == pytest.approx([0.0] * 5, abs=0.2), "now by the lags only"
 
 
 async def test_a_restart_remembers_since_when_an_input_is_missing(

@@ -109,7 +109,8 @@ def test_between_two_steps_an_input_that_cannot_be_judged_counts_as_before(days:
     controller, _ = run(days, rows=range(300))
     inputs, valid = days.inputs[299].copy(), np.ones(len(days.names), dtype=np.bool_)
     usual = controller.between(inputs, valid, 0.5)
-    for value in (np.nan, 1e300, 12000.0):  # not read; no possible value; further than ever before
+    jumped = days.inputs[299][0] - 40.0
+    for value in (np.nan, 1e300, 12000.0, jumped):  # not read; no possible value; further than ever before
         inputs[0] = value
         assert controller.between(inputs, valid, 0.5) == pytest.approx(usual)
     inputs[0], valid[0] = days.inputs[299][0] + 5.0, False
