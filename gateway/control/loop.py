@@ -1,4 +1,6 @@
-"""The grid loop: once per step it makes a frame, lets the controller decide, and carries out the decision."""
+"""The grid loop: once per step it makes a frame, lets the controller decide, and carries out the decision. Between two
+steps the correction follows the inputs.
+"""
 
 import asyncio
 import logging
