@@ -77,23 +77,27 @@ def _left(series: Series, course: MethodCourse, dense_h: float) -> float:
     return float(np.sqrt(np.nanmean((left / swing) ** 2)))
 
 
-def check_causal(method: Method, given: Given, seed: int = 0) -> None:
-    """Raise Peeked if changing the measurements from some row on changes an estimate up to that row."""
+def check_causal(method: Method, given: Given, seeds: Sequence[int] = (0,)) -> None:
+    """Raise Peeked if changing the measurements from some row on changes an estimate up to that row.
+
+    seeds: one row for each
+    """
     rows = np.flatnonzero(given.used)
     if len(rows) < 3:
         return
-    row = int(np.random.default_rng([seed, 23]).choice(rows[len(rows) // 2 :]))
-    other = given.measured.copy()
-    other[row:] += _MOVED * given.sigma
-    pairs = zip(method.courses(given), method.courses(replace(given, measured=other)), strict=True)
-    for course, moved in pairs:
-        here = slice(None, row + 1)
-        # Before the row even the stated uncertainty must not know of it.
-        if not (
-            np.array_equal(course.estimate[here], moved.estimate[here], equal_nan=True)
-            and np.array_equal(course.sigma[here], moved.sigma[here], equal_nan=True)
-        ):
-            raise Peeked(f"{method.name}: an estimate up to row {row} changes with the measurement of row {row}")
+    courses = method.courses(given)
+    for seed in seeds:
+        row = int(np.random.default_rng([seed, 23]).choice(rows[len(rows) // 2 :]))
+        other = given.measured.copy()
+        other[row:] += _MOVED * given.sigma
+        for course, moved in zip(courses, method.courses(replace(given, measured=other)), strict=True):
+            here = slice(None, row + 1)
+            # Before the row even the stated uncertainty must not know of it.
+            if not (
+                np.array_equal(course.estimate[here], moved.estimate[here], equal_nan=True)
+                and np.array_equal(course.sigma[here], moved.sigma[here], equal_nan=True)
+            ):
+                raise Peeked(f"{method.name}: an estimate up to row {row} changes with the measurement of row {row}")
 
 
 def residual(series: Series, course: MethodCourse) -> FloatArray:
