@@ -13,6 +13,7 @@ from talc.probing import ProbingResult, design_matrix
 
 POSES = poses_in_radians(Probing().poses_deg)
 RADIUS_M, HEIGHT_M = 0.12, 0.08
+DESIGN = design_matrix(POSES, RADIUS_M, HEIGHT_M)
 PROBE = Probe(POSES, RADIUS_M, HEIGHT_M, 1.0)
 SIGMA = np.array([0.6, 0.6, 0.5, 0.5, 0.5, 0.5, 4.0, 4.0, 4.0])
 UNKNOWN = np.full(9, math.nan)
@@ -23,7 +24,7 @@ def checks(**changed: float) -> MeasurementChecks:
 
 
 def solved(errors: FloatArray, chip_um: FloatArray | None = None, noise: FloatArray | None = None) -> ProbingResult:
-    deviations = (design_matrix(POSES, RADIUS_M, HEIGHT_M) @ errors).reshape(-1, 3)
+    deviations = (DESIGN @ errors).reshape(-1, 3)
     for more in (chip_um, noise):
         deviations = deviations if more is None else deviations + more
     return PROBE.solve(deviations)
