@@ -5,7 +5,6 @@ import sys
 from pathlib import Path
 
 import pytest
-from scipy.stats import binomtest
 
 from tests.benches.mutants_of import annotations
 from tests.benches.mutated_functions import exchanges, is_another, statement_lines
@@ -134,6 +133,8 @@ def test_a_line_belongs_to_its_innermost_statement_s_head(line: int, lines: tupl
 @pytest.mark.parametrize(("hits", "tries"), [(135, 150), (10, 10), (0, 7), (1, 2)])
 def test_a_sample_says_how_sure_its_share_is(hits: int, tries: int) -> None:
     """As SciPy computes it."""
+    from scipy.stats import binomtest  # a second, which only who runs this test needs to spend
+
     expected = binomtest(hits, tries).proportion_ci(method="wilson")
     assert interval(hits, tries) == pytest.approx((expected.low, expected.high), abs=1e-6)
 

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy.signal import lfilter
-from scipy.stats import t as student
 
 from talc.arx import Regression, followed, guarded_fit, least_squares_fit, refine, simulate
 from talc.output_error import Design, fit
@@ -30,6 +29,8 @@ BOTH = Structure(1, (0, 1), (0, 0))
 
 
 def test_coefficients_and_intervals_are_those_of_textbook_least_squares() -> None:
+    from scipy.stats import t as student  # a second, which only who runs this test needs to spend
+
     w, _ = lagging(1, 0.02)
     found = least_squares_fit(Regression(w, 2, 1), Structure(2, (0, 1), (1, 0)))
     k = np.arange(2, 500)

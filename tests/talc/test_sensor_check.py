@@ -5,7 +5,6 @@ from functools import cache
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scipy.stats import t as student
 
 from talc.sensor_check import Judgement, judge
 from talc.sensor_model import CHANGE_STEPS, SensorModel, learn, leave_one_out, leave_two_out, precision_of
@@ -68,6 +67,8 @@ def test_leverage_is_that_of_the_other_inputs_alone() -> None:
 
 
 def test_thresholds_are_students_quantile_and_markovs_bound() -> None:
+    from scipy.stats import t as student  # a second, which only who runs this test needs to spend
+
     model = learnt(11)
     windows = 365.25 * 24 / 8
     assert model.offset_threshold == pytest.approx(1.3 * student.isf(0.5 / (29 * windows), 4 + 9))

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from statsmodels.tsa.statespace.mlemodel import MLEModel
 
 from talc import _kernel
 from talc.learner.experts import UNIT, Expert
@@ -139,6 +138,8 @@ def test_prior_variances_are_renewed_by_the_fixed_point_of_mackay() -> None:
 
 def test_one_filter_agrees_with_statsmodels() -> None:
     """The same model in the state-space form of another program, with missing measurements between."""
+    from statsmodels.tsa.statespace.mlemodel import MLEModel  # a second, which only who runs this test needs to spend
+
     count, expert = 60, Expert(0.5, 0.02, drift=0.02)
     x, draw = features(count, 7), np.random.default_rng(8)
     y = 0.5 * x[:, 0] + draw.normal(0, NOISE, count)
