@@ -68,6 +68,14 @@ def test_a_missed_pose_is_left_out_while_the_rank_stays() -> None:
         solve(deviations, SIX, radius_m=RADIUS, height_m=HEIGHT, sigma_um=1.0)
 
 
+def test_another_sphere_at_the_same_poses_has_equations_of_its_own() -> None:
+    errors = np.arange(1.0, 10.0)
+    for radius, height in ((0.2, 0.08), (0.15, 0.08), (0.15, 0.05), (0.2, 0.08)):
+        deviations = (design_matrix(SIX, radius, height) @ errors).reshape(6, 3)
+        result = solve(deviations, SIX, radius_m=radius, height_m=height, sigma_um=1.0)
+        np.testing.assert_allclose(result.errors, errors, atol=1e-9)
+
+
 def test_wrong_shapes_are_named() -> None:
     with pytest.raises(ValueError, match=r"deviations_um has shape \(5, 3\): expected \(6, 3\)"):
         solve(np.zeros((5, 3)), SIX, radius_m=RADIUS, height_m=HEIGHT, sigma_um=1.0)
