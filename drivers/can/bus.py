@@ -6,6 +6,7 @@ While connected, one thread receives; it drops frames without a subscription.
 import asyncio
 from collections.abc import Collection, Mapping
 from contextlib import suppress
+from dataclasses import dataclass
 from time import monotonic
 
 import can
@@ -16,6 +17,15 @@ from drivers.can.receiver import Receiver
 from drivers.can.settings import CanSettings
 from drivers.can.wanted import FrameId, WantedFrame
 from drivers.tap import Tap
+
+
+@dataclass(frozen=True, slots=True)
+class KeptFrame:
+    """The latest of some frames."""
+
+    came_s: float
+    """Monotonic."""
+    data: bytes
 
 
 class CanBus:
@@ -57,7 +67,7 @@ class CanBus:
         if ears is not None:
             await asyncio.shield(asyncio.to_thread(ears.end))
 
-    async def latest(self, device: str, frames: Collection[WantedFrame]) -> dict[WantedFrame, bytes]:
+    async def latest(self, device: str, frames: Collection[WantedFrame]) -> dict[WantedFrame, KeptFrame]:
         """The newest of these frames, none older than the timeout. Waits for missing ones only until the interface has
         been open for that long: after that they have had their time, and waiting would delay other devices.
 
@@ -91,7 +101,7 @@ class _Ears:
 
     def __init__(self, interface: can.BusABC, wanted: Mapping[FrameId, Collection[WantedFrame]]) -> None:
         self.opened_s = monotonic()
-        self._latest: dict[WantedFrame, tuple[float, bytes]] = {}
+        self._latest: dict[WantedFrame, KeptFrame] = {}
         self._interface, self._wanted = interface, wanted
         self._loop, self._arrived = asyncio.get_running_loop(), asyncio.Event()
         self._receiver = Receiver(interface, self._hear, self._tell)
@@ -101,10 +111,10 @@ class _Ears:
         """Why the interface failed."""
         return self._receiver.exception
 
-    def since(self, oldest: float, frames: Collection[WantedFrame]) -> dict[WantedFrame, bytes]:
+    def since(self, oldest: float, frames: Collection[WantedFrame]) -> dict[WantedFrame, KeptFrame]:
         """Those of the frames that came since then."""
         kept = {key: self._latest[key] for key in frames if key in self._latest}
-        return {key: data for key, (came, data) in kept.items() if came >= oldest}
+        return {key: frame for key, frame in kept.items() if frame.came_s >= oldest}
 
     async def news(self) -> None:
         """Wait for a subscribed frame, or for the end."""
@@ -124,7 +134,7 @@ class _Ears:
         data, now_s = bytes(message.data), monotonic()
         for wanted in self._wanted[key]:
             if wanted.fits(data):
-                self._latest[wanted] = now_s, data
+                self._latest[wanted] = KeptFrame(now_s, data)
         self._tell()
 
     def _tell(self) -> None:

@@ -1,9 +1,10 @@
 """Reads a CAN device that sends without being asked, described by a DBC file."""
 
 from collections.abc import Mapping, Sequence
+from time import monotonic
 
 from drivers.base import Clock, Quality, Reading
-from drivers.can.bus import CanBus
+from drivers.can.bus import CanBus, KeptFrame
 from drivers.can.dbc_profile import CanDbcProfile, DbcSignal
 from drivers.can.wanted import WantedFrame
 from drivers.faults import Fault
@@ -35,18 +36,20 @@ class CanDbcDevice:
         await self._bus.latest(self._device, self._frames)
 
     async def read(self, *, again: bool = False) -> Sequence[Reading]:  # noqa: ARG002
-        """One reading per channel. A missing message affects its own channels only."""
-        heard = await self._bus.latest(self._device, self._frames)
-        return self._maker.make({name: _value(signal, heard) for name, signal in self._signals.items()})
+        """One reading per channel, as old as its frame. A missing message affects its own channels only."""
+        heard, signals = await self._bus.latest(self._device, self._frames), self._signals
+        now_s = monotonic()
+        ages_s = {name: now_s - heard[s.frame].came_s if s.frame in heard else 0.0 for name, s in signals.items()}
+        return self._maker.make({name: _value(signal, heard) for name, signal in signals.items()}, ages_s)
 
     async def close(self) -> None:
         """Nothing to close: the device holds no resources."""
 
 
-def _value(signal: DbcSignal, heard: Mapping[WantedFrame, bytes]) -> float | Fault:
-    data = heard.get(signal.frame)
-    if data is None:
+def _value(signal: DbcSignal, heard: Mapping[WantedFrame, KeptFrame]) -> float | Fault:
+    kept = heard.get(signal.frame)
+    if kept is None:
         page = f" with {signal.signal.name}" if signal.frame.pages else ""
         what = f"message {signal.message.name} (0x{signal.frame.identifier:X}){page} did not arrive"
         return Fault(Quality.COMM_FAULT, what)
-    return signal.decode(data)
+    return signal.decode(kept.data)

@@ -52,17 +52,15 @@ class MqttDevice:
         value, measured = topic.read(message.payload)
         if isinstance(value, Fault):
             return value, 0.0
-        limit_s = self._max_age_s
-        if measured is None:
-            age_s = monotonic() - message.arrived_s
-            if message.retained:
-                kept = f"the broker had kept this message of topic {topic.topic}, and it holds no time"
-                return Fault(Quality.STALE, f"{kept}; the age is unknown until the next message"), age_s
-        else:
-            age_s = (self._clock.utc() - measured).total_seconds()
+        limit_s, arrived_s = self._max_age_s, monotonic() - message.arrived_s
+        told_s = arrived_s if measured is None else (self._clock.utc() - measured).total_seconds()
+        if measured is None and message.retained:
+            kept = f"the broker had kept this message of topic {topic.topic}, and it holds no time"
+            return Fault(Quality.STALE, f"{kept}; the age is unknown until the next message"), arrived_s
+        if told_s < -limit_s:
+            return Fault(Quality.STALE, f"its time is {-told_s:.0f} s ahead of this computer's clock"), 0.0
+        age_s = max(told_s, arrived_s)  # whatever the clocks say, it was measured before it arrived
         if age_s > limit_s:
-            how = "the payload's own time" if measured is not None else "the arrival of the last message"
+            how = "the payload's own time" if told_s > arrived_s else "the arrival of the last message"
             return Fault(Quality.STALE, f"{age_s:.0f} s old by {how}"), age_s
-        if age_s < -limit_s:
-            return Fault(Quality.STALE, f"its time is {-age_s:.0f} s ahead of this computer's clock"), 0.0
-        return value, max(0.0, age_s)
+        return value, age_s

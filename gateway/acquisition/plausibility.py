@@ -7,6 +7,10 @@ from drivers.base import Quality, Reading
 _WINDOW_S = 60.0
 """A rate is judged over a minute or more: one step of a sensor's resolution in a second is not a rate."""
 
+_SAME_S = 0.05
+"""A number that was measured within so many seconds of the last one is the same measurement, read again: the driver
+tells its age (MQTT, plain CAN). It says nothing new about a spike."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Plausible:
@@ -15,7 +19,7 @@ class Plausible:
     smallest: float | None = None
     largest: float | None = None
     jump: float | None = None
-    """Between one reading and the next."""
+    """Between one measurement and the next."""
     rate_per_min: float | None = None
     stuck_after_s: float | None = None
 
@@ -33,11 +37,21 @@ class Check:
         """Value of the previous reading, if it jumped; the next one shows whether it was a spike or a step."""
         self._changed: Reading | None = None
         """First reading with the present number."""
+        self._last: Reading | None = None
+        """The last measurement as it was judged."""
 
     def judge(self, reading: Reading) -> Reading:
         """The reading, with lowered quality and a `detail` when it breaks a limit. Bad readings pass unchanged."""
         if not reading.quality.usable:
             return reading
+        last = self._last
+        if last is not None and reading.value == last.value and abs(reading.monotonic_s - last.monotonic_s) < _SAME_S:
+            return replace(reading, quality=last.quality, detail=last.detail)
+        self._last = self._measured(reading)
+        return self._last
+
+    def _measured(self, reading: Reading) -> Reading:
+        """The same of a new measurement."""
         stuck = self._stuck(reading)
         spike = self._spike(reading.value)
         if broken := self._range(reading) or spike or self._rate(reading):

@@ -228,6 +228,15 @@ def _waits(config: GatewayConfig) -> Iterator[Problem]:
                 f"{bus.read_limit_s:g}: expected at least timeout_s = {bus.timeout_s:g}, "
                 "or the bus is closed while an answer may still arrive",
             )
+        if isinstance(bus, CanSection) and bus.timeout_s > 3.0 * bus.period_s:
+            yield Problem(f"bus '{bus.name}', timeout_s", _goes_stale(bus.timeout_s, bus))
+
+
+def _goes_stale(age_s: float, bus: BusSection) -> str:
+    return (
+        f"{age_s:g}: a value goes stale after three periods; expected at most {3.0 * bus.period_s:g}, or a longer "
+        f"period_s of bus '{bus.name}'"
+    )
 
 
 def _addresses(config: GatewayConfig) -> Iterator[Problem]:
@@ -339,11 +348,7 @@ def _devices(config: GatewayConfig) -> Iterator[Problem]:
                 check_device(device.name, bus.name, bus, profile, device.unit, device.channels, device.options)
                 loaded = load_profile(profile) if isinstance(profile, str) else profile
                 if isinstance(loaded, MqttProfile) and loaded.max_age_s > 3.0 * bus.period_s:
-                    yield Problem(
-                        f"{where}, profile",
-                        f"max_age_s = {loaded.max_age_s:g}: a value goes stale after three periods; expected at most"
-                        f" {3.0 * bus.period_s:g}, or a longer period_s of bus '{bus.name}'",
-                    )
+                    yield Problem(f"{where}, profile", "max_age_s = " + _goes_stale(loaded.max_age_s, bus))
             except SetupError as error:
                 yield Problem(f"{where}, channels.{error.channel}" if error.channel else where, error.advice)
 

@@ -109,8 +109,8 @@ class Limits(Section):
     max: float | None = None
     """Largest plausible value, in the channel's unit; above it the quality is `out_of_range`."""
     max_jump: Positive | None = None
-    """Largest plausible difference between one reading and the next, in the channel's unit. Beyond it the quality of
-    that reading is `out_of_range`; if the next one agrees with it, it was a step and not a spike, and is used."""
+    """Largest plausible difference between one measurement and the next, in the channel's unit. Beyond it the quality
+    of that one is `out_of_range`; if the next one agrees with it, it was a step and not a spike, and is used."""
     max_rate_per_min: Positive | None = None
     """Largest plausible change within a minute, in the channel's unit. After a larger one (a spike, a step) the quality
     is `out_of_range` until enough time has passed since the last plausible value for the change to be plausible."""

@@ -6,6 +6,7 @@ import struct
 import time
 from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager
+from datetime import UTC, datetime
 from pathlib import Path
 
 import pytest
@@ -99,6 +100,19 @@ async def test_missing_message_costs_its_own_channels_only(tmp_path: Path) -> No
         async with asyncio.timeout(0.15):  # as long as the frame is fresh
             readings = await until_answered(driver)
     assert [r.quality for r in readings] == [Quality.GOOD] * 4 + [Quality.COMM_FAULT]
+
+
+async def test_a_value_is_as_old_as_its_frame(tmp_path: Path) -> None:
+    async with bench(logger_profile(tmp_path)) as (logger, driver, adapter):
+        logger.stop()
+        with pytest.raises(NoAnswer):
+            await read_on(driver)
+        adapter.send(logger.frames())
+        first = await until_answered(driver)
+        await asyncio.sleep(0.1)  # of the 0.2 s for which a frame counts
+        again, now = await driver.read(), (time.monotonic(), datetime.now(UTC))
+    assert [r.monotonic_s for r in again] == pytest.approx([r.monotonic_s for r in first], abs=0.01)
+    assert all(now[0] - r.monotonic_s >= 0.1 and (now[1] - r.source_time).total_seconds() >= 0.09 for r in again)
 
 
 async def until_answered(driver: Driver) -> Sequence[Reading]:

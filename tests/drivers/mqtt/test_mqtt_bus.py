@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.base import ConnectError, Driver, Quality, Reading, SystemClock
+from drivers.base import Clock, ConnectError, Driver, Quality, Reading, SystemClock
 from drivers.build import make_bus, make_device
 from drivers.mqtt import MqttBus
 from tests.benches.mosquitto import LIMIT_S, Mosquitto, mosquitto
@@ -39,12 +39,19 @@ def timed(value: float, age_s: float) -> str:
     return f'{{"t": {value}, "at": "{(datetime.now(UTC) - timedelta(seconds=age_s)).isoformat()}"}}'
 
 
-def site(broker: Mosquitto, tmp_path: Path, names: dict[str, int], timeout_s: float) -> tuple[MqttBus, Driver]:
+def site(
+    broker: Mosquitto,
+    tmp_path: Path,
+    names: dict[str, int],
+    timeout_s: float,
+    clock: Clock | None = None,
+    max_age_s: float = 100,
+) -> tuple[MqttBus, Driver]:
     profile = tmp_path / "plant.toml"
-    profile.write_text(PROFILE)
+    profile.write_text(PROFILE.replace("max_age_s = 100", f"max_age_s = {max_age_s}"))
     bus = make_bus("broker", "mqtt", {"url": broker.url, "timeout_s": timeout_s})
     assert isinstance(bus, MqttBus)
-    return bus, make_device("plant", bus, str(profile), 1, names, {}, SystemClock())
+    return bus, make_device("plant", bus, str(profile), 1, names, {}, clock or SystemClock())
 
 
 async def until(driver: Driver, quality: Quality, value: float | None = None, detail: str = "") -> Reading:
@@ -76,6 +83,27 @@ async def test_the_payloads_time_is_the_age_also_of_what_the_broker_kept(tmp_pat
             assert "neither a number nor JSON" in (await until(driver, Quality.SENSOR_FAULT)).detail
             say(broker, "plant/timed", timed(21.0, 0.0))
             await until(driver, Quality.GOOD, 21.0)
+        finally:
+            await bus.close()
+
+
+class StoppedClock(SystemClock):
+    """The time of day stands still, as it seems to while a clock that was ahead is set back again and again."""
+
+    def __init__(self) -> None:
+        self._utc = datetime.now(UTC)
+
+    def utc(self) -> datetime:
+        return self._utc
+
+
+async def test_a_value_is_not_younger_than_its_arrival_whatever_the_clocks_say(tmp_path: Path) -> None:
+    with mosquitto(tmp_path) as broker:
+        bus, driver = site(broker, tmp_path, {"timed": 0}, LIMIT_S, StoppedClock(), max_age_s=1)
+        try:
+            await bus.connect()
+            say(broker, "plant/timed", timed(20.5, 0.0))
+            await until(driver, Quality.STALE, detail="s old by the arrival of the last message")
         finally:
             await bus.close()
 

@@ -15,6 +15,7 @@ from drivers.build import make_bus, make_device
 from drivers.mqtt import bus as mqtt_bus
 from drivers.mqtt.bus import MqttBus
 from drivers.tap import Tap
+from tests.benches.mosquitto import LIMIT_S
 from tests.benches.stream_server import Serve, stream_server
 
 CONNECT, SUBSCRIBE, PING, GOODBYE = 1, 8, 12, 14
@@ -42,6 +43,11 @@ def packet(first: int, body: bytes) -> bytes:
 
 def message(topic: bytes, payload: bytes) -> bytes:
     return packet(0x30, len(topic).to_bytes(2, "big") + topic + payload)
+
+
+def kept(topic: bytes, payload: bytes) -> bytes:
+    """A message with RETAIN set (3.3.1.3)."""
+    return packet(0x31, len(topic).to_bytes(2, "big") + topic + payload)
 
 
 BOTH = message(b"a", b"1.5") + message(b"b", b"2.5")
@@ -129,6 +135,21 @@ async def test_a_broker_that_does_not_accept(
     async with reading(broker(accepts), tmp_path) as (bus, driver):
         with pytest.raises(error, match=says):
             await read(bus, driver)
+
+
+async def test_after_a_reconnect_what_was_kept_is_a_value_only_if_it_was_heard_before(tmp_path: Path) -> None:
+    """The same payload is as old as its first arrival. Another one replaces the value, and nothing tells its age."""
+    said = iter((BOTH, kept(b"a", b"1.5") + kept(b"b", b"9.5")))
+    serve = broker(grants=lambda number: BOTH_GRANTED(number) + next(said), then=b"")
+    async with reading(serve, tmp_path) as (bus, driver):
+        assert told(await read(bus, driver)) == [1.5, 2.5]
+        await bus.close()
+        await bus.connect()
+        async with asyncio.timeout(LIMIT_S):
+            while (again := await driver.read())[1].quality is Quality.GOOD:
+                await asyncio.sleep(0.01)
+        unknown = "stale: the broker had kept this message of topic b, and it holds no time"
+        assert told(again) == [1.5, f"{unknown}; the age is unknown until the next message"]
 
 
 @pytest.mark.parametrize("codes", [b"\x01\x80", b"\x01\x87"])

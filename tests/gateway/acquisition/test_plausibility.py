@@ -56,6 +56,20 @@ def test_a_step_is_no_spike_and_is_taken_with_the_next_reading_that_agrees() -> 
     assert readings[2].detail == "jumped by 14.9 from one reading to the next, more than the stated 1"
 
 
+def test_a_spike_that_is_read_again_is_still_one_measurement() -> None:
+    """A topic or frame may come less often than it is read; its age is taken anew each time, to a millisecond."""
+    check = Check(Plausible(jump=1.0))
+    measured = [(20.0, 0.0), (35.0, 10.0), (20.1, 20.0), (35.0, 30.0), (35.2, 40.0)]
+    good = [[judge(check, value, at + i / 1000).quality is Quality.GOOD for i in range(9)] for value, at in measured]
+    assert good == [[True] * 9, [False] * 9, [True] * 9, [False] * 9, [True] * 9]
+
+
+def test_a_step_is_taken_however_often_it_is_measured() -> None:
+    check = Check(Plausible(jump=1.0))
+    good = [judge(check, value, i / 100).quality is Quality.GOOD for i, value in enumerate([20.0, *[35.0] * 20])]
+    assert (good[0], good[1], good[-1]) == (True, False, True)
+
+
 def test_a_spike_beside_a_rate_does_not_become_its_reference() -> None:
     check = Check(Plausible(jump=5.0, rate_per_min=2.0))
     values = [20.0, 80.0, 20.1, 23.0, 23.0]
