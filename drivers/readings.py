@@ -1,4 +1,4 @@
-"""Builds the readings of one device: all channels of one read have the same times."""
+"""Builds the readings of one device: all channels of one read have the same times, unless their ages are known."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

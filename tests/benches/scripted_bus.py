@@ -47,6 +47,8 @@ class ScriptedDevice:
         self.device, self.channels = name, (f"{name}_t",)
         self.fault: Exception | None = None
         self.fault_once: Exception | None = None
+        self.fault_then: Exception | None = None
+        """What `fault` becomes after `fault_once`."""
         self.fault_at_connect: Exception | None = None
         self.quality = Quality.GOOD
         self.takes_s = self.fault_takes_s = 0.0
@@ -71,6 +73,7 @@ class ScriptedDevice:
             self._fail(self.fault)
         if self.fault_once is not None:
             fault, self.fault_once = self.fault_once, None
+            self.fault, self.fault_then = self.fault_then, None
             self._fail(fault)
         self._failed = False
         self._clock.spend(self.takes_s)

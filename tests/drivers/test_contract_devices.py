@@ -36,8 +36,11 @@ async def test_values_arrive_within_quantisation(rig: Rig) -> None:
 
 async def test_readings_carry_their_times(rig: Rig) -> None:
     async with rig.connected() as (_, driver):
-        first, second = await driver.read(), await driver.read()
-    assert {r.monotonic_s for r in second} == {second[0].monotonic_s}, "one read, one time"
+        first = await driver.read()
+        await asyncio.sleep(rig.settle_s)
+        second = await driver.read()
+    if rig.kind != "can":  # there each value is as old as its frame
+        assert {r.monotonic_s for r in second} == {second[0].monotonic_s}, "one read, one time"
     assert second[0].monotonic_s > first[0].monotonic_s
     assert second[0].source_time.utcoffset() == timedelta(0)
 

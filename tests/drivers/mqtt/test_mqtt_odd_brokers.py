@@ -7,6 +7,7 @@ import asyncio
 from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager, suppress
 from pathlib import Path
+from time import monotonic
 
 import pytest
 
@@ -168,6 +169,51 @@ async def test_a_topic_that_is_refused_is_asked_for_again(tmp_path: Path, monkey
         assert bus.refuses("b")
         assert told(await driver.read()) == [1.5, 2.5]
         assert not bus.refuses("b")
+
+
+async def test_a_topic_that_stays_refused_is_asked_for_once_a_minute(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked, ahead_s = list[bytes](), 0.0
+    monkeypatch.setattr(mqtt_bus, "monotonic", lambda: monotonic() + ahead_s)
+
+    def refusing(number: bytes) -> bytes:
+        asked.append(number)
+        return packet(0x90, number + (b"\x01\x80" if len(asked) == 1 else b"\x80"))
+
+    async with reading(broker(grants=refusing), tmp_path) as (bus, driver):
+        await bus.connect()
+        for minutes in range(3):
+            ahead_s = 61.0 * minutes
+            for _ in range(5):
+                await driver.read()
+            assert len(asked) == 1 + minutes
+
+
+async def test_a_topic_that_stays_silent_is_waited_for_once(tmp_path: Path) -> None:
+    """Each wait would take the bus's timeout, and from its other devices' time."""
+    async with reading(broker(then=message(b"a", b"1.5")), tmp_path) as (bus, driver):
+        async with asyncio.timeout(LIMIT_S):
+            await bus.connect()
+            for _ in range(2 * int(LIMIT_S / bus.timeout_s)):
+                silent = (await driver.read())[1]
+        assert silent.detail == "no message of topic b has arrived yet"
+
+
+async def test_messages_of_a_topic_are_counted_from_the_first(tmp_path: Path) -> None:
+    said = iter((BOTH, message(b"a", b"1.6") + message(b"b", b"2.6")))
+    serve = broker(grants=lambda number: BOTH_GRANTED(number) + next(said), then=b"")
+    async with reading(serve, tmp_path) as (bus, driver):
+        await read(bus, driver)
+        first = await bus.latest("d", "ab")
+        await bus.close()
+        await bus.connect()
+        async with asyncio.timeout(LIMIT_S):
+            while (again := await bus.latest("d", "ab"))["b"].count < 2:
+                await asyncio.sleep(0.01)
+        assert [one.payload for one in again.values()] == [b"1.6", b"2.6"]
+        for topic in "ab":
+            assert again[topic].first_s == first[topic].arrived_s < again[topic].arrived_s
 
 
 async def test_a_broker_that_refuses_all_topics_is_refused(tmp_path: Path) -> None:

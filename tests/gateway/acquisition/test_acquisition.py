@@ -158,6 +158,59 @@ async def test_a_lost_connection_gives_every_channel_of_the_bus_a_fault_and_come
     assert plant.told() == [("device a", False), ("device a", True)]
 
 
+async def test_a_connection_that_is_lost_while_a_heard_device_is_asked_again_is_opened_again() -> None:
+    plant = ScriptedPlant("a", "b")
+    async with plant.running():
+        await plant.clock.run_until(5.5)
+        plant.devices["b"].fault_once = BadAnswer("noise")
+        plant.devices["b"].fault_then = ConnectError("connection reset", bus="rtu1")
+        await plant.clock.run_until(6.5)
+        assert not plant.bus.is_open
+        assert "connection reset" in plant.of("b")[-1].detail
+        plant.devices["b"].fault = None
+        await plant.clock.run_until(8.5)
+    assert plant.bus.opened == 2
+    assert plant.of("a")[-1].quality is plant.of("b")[-1].quality is Quality.GOOD
+
+
+async def test_a_bus_that_does_not_open_is_closed_so_that_nothing_of_the_attempt_remains() -> None:
+    plant = ScriptedPlant("a")
+    plant.bus.fault = ConnectError("refused after the connection was made", bus="rtu1")
+    async with plant.running():
+        await plant.clock.run_until(0.5)
+        assert plant.bus.closed == 1
+
+
+async def test_a_bus_that_was_open_is_tried_again_soon_however_long_it_once_was_away() -> None:
+    plant = ScriptedPlant("a")
+    away = ConnectError("host unreachable", bus="rtu1")
+    plant.bus.fault = away
+    async with plant.running():
+        await plant.clock.run_until(20.5)  # by now 8 periods pass between two attempts
+        plant.bus.fault = None
+        await plant.clock.run_until(40.5)
+        plant.devices["a"].fault_once, plant.bus.fault = ConnectError("connection reset", bus="rtu1"), away
+        await plant.clock.run_until(42.5)
+        plant.bus.fault = None
+        await plant.clock.run_until(44.5)
+        assert plant.of("a")[-1].quality is Quality.GOOD
+
+
+async def test_the_first_error_that_had_its_full_time_says_what_is_wrong() -> None:
+    plant = ScriptedPlant("a", "b")
+    plant.devices["b"].first_fault_takes_s = 0.01
+    async with plant.running():
+        await plant.clock.run_until(5.5)
+        plant.devices["b"].fault_once = NoAnswer("not within 0.01 s")
+        plant.devices["b"].fault_then = BadAnswer("noise")
+        await plant.clock.run_until(6.5)
+        plant.devices["b"].fault = None
+        await plant.clock.run_until(7.5)
+        plant.devices["b"].fault_once, plant.devices["b"].fault_then = BadAnswer("noise"), NoAnswer("silent")
+        await plant.clock.run_until(8.5)
+    assert [r.detail for r in plant.of("b")[6:]] == ["noise", "", "noise"]
+
+
 async def test_a_fault_that_comes_again_is_reported_again() -> None:
     plant = ScriptedPlant("a")
     async with plant.running():

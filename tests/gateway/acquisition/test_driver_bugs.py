@@ -113,6 +113,27 @@ class AskingDevice(ScriptedDevice):
         pass
 
 
+class LaterDevice(ScriptedDevice):
+    """One that always wants to be asked for something later."""
+
+    asks_later = True
+    later = 0
+
+    async def ask_later(self) -> None:
+        self.later += 1
+        self._clock.spend(0.3)
+
+
+async def test_only_one_device_a_period_is_asked_for_what_it_left_out() -> None:
+    plant = ScriptedPlant("a", "b", "c", "d")
+    devices = [LaterDevice(name, plant.clock, plant.bus) for name in plant.devices]
+    plant.devices = {device.device: device for device in devices}
+    async with plant.running() as acquisition:
+        await plant.clock.run_until(9.9)
+        assert acquisition.runners["rtu1"].missed == 0
+    assert sum(device.later for device in devices) == 10
+
+
 async def test_a_device_that_fails_to_say_whether_it_is_asked_later_ends_no_other(
     caplog: pytest.LogCaptureFixture,
 ) -> None:

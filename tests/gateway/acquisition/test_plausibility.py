@@ -84,6 +84,13 @@ def test_a_step_that_stays_is_accepted_when_the_rate_could_have_made_it() -> Non
     assert good_from == 300  # 10 K at 2 K/min
 
 
+def test_a_rate_is_judged_against_the_last_value_that_was_plausible_and_not_the_first() -> None:
+    check = Check(Plausible(rate_per_min=2.0))
+    slow = [judge(check, 20.0 + minute, 60.0 * minute).quality for minute in range(11)]  # 1 K/min
+    assert set(slow) == {Quality.GOOD}
+    assert judge(check, 38.0, 660.0).quality is Quality.OUT_OF_RANGE, "8 K within the last minute"
+
+
 def test_one_step_of_resolution_is_no_rate() -> None:
     check = Check(Plausible(rate_per_min=0.5))
     assert judge(check, 20.0, 0.0).quality is Quality.GOOD
