@@ -8,9 +8,11 @@ from pathlib import Path
 
 import canopen
 import pytest
+from canopen.objectdictionary import datatypes
 
 from drivers.base import Driver, Quality, Reading, Refused, SetupError, SystemClock, WrongDevice
 from drivers.build import make_bus, make_device
+from drivers.canopen import CanOpenProfile
 from drivers.profiles import load_profile, user_profile
 from simulators.devices import Cia404Node, SlcanAdapter
 from tests.benches.library_node import EDS, NODE, LibraryNode
@@ -168,6 +170,23 @@ def test_mistakes_are_named(tmp_path: Path, objects: str, message: str) -> None:
     with pytest.raises(SetupError) as caught:
         load_profile(profile)
     assert message in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("number", "kind"),
+    [
+        (datatypes.BOOLEAN, "bool"), (datatypes.INTEGER8, "int8"), (datatypes.INTEGER16, "int16"),
+        (datatypes.INTEGER32, "int32"), (datatypes.INTEGER64, "int64"), (datatypes.UNSIGNED8, "uint8"),
+        (datatypes.UNSIGNED16, "uint16"), (datatypes.UNSIGNED32, "uint32"), (datatypes.UNSIGNED64, "uint64"),
+        (datatypes.REAL32, "float32"), (datatypes.REAL64, "float64"),
+    ],
+)  # fmt: skip
+def test_each_type_of_an_eds_is_the_one_of_the_library(tmp_path: Path, number: int, kind: str) -> None:
+    profile = written(tmp_path, HEAD + 'eds = "pump.eds"\n[[object]]\nindex = 0x2100\nsubindex = 1\n')
+    (tmp_path / "pump.eds").write_text(EDS.replace("DataType=0x3\n", f"DataType={number:#x}\n"), encoding="cp1252")
+    loaded = load_profile(profile)
+    assert isinstance(loaded, CanOpenProfile)
+    assert loaded.types == (kind,)
 
 
 def test_a_type_is_stated_once(tmp_path: Path) -> None:

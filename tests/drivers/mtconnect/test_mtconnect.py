@@ -256,6 +256,18 @@ ITEMS = "".join(
         ("Srpm", "REVOLUTION/MINUTE"),
     ]
 )
+
+
+@pytest.mark.parametrize("item", ["Srpm", "Cpos"])
+async def test_a_word_is_no_speed_and_no_position(item: str) -> None:
+    told = dict.fromkeys(POSITIONS.values(), "1.5") | {"Srpm": "6000"} | {item: "ACTIVE"}
+    text = "".join(f'<P dataItemId="{one}">{value}</P>' for one, value in told.items())
+    async with answering(http(f"<MTConnect>{ITEMS}{text}</MTConnect>".encode())) as url:
+        nc = control(url, states={"spindle_speed": "Srpm"}, mode="", program="", tool="", emergency_stop="")
+        with pytest.raises(BadAnswer, match=f"{item} = 'ACTIVE': expected a number"):
+            await nc.connect()
+
+
 NASTY = st.text(st.characters(codec="utf-8", exclude_characters="<&\x00", min_codepoint=32), max_size=12)
 ANY = st.one_of(NASTY, st.floats().map(str), st.sampled_from(["UNAVAILABLE", "1e400", "-inf", "ON", "", "1 2 3"]))
 

@@ -76,6 +76,12 @@ def test_a_spindle_that_is_called_c_is_no_axis() -> None:
     assert found.states == {"spindle_speed": "S1speed", "speed_C": "C3vel"}
 
 
+def test_the_controls_own_name_of_an_axis_counts_before_a_number_behind_it() -> None:
+    absolute = item("Qabs", "POSITION", "MILLIMETER", subType="ACTUAL")
+    found = suggested_items(described(linear("X2"), axis("Linear", "Q", absolute, native="X")))
+    assert found.positions == {"X": "Qabs"}
+
+
 def test_of_several_machines_it_is_the_first_and_its_items_only() -> None:
     first = described(linear("X"), controller=item("m1", "CONTROLLER_MODE"))
     second = described(linear("Y"), device='uuid="m2"', controller=item("e2", "EXECUTION"))

@@ -217,6 +217,45 @@ async def test_one_lost_answer_costs_nothing() -> None:
     assert (lost, seen.words) == (1, {17: 213})
 
 
+@pytest.mark.simulated_time
+async def test_a_unit_that_is_busy_for_a_while_is_asked_again() -> None:
+    busy = 0
+
+    async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        nonlocal busy
+        while request := await reader.read(260):
+            if busy < 5:
+                busy += 1
+                writer.write(request[:4] + bytes((0, 3, request[6], 0x83, 6)))
+                continue
+            writer.write(request[:4] + bytes((0, 5, request[6], 3, 2, 0, 213)))
+        writer.close()
+
+    async with modbus_host(serve, 5.0) as bus:
+        seen = await read_words(bus, UNIT, 3, [17])
+    assert (busy, seen.words, seen.refused) == (5, {17: 213}, {})
+
+
+@pytest.mark.simulated_time
+async def test_a_unit_that_gives_no_half_of_a_number_is_divided_between_its_numbers() -> None:
+    """Its numbers have two registers each, and it does not have 8 and 9."""
+
+    async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        while request := await reader.read(260):
+            first, count = struct.unpack(">HH", request[8:12])
+            if first % 2 or count % 2 or first <= 8 < first + count:
+                writer.write(request[:4] + bytes((0, 3, request[6], 0x83, 2)))
+            else:
+                words = struct.pack(f">{count}H", *range(first, first + count))
+                writer.write(request[:4] + bytes((0, 3 + 2 * count, request[6], 3, 2 * count)) + words)
+        writer.close()
+
+    async with modbus_host(serve, 5.0) as bus:
+        seen = await read_words(bus, UNIT, 3, range(22))
+    assert seen.words == {a: a for a in range(22) if a not in (8, 9)}
+    assert list(seen.refused) == [8, 9]
+
+
 def test_a_number_needs_all_of_its_registers() -> None:
     seen = SeenWords(3, {4: 0x41AA, 5: 0x0000, 9: 1})
     assert seen.numbers(NumberFormat("float32")) == {4: 21.25}
