@@ -19,7 +19,7 @@ from gateway.cli.inspection import Draft, new_file, now_text, write_draft
 from gateway.cli.terminal import printable, terminal
 from gateway.config import toml_value
 from gateway.polling import contained
-from gateway.scan import SeenTopic, open_bus, seen_topics, topic_draft
+from gateway.scan import SeenTopic, bus_period_s, open_bus, seen_topics, topic_draft
 
 _MOST_SHOWN = 60
 """Characters of a payload."""
@@ -79,11 +79,10 @@ def topics_command(
             text = topic_draft(seen, scale=scale, unit=quantity, place=url, when=now_text())
         except ValueError as error:
             raise click.UsageError(f"{error}: no draft was written") from error
-        slowest = max((one.every_s for one in seen if one.numbers and not math.isnan(one.every_s)), default=0.0)
         lines = [f"{name} = {toml_value(value)}" for name, value in known.items() if name != "timeout_s"]
         write_draft(draft, text, 1)
         head = ["[[bus]]  # of the device above; CONFIRM: the longest usual time between messages", 'name = "..."']
-        click.echo("\n".join([*head, 'kind = "mqtt"', *lines, f"period_s = {max(1.0, math.ceil(slowest)):g}"]))
+        click.echo("\n".join([*head, 'kind = "mqtt"', *lines, f"period_s = {bus_period_s(seen)}"]))
     sys.exit(0 if seen else EXIT_WORLD)
 
 

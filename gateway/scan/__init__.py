@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from gateway.scan.registers import ORDERS, Meaning, SeenWords, profile_draft, read_words
     from gateway.scan.serial import LineTry, SerialScan, plan, scan_line
     from gateway.scan.tcp import TcpScan, scan_hosts
-    from gateway.scan.topics import SeenTopic, seen_topics, topic_draft
+    from gateway.scan.topics import SeenTopic, bus_period_s, seen_topics, topic_draft
 else:
     __getattr__ = on_first_use(
         __name__,
@@ -46,7 +46,7 @@ else:
             ".registers": ("ORDERS", "Meaning", "SeenWords", "profile_draft", "read_words"),
             ".serial": ("LineTry", "SerialScan", "plan", "scan_line"),
             ".tcp": ("TcpScan", "scan_hosts"),
-            ".topics": ("SeenTopic", "seen_topics", "topic_draft"),
+            ".topics": ("SeenTopic", "bus_period_s", "seen_topics", "topic_draft"),
         },
     )
 
@@ -69,6 +69,7 @@ __all__ = [
     "SerialScan",
     "SinumerikAnswers",
     "TcpScan",
+    "bus_period_s",
     "check_addable",
     "find_ports",
     "first_configuration",

@@ -2,7 +2,7 @@
 
 import json
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from typing import get_args
@@ -15,9 +15,8 @@ _TIME_UNITS: tuple[TimeUnit, ...] = get_args(TimeUnit)
 _NEAR = timedelta(days=3650)
 """A number that is an instant so near the present is a time; a temperature or a count is not."""
 _DEEPEST = 8
-_LEAST_AGE_S = 10.0
-_AGES = 3.0
-"""A value may be as old as this many intervals."""
+_AGES = 3
+"""A value may be as old as this many periods of the bus."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,10 +123,16 @@ def _time(place: str, found: object, now: datetime) -> SeenTime | None:
     return None
 
 
+def bus_period_s(seen: Sequence[SeenTopic]) -> int:
+    """For the bus of a draft: the longest interval between messages with a number, in whole seconds; 1 if unknown."""
+    intervals = [topic.every_s for topic in seen if topic.numbers and not math.isnan(topic.every_s)]
+    return max(1, math.ceil(max(intervals, default=0.0)))
+
+
 def topic_draft(seen: list[SeenTopic], *, scale: float, unit: str, place: str, when: str) -> str:
     """A profile of every number of these topics. Raises ValueError if there is none.
 
-    Each with its payload's time, if there is one; max_age_s is three times the slowest topic's interval.
+    Each with its payload's time, if there is one; max_age_s is three times `bus_period_s`.
     """
     blocks = []
     for topic in seen:
@@ -141,6 +146,5 @@ def topic_draft(seen: list[SeenTopic], *, scale: float, unit: str, place: str, w
             blocks.append([*lines, *([] if scale == 1 else [f"scale = {scale!r}"])])
     if not blocks:
         raise ValueError("no topic holds a number")
-    intervals = [topic.every_s for topic in seen if topic.numbers and not math.isnan(topic.every_s)]
-    oldest = max(_LEAST_AGE_S, math.ceil(_AGES * max(intervals, default=0.0)))
-    return draft_text("mqtt", "max_age_s, scale and unit", unit, blocks, place, when, (f"max_age_s = {oldest:g}",))
+    oldest_s = _AGES * bus_period_s(seen)
+    return draft_text("mqtt", "max_age_s, scale and unit", unit, blocks, place, when, (f"max_age_s = {oldest_s}",))

@@ -13,7 +13,7 @@ from click.testing import CliRunner, Result
 from drivers.mqtt import MqttProfile, TopicMessage
 from drivers.profiles import load_profile
 from gateway.cli import main
-from gateway.scan import SeenTopic, seen_topics, topic_draft
+from gateway.scan import SeenTopic, bus_period_s, seen_topics, topic_draft
 from tests.benches.mosquitto import LIMIT_S, Mosquitto, mosquitto
 
 NOW = datetime(2026, 3, 2, 6, tzinfo=UTC)
@@ -125,3 +125,17 @@ def test_topics_of_a_broker(tmp_path: Path) -> None:
     assert len(rows) == 2, "other was not asked for"
     assert f'kind = "mqtt"\nurl = "{broker.url}"\nperiod_s = 1' in answer.output
     assert load_profile(str(draft)).channels == 2
+    config = tmp_path / "gateway.toml"
+    shown = answer.output[answer.output.index("[[device]]") :].replace('"..."', '"broker"')
+    config.write_text(f'[machine]\nname = "mill"\n{shown}')
+    checked = CliRunner().invoke(main, ["check", str(config)])
+    assert checked.exit_code == 0, checked.output
+
+
+@pytest.mark.parametrize(("count", "period_s"), [(1, 1), (11, 1), (2, 10), (4, 4)])
+def test_a_value_of_a_draft_may_be_as_old_as_three_periods_of_its_bus(count: int, period_s: int) -> None:
+    """All messages came within 10 s; of a single one the interval is unknown."""
+    found = seen({"a": b"1"}, count=count)
+    assert bus_period_s(found) == period_s
+    draft = topic_draft(found, scale=1, unit="bar", place="b", when="now")
+    assert f"max_age_s = {3 * period_s}\n" in draft
