@@ -94,10 +94,12 @@ def broker(accepts: bytes = ACCEPTED, grants: Callable[[bytes], bytes] = BOTH_GR
 
 
 @asynccontextmanager
-async def reading(serve: Serve, folder: Path, tap: Tap | None = None) -> AsyncIterator[tuple[MqttBus, Driver]]:
+async def reading(
+    serve: Serve, folder: Path, tap: Tap | None = None, timeout_s: float = 1.0
+) -> AsyncIterator[tuple[MqttBus, Driver]]:
     (folder / "topics.toml").write_text(PROFILE)
     async with stream_server(serve) as port:
-        bus = make_bus("hall", "mqtt", {"url": f"mqtt://127.0.0.1:{port}", "timeout_s": 1.0}, tap)
+        bus = make_bus("hall", "mqtt", {"url": f"mqtt://127.0.0.1:{port}", "timeout_s": timeout_s}, tap)
         assert isinstance(bus, MqttBus)
         driver = make_device("d", bus, str(folder / "topics.toml"), 1, {"a": 0, "b": 1}, {}, SystemClock())
         try:
@@ -159,6 +161,13 @@ async def test_a_topic_that_is_refused_is_its_own_channels_fault(codes: bytes, t
     async with reading(broker(grants=granting(codes), then=message(b"a", b"1.5")), tmp_path) as (bus, driver):
         expected = [1.5, "comm_fault: the broker refuses to send topic b (check the broker's rules)"]
         assert told(await read(bus, driver)) == expected
+
+
+async def test_a_topic_that_is_refused_is_not_waited_for(tmp_path: Path) -> None:
+    refusing = broker(grants=granting(b"\x01\x80"), then=message(b"a", b"1.5"))
+    async with reading(refusing, tmp_path, timeout_s=10 * LIMIT_S) as (bus, driver):
+        async with asyncio.timeout(LIMIT_S):
+            assert told(await read(bus, driver))[0] == 1.5
 
 
 async def test_a_topic_that_is_refused_is_asked_for_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

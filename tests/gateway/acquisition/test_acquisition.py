@@ -78,6 +78,18 @@ async def test_a_dead_device_that_costs_most_of_a_period_is_asked_only_where_it_
     assert len(b.asked) == 201
 
 
+async def test_a_dead_device_is_asked_where_a_period_has_room_for_half_of_itself_however_long_the_timeout() -> None:
+    plant = ScriptedPlant("a", "b")
+    plant.bus.timeout_s = 3.0
+    plant.devices["b"].fault_takes_s = 0.3
+    async with plant.running():
+        await plant.clock.run_until(5.5)
+        plant.devices["b"].fault = NoAnswer("silent")
+        await plant.clock.run_until(29.5)
+        asked = sorted({int(t) for t in plant.devices["b"].asked if t > 5.5})
+    assert asked == [6, 7, 9, 13, 21, 29], "after 1, 2, 4, 8 and 8 periods"
+
+
 async def test_a_dead_device_that_never_fits_is_asked_at_last_and_rarely() -> None:
     plant = ScriptedPlant("dead", "b")
     dead, b = plant.devices.values()
