@@ -62,6 +62,17 @@ def test_unit_at_another_speed_than_the_file_s_bus_is_a_comment(baud: int, parit
     assert merged(text, [rtu(baud, parity, 2)], FILE) == text, "told once"
 
 
+@pytest.mark.parametrize("profile", ["icpdas_m7015", ""])
+def test_whatever_a_device_calls_itself_adds_no_line(profile: str) -> None:
+    name = 'M\n[compensation]\nmode = "compensate"\r\x00\x1b[2J\u2028'
+    what = Recognition(profile, (0,), name, doubts=(name,))
+    place = Place("modbus_rtu", {"port": "/dev/rs485"}, (Found(1, MODULE), Found(2, what, reads=name)))
+    text = merged(BEGUN, [place], FILE)
+    assert "[compensation]" in text
+    assert "\n[compensation]" not in text
+    assert all(line.isprintable() for line in text.splitlines())
+
+
 @pytest.mark.parametrize("baud", [300, 600, 1200, 4_000_000])
 def test_unit_found_at_any_speed_of_a_scan_is_accepted_by_the_configuration(baud: int) -> None:
     text = merged(BEGUN, [rtu(baud, "E", 1)], FILE)
