@@ -48,6 +48,8 @@ _MACHINE = {
     "PIVOT_Z": -5,
     "SLEW": 1,
 }
+_MANUAL = 1
+"""LinuxCNC's number of the mode."""
 _TOOLS = "T99 P99 Z40 D6 ;touch probe\n"
 
 Announce = Callable[[str], None]
@@ -147,8 +149,11 @@ async def _scene(operator: LinuxCncMachine, key_file: Path, port: int, say: Anno
 
 async def _looked(operator: LinuxCncMachine, poses: int) -> FloatArray:
     """(poses, 3) centres in mm that look.ngc measures."""
-    await operator.ask("run", "look.ngc")
     async with asyncio.timeout(_CYCLE_LIMIT_S):
+        # The cycle's result comes before its program has given back the tool, and the agent then the operator's mode.
+        while (await operator.ask("state"))["mode"] != _MANUAL:
+            await asyncio.sleep(_POLL_S)
+        await operator.ask("run", "look.ngc")
         while not await operator.number("getp", "motion.analog-out-19"):
             await asyncio.sleep(_POLL_S)
     if reason := await operator.number("getp", "motion.analog-out-18"):
