@@ -260,17 +260,19 @@ VERBS = (
 def main() -> None:
     control = ControlScreen()
     verbs = {name: getattr(control, name) for name in VERBS}
-    with os.fdopen(int(os.environ["TALC_SCREEN_FD"]), "w") as answers:
-        print(json.dumps({"ready": linuxcnc.version}), file=answers, flush=True)
-        for line in sys.stdin:
-            verb, *arguments = json.loads(line)
-            try:
-                answer = {"answer": verbs[verb](*arguments)}
-            except (KeyError, TypeError, RuntimeError, TimeoutError, linuxcnc.error) as error:
-                answer = {"error": repr(error)}
-            print(json.dumps(answer), file=answers, flush=True)
-    if control.sphere is not None:
-        control.sphere.stop()
+    try:
+        with os.fdopen(int(os.environ["TALC_SCREEN_FD"]), "w") as answers:
+            print(json.dumps({"ready": linuxcnc.version}), file=answers, flush=True)
+            for line in sys.stdin:
+                verb, *arguments = json.loads(line)
+                try:
+                    answer = {"answer": verbs[verb](*arguments)}
+                except (KeyError, TypeError, RuntimeError, TimeoutError, linuxcnc.error) as error:
+                    answer = {"error": repr(error)}
+                print(json.dumps(answer), file=answers, flush=True)
+    finally:  # also when nobody reads the answers any more: the sphere's thread would keep LinuxCNC running
+        if control.sphere is not None:
+            control.sphere.stop()
 
 
 main()
