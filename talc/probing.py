@@ -26,7 +26,6 @@ True
 
 import math
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 
@@ -162,10 +161,11 @@ def solve(
     if deviations.shape != (len(poses), 3):
         raise ValueError(f"deviations_um has shape {deviations.shape}: expected ({len(poses)}, 3), one row per pose")
     measured = np.isfinite(deviations).all(axis=1)
-    matrix, inverse = _equations(poses[measured].tobytes(), poses[measured].shape, radius_m, height_m)
+    check_poses(poses[measured], radius_m, height_m)
+    matrix = design_matrix(poses[measured], radius_m, height_m)
     y = deviations[measured].ravel()
     errors, *_ = np.linalg.lstsq(matrix, y, rcond=None)
-    covariance = inverse * sigma_um**2
+    covariance = np.linalg.inv(matrix.T @ matrix) * sigma_um**2
     residual = y - matrix @ errors
     free = 1.0 - np.einsum("ij,jk,ik->i", matrix, covariance, matrix) / sigma_um**2
     standardised = np.full(deviations.shape, np.nan)
@@ -178,22 +178,6 @@ def solve(
         9,
         standardised,
     )
-
-
-@lru_cache(maxsize=16)
-def _equations(
-    poses_rad: bytes, shape: tuple[int, ...], radius_m: float, height_m: float
-) -> tuple[FloatArray, FloatArray]:
-    """Design matrix (3 n, 9) and inverse (9, 9) of its normal equations, read-only: a machine keeps its poses.
-
-    poses_rad: the memory of an array of this shape. Raises ValueError when they do not determine all nine.
-    """
-    poses = np.frombuffer(poses_rad, dtype=np.float64).reshape(shape)
-    check_poses(poses, radius_m, height_m)
-    matrix = design_matrix(poses, radius_m, height_m)
-    inverse = np.asarray(np.linalg.inv(matrix.T @ matrix), dtype=np.float64)
-    matrix.flags.writeable = inverse.flags.writeable = False
-    return matrix, inverse
 
 
 def _scaled(matrix: FloatArray, radius_m: float) -> FloatArray:
