@@ -25,7 +25,7 @@ from gateway.clock import RealClock
 from gateway.config import GatewayConfig, validate
 from gateway.nc import Earlier, Identity, LinkSettings, Listeners, NcLink
 from gateway.probing import End, Outcome
-from simulators.linuxcnc.machine import HURRY, LinuxCncMachine, machine, missing
+from simulators.linuxcnc.machine import HURRY, MANUAL, LinuxCncMachine, machine, missing
 from simulators.plant import Environment, MachineDrive, Plant, load_machine
 from talc.frame import Decision, FloatArray, Measurement, Phase, Why
 from talc.names import ERROR_UNITS, THERMAL_ERRORS
@@ -48,8 +48,6 @@ _MACHINE = {
     "PIVOT_Z": -5,
     "SLEW": 1,
 }
-_MANUAL = 1
-"""LinuxCNC's number of the mode."""
 _TOOLS = "T99 P99 Z40 D6 ;touch probe\n"
 
 Announce = Callable[[str], None]
@@ -151,7 +149,7 @@ async def _looked(operator: LinuxCncMachine, poses: int) -> FloatArray:
     """(poses, 3) centres in mm that look.ngc measures."""
     async with asyncio.timeout(_CYCLE_LIMIT_S):
         # The cycle's result comes before its program has given back the tool, and the agent then the operator's mode.
-        while (await operator.ask("state"))["mode"] != _MANUAL:
+        while not await operator.sees(mode=MANUAL):
             await asyncio.sleep(_POLL_S)
         await operator.ask("run", "look.ngc")
         while not await operator.number("getp", "motion.analog-out-19"):

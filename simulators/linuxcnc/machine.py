@@ -22,6 +22,8 @@ FILES = _ROOT / "deploy" / "nc" / "linuxcnc"
 _HERE = Path(__file__).parent
 APT_LINE = "apt-get install linuxcnc-uspace linuxcnc-uspace-dev"
 
+MANUAL = 1
+"""LinuxCNC's number of the mode in which an operator leaves it."""
 HURRY: Mapping[str, object] = {
     "MAX_VELOCITY": 2000,
     "MAX_ACCELERATION": 20000,
@@ -71,6 +73,11 @@ class LinuxCncMachine:
     async def number(self, kind: str, name: str) -> float:
         """A HAL pin (getp) or signal (gets)."""
         return float(await self.ask("hal", kind, name))
+
+    async def sees(self, **wanted: object) -> bool:
+        """Whether the control's state has these values."""
+        state = await self.ask("state")
+        return all(state[name] == value for name, value in wanted.items())
 
     async def line(self, timeout_s: float) -> dict[str, Any]:
         """The operator's next line. Raises ConnectionError with what LinuxCNC wrote when it ends."""

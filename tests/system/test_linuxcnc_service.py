@@ -15,15 +15,13 @@ from gateway.config import validate
 from gateway.past import Past
 from gateway.probing import End, Standing
 from gateway.service import Service
-from simulators.linuxcnc.machine import HURRY
+from simulators.linuxcnc.machine import HURRY, MANUAL
 from talc.control import Controller
 from talc.frame import Why
 from tests.benches.kept_events import KeptEvents
 from tests.benches.linuxcnc_bench import ANSWER_S, running, until
 
 pytestmark = [pytest.mark.peer, pytest.mark.slow]
-
-MANUAL = 1
 
 
 async def test_an_idle_machine_is_probed_once_allowed_and_a_loose_sphere_is_rejected(tmp_path: Path) -> None:
@@ -84,8 +82,5 @@ async def test_an_idle_machine_is_probed_once_allowed_and_a_loose_sphere_is_reje
         assert fixed.centres_mm is not None
         assert np.abs(np.linalg.norm(fixed.centres_mm, axis=1) - np.hypot(120.0, 80.0)).max() < 0.01
         assert standing == pytest.approx([0.0] * 5, abs=1e-6), "not allowed, it stands"
-
-        async def given_back() -> bool:
-            return bool((await bench.operator.ask("state"))["mode"] == MANUAL)
-
-        await until(given_back)  # the agent waits for the end of the program, which comes after its result
+        # The agent waits for the end of the program, which comes after its result.
+        await until(lambda: bench.operator.sees(mode=MANUAL))

@@ -13,7 +13,7 @@ from drivers.agent import AgentControl
 from drivers.base import Refused, SystemClock
 from drivers.linuxcnc import LinuxCncSettings
 from drivers.nc import ProbingState, RequestStatus
-from simulators.linuxcnc.machine import HURRY
+from simulators.linuxcnc.machine import HURRY, MANUAL
 from tests.benches.linuxcnc_bench import ANSWER_S, AgentBench, running, until
 
 pytestmark = [pytest.mark.peer, pytest.mark.slow]
@@ -46,7 +46,6 @@ M2
 """
 """Inches, relative, with offsets of all sorts; waits for input 3 before and after its first safe point."""
 TOOLS = "T99 P99 Z40 D6 ;probe\nT5 P5 X2 Z17 D6 ;mill\n"
-MANUAL = 1
 
 
 @pytest.fixture
@@ -63,14 +62,6 @@ async def reaches(bench: AgentBench, number: int, *states: ProbingState, limit_s
 
     await until(there, limit_s)
     return await bench.nc.probing_status(number)
-
-
-async def operator_sees(bench: AgentBench, **wanted: object) -> None:
-    async def there() -> bool:
-        state = await bench.operator.ask("state")
-        return all(state[name] == value for name, value in wanted.items())
-
-    await until(there)
 
 
 async def told_at(bench: AgentBench, mark: float) -> list[float]:
@@ -100,7 +91,7 @@ async def test_a_cycle_at_a_safe_point_restores_the_state_of_the_part_program(be
     assert await told_at(bench, 2) == pytest.approx(before)
     # The next safe point has nothing to do.
     await bench.operator.ask("hal", "setp", "motion.digital-in-03", "0")
-    await operator_sees(bench, idle=True)
+    await until(lambda: bench.operator.sees(idle=True))
     assert await bench.nc.probing_status(17) == done
     assert done.spread_mm is not None
     assert done.spread_mm <= 1e-3  # one servo period's way at this feed
@@ -140,7 +131,7 @@ async def test_without_a_program_it_starts_by_itself_only_where_that_is_allowed(
     await bench.nc.request_probing(3)
     await reaches(bench, 3, ProbingState.RUNNING)
     await bench.nc.withdraw_probing(3)
-    await operator_sees(bench, mode=MANUAL, idle=True)
+    await until(lambda: bench.operator.sees(mode=MANUAL, idle=True))
 
 
 async def test_while_somebody_moves_the_machine_by_hand_it_does_not_start_by_itself(bench: AgentBench) -> None:
@@ -156,7 +147,7 @@ async def test_while_somebody_moves_the_machine_by_hand_it_does_not_start_by_its
     assert (await bench.nc.snapshot()).cannot_probe == ""
     await bench.nc.withdraw_probing(1)
     await reaches(bench, 1, *FINAL)
-    await operator_sees(bench, mode=MANUAL, idle=True)
+    await until(lambda: bench.operator.sees(mode=MANUAL, idle=True))
 
     await bench.operator.ask("mdi", "M3 S800")  # a mill may be in the part, wheel in hand
     assert (await bench.nc.snapshot()).cannot_probe == "the machine is being moved by hand"
@@ -195,7 +186,7 @@ async def test_every_way_to_end_without_a_result_is_reported(bench: AgentBench) 
         await bench.nc.request_probing(3)
     await bench.nc.withdraw_probing(2)
     assert (await reaches(bench, 2, *FINAL)).reason == "withdrawn"
-    await operator_sees(bench, mode=MANUAL, idle=True)
+    await until(lambda: bench.operator.sees(mode=MANUAL, idle=True))
 
     await bench.operator.ask("mdi", "G20 G91 G55 G92 X1")
     before = await bench.operator.ask("state")
@@ -204,7 +195,7 @@ async def test_every_way_to_end_without_a_result_is_reported(bench: AgentBench) 
     await bench.operator.ask("abort")
     stopped = await reaches(bench, 4, *FINAL)
     assert (stopped.state, stopped.reason) == (ProbingState.FAILED, "the program was stopped")
-    await operator_sees(bench, idle=True, g5x_index=before["g5x_index"])
+    await until(lambda: bench.operator.sees(idle=True, g5x_index=before["g5x_index"]))
     after = await bench.operator.ask("state")
     assert after["g92"] == pytest.approx(before["g92"])
     assert {200, 910} <= set(after["gcodes"])  # inches, relative
@@ -212,7 +203,7 @@ async def test_every_way_to_end_without_a_result_is_reported(bench: AgentBench) 
     await bench.operator.ask("hal", "setp", "sphere-touch.in1", "-1")  # somebody took the sphere away
     await bench.nc.request_probing(5)
     missed = await reaches(bench, 5, *FINAL)
-    await operator_sees(bench, idle=True)
+    await until(lambda: bench.operator.sees(idle=True))
     assert (missed.state, missed.reason) == (ProbingState.FAILED, "a touch found no sphere")
 
     at = (await bench.operator.ask("state"))["position"]
@@ -267,4 +258,4 @@ async def test_a_program_that_does_not_start_is_waited_for_so_long(bench: AgentB
     never = await reaches(bench, 1, *FINAL)
     assert (never.state, never.reason) == (ProbingState.REFUSED, "the program did not start")
     assert time.monotonic() - began >= 10.0
-    await operator_sees(bench, mode=MANUAL, idle=True)
+    await until(lambda: bench.operator.sees(mode=MANUAL, idle=True))
