@@ -22,6 +22,8 @@ from simulators.plant import (
 from studies import Days, days
 
 _IDLE_S = 12 * 3600.0
+_REFERENCE_CYCLES = 5
+"""The gateway's reference is a mean of so many measurements; its noise is in all others."""
 
 
 def varied(seed: int) -> PlantParameters:
@@ -76,7 +78,9 @@ def machine(
     if noise_seed is not None:
         draw = np.random.default_rng([noise, 9])
         inputs = inputs + np.concatenate([np.full(29, 0.05), [0.2], np.zeros(6)]) * draw.normal(size=inputs.shape)
-    return days(replace(series, inputs=inputs), noise)
+    probed = days(replace(series, inputs=inputs), noise)
+    reference = np.random.default_rng([noise, 13]).normal(0.0, probed.sigma / np.sqrt(_REFERENCE_CYCLES))
+    return replace(probed, measured=probed.measured - reference)
 
 
 def _day(seed: int, steps: int) -> list[MachineDrive]:

@@ -13,7 +13,9 @@ from talc.learner import CourseState, LearnerState, MixtureState
 from talc.models import ErrorModel
 from talc.record import refilled
 
-FORMAT = 2
+FORMAT = 3
+BESIDE_INPUTS = {2: 1, FORMAT: 2}
+"""Weights of an error beside those of its inputs, by format: the level; later also the noise of the reference."""
 Arrays = Mapping[str, NDArray[Any]]
 
 _LEARNER, _MIXTURE = "learner.", "mixture."
@@ -60,10 +62,13 @@ def from_plain(plain: Mapping[str, Any], arrays: Arrays, frames: Callable[[int, 
 
     frames: gives those from a grid index to another one, both included
 
-    Raises ValueError for another format, and KeyError or TypeError for values that no state has.
+    Raises ValueError for a format that is neither this nor the last one, and KeyError or TypeError for values that no
+    state has.
     """
-    if plain["format"] != FORMAT:
+    if plain["format"] not in BESIDE_INPUTS:
         raise ValueError(f"format = {plain['format']!r}: expected {FORMAT}")
+    if plain["format"] != FORMAT and "course" in plain:
+        arrays = _with_reference(arrays)
     last_k, rows = plain["last_k"], plain["rows"]
     names = tuple(plain["input_names"])
     inputs, valid = np.empty((0, len(names))), np.empty((0, len(names)), dtype=np.bool_)
@@ -105,6 +110,17 @@ def _course(plain: Mapping[str, Any], arrays: Arrays) -> CourseState:
         trusted=arrays["trusted"],
         substituted=frozenset(course["substituted"]),
     )
+
+
+def _with_reference(arrays: Arrays) -> Arrays:
+    """A last weight that is known to be zero: then all goes on as before."""
+    n = arrays["mixture.mean"].shape[2] + 1
+    more = {"mean": 1, "prior": 1, "drift": 1, "covariance": n, "mixed": n}
+
+    def longer(array: NDArray[Any], by: int) -> NDArray[Any]:
+        return np.concatenate([array, np.zeros((*array.shape[:-1], by))], axis=-1)
+
+    return {**arrays, **{_MIXTURE + name: longer(arrays[_MIXTURE + name], by) for name, by in more.items()}}
 
 
 def _values(state: LearnerState | MixtureState) -> Iterator[tuple[str, Any]]:

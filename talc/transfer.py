@@ -89,7 +89,8 @@ def _mixture(old: MixtureState, fresh: MixtureState, inputs: IntArray, lags: int
             "only one of the two has a prior, or another version of the program has learnt it"
         )
     lagged = np.where(inputs[:, None] >= 0, inputs[:, None] * lags + np.arange(lags), _NOT_HERE).ravel()
-    at = np.append(lagged, old.mean.shape[2] - 1)  # the level comes last
+    many = old.mean.shape[2]
+    at = np.append(lagged, [many - 2, many - 1])  # the level, and the noise of the reference
     prior = _weights(old.prior, at, fresh.prior)
     measured = (old.count > 0)[:, None]
     covariance = _triangle(old.covariance, at, np.where(measured[..., None], prior, 0.0))

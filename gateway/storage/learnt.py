@@ -20,7 +20,7 @@ from gateway.storage.snapshot import ARRAY_KINDS
 from talc.control import ControllerState
 from talc.frame import FloatArray, Frames
 from talc.names import THERMAL_ERRORS
-from talc.snapshot import from_plain, to_plain
+from talc.snapshot import BESIDE_INPUTS, from_plain, to_plain
 
 FORMAT, VERSION = "talc-gateway learnt", 1
 _LARGEST_BYTES = 2**30
@@ -107,7 +107,8 @@ def parse_learnt(text: str) -> Learnt:
     if stated != _checksum(whole):
         raise ValueError(f"sha256 = {_shown(stated)}: does not match the rest; the file is damaged or was edited")
     inputs, step_s = _described(whole)
-    arrays = _arrays(whole.get("arrays"), inputs=len(inputs))
+    beside = _beside_inputs(whole.get("controller"))
+    arrays = _arrays(whole.get("arrays"), len(inputs), beside)
     try:
         state = from_plain({**whole["controller"], "rows": 0}, arrays, _no_frames)
     except (KeyError, TypeError, ValueError, AttributeError) as error:
@@ -115,6 +116,14 @@ def parse_learnt(text: str) -> Learnt:
     if list(state.input_names) != inputs:
         raise ValueError("controller.input_names: expected the names under inputs")
     return Learnt(whole["machine"], whole["method"], step_s, state, _reference(whole.get("reference")))
+
+
+def _beside_inputs(controller: object) -> int:
+    """Weights of an error beside those of its inputs."""
+    number = controller.get("format") if isinstance(controller, dict) else None
+    if number not in BESIDE_INPUTS:
+        raise ValueError(f"controller: format = {_shown(number)}: expected {max(BESIDE_INPUTS)} or an earlier one")
+    return BESIDE_INPUTS[number]
 
 
 def _described(whole: Mapping[str, Any]) -> tuple[list[str], float]:
@@ -149,7 +158,7 @@ def _reference(plain: object) -> Reference | None:
     return Reference(ended, centres, in_force, errors)
 
 
-def _arrays(plain: object, inputs: int) -> dict[str, NDArray[Any]]:
+def _arrays(plain: object, inputs: int, beside: int) -> dict[str, NDArray[Any]]:
     if not isinstance(plain, dict):
         raise ValueError(f"arrays = {_shown(plain)}: expected a table")  # noqa: TRY004 -- of a file
     arrays = {str(name): _unpacked(str(name), packed) for name, packed in plain.items()}
@@ -166,8 +175,8 @@ def _arrays(plain: object, inputs: int) -> dict[str, NDArray[Any]]:
             if known.setdefault(letter, size) != size:
                 raise ValueError(f"arrays.{name}: has the shape {found}, expected {known[letter]} instead of {size}")
     n, m = known.get("n"), known.get("m")
-    if n is not None and (n != inputs * known["l"] + 1 or m != n * (n + 1) // 2):
-        raise ValueError(f"arrays.mixture.mean: has {n} weights, expected {inputs * known['l'] + 1} of {inputs} inputs")
+    if n is not None and ((expected := inputs * known["l"] + beside) != n or m != n * (n + 1) // 2):
+        raise ValueError(f"arrays.mixture.mean: has {n} weights, expected {expected} of {inputs} inputs")
     return arrays
 
 

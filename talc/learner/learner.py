@@ -185,7 +185,7 @@ class RowLearner:
         stays = [self._estimate(features, steps) for features, steps in zip(later, ahead, strict=True)]
         usual = self._memory.mean - self._memory.reference
         moved = [self._estimate(bank.towards(steps, usual), steps) for steps in ahead]
-        _, now = mixture.predict(x)
+        _, now = mixture.expect(x)
         shared = self._scale**2 * mixture.covariance(x, later)
         gained = shared**2 / (self._scale**2 * now + self._doubt + self._noise**2)[:, None]
         left = np.stack([e.sigma for e in stays]) ** 2 - gained.T
@@ -218,7 +218,7 @@ class RowLearner:
             self._anchored = True
         noise = np.where(np.isfinite(sigma) & (sigma > 0.0), sigma, self._noise)
         x = self._bank.features()
-        _, variance = self._mixture.predict(x)
+        _, variance = self._mixture.expect(x)
         surprise = self._mixture.learn(x, errors, noise, self._doubt)
         # Probing noise is known; only the filters' own part may be over- or underconfident.
         settled = np.isfinite(surprise.ratio) & ~surprise.outlier & (self._mixture.count > 1)

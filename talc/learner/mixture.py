@@ -18,9 +18,8 @@ _TEMPER, _KEPT, _SHARED = 0.6, 0.97, 0.01
 """Exponent of the likelihoods, their discount at each measurement, and the share of weight spread over all experts."""
 _NULL_FIRST, _NULL_KEPT, _NULL_BOUND = 3.0, 0.995, 10.0
 """Log-odds that an error stays zero: at first, their discount at a measurement, and their bound."""
-_SHIFT = 0.05
-"""Variance of the reference's noise over a measurement's, a priori, for an error that stays zero. A mean of five has
-0.2; but the more is allowed, the longer a small error that changes slowly passes for zero (docs/method.md)."""
+_REFERENCE = 0.2
+"""Variance of the reference's noise over a measurement's: the reference is a mean of five."""
 _OTHERS_SHARE, _OTHERS_NULL = 0.8, -2.0
 """First weight of all experts from other machines together, and first log-odds of such an error being zero."""
 _LEAST_NOISE = 0.25
@@ -45,7 +44,7 @@ _LARGE = "covariance", "mixed"
 
 @dataclass(slots=True, eq=False)
 class MixtureState:
-    """The whole state. E experts, n weights, the last one the level; m = n (n + 1) / 2."""
+    """The whole state. E experts, n weights, the last two the level and the reference's noise; m = n (n + 1) / 2."""
 
     mean: FloatArray
     """(9, E, n) µm or µm/m per feature."""
@@ -96,19 +95,20 @@ class OtherMachines:
     machines: FloatArray
     """(9,) number of machines that know each error."""
     mean: FloatArray
-    """(9, n - 1) weights."""
+    """(9, n) weights of the inputs."""
     covariance: FloatArray
-    """(9, n - 1, n - 1); variance 0: an input that they do not have."""
+    """(9, n, n); variance 0: an input that they do not have."""
 
 
 class Mixture:
     """Errors, each with the same experts; 9 in the shapes below stands for their number.
 
-    y[k] = phi[k]' w[k] + b[k] + e, with w and b random walks; the features phi come from outside. Every expert is a
-    Kalman filter of (w, b). An error's prediction is the mean of the experts', weighted by the product of their
-    predictive likelihoods, tempered and discounted, with a fixed share (Herbster and Warmuth, Machine Learning 32
-    (1998) 151-178). Beside them stands the hypothesis that the error is zero at all times: measured are then the noise
-    and a constant, that of the reference.
+    y[k] = phi[k]' w[k] + b[k] + c + e, with w and b random walks; the features phi come from outside. The level b is 0
+    at the reference; c is the noise of the reference, which every measurement contains and the error does not. Every
+    expert is a Kalman filter of (w, b, c). A prediction is of the error, so without c: the mean of the experts',
+    weighted by the product of their predictive likelihoods, tempered and discounted, with a fixed share (Herbster and
+    Warmuth, Machine Learning 32 (1998) 151-178). Beside them stands the hypothesis that the error is zero at all times:
+    measured are then c and e.
 
     Experts with `evidence` renew each input's prior variance at measurements by MacKay's fixed point (Neural
     Computation 4 (1992) 415-447), v = sum(m²) / sum(1 - P / v) over the input's weights, and condition on the change.
@@ -135,20 +135,21 @@ class Mixture:
         experts = experts if others is None else (*experts, *OTHERS_EXPERTS)
         self._others, self._started_from_others = others, [e for e, expert in enumerate(experts) if expert.others]
         self._inputs, self._lags, self._experts = inputs, lags, experts
-        n, many = inputs * lags + 1, len(experts)
+        self._level = level = inputs * lags
+        n, many = level + 2, len(experts)
         self._n, packed = n, n * (n + 1) // 2
         self._diagonal = np.arange(n) * (np.arange(n) + 3) // 2
         self._evidence = np.flatnonzero([expert.evidence for expert in experts])
-        unit = UNIT**2 / max(n - 1, 1)
+        unit = UNIT**2 / max(level, 1)
         prior, growth = np.zeros((many, n)), np.zeros((many, n))
         for e, expert in enumerate(experts):
-            prior[e, :-1] = expert.weight**2 * unit
-            growth[e, :-1] = expert.drift**2 * unit
+            prior[e, :level] = expert.weight**2 * unit
+            growth[e, :level] = expert.drift**2 * unit
             if expert.direct:
-                lagged = np.arange(n - 1) % lags > 0
-                prior[e, :-1] = np.where(lagged, 0.0, lags * prior[e, :-1])
-                growth[e, :-1] = np.where(lagged, 0.0, lags * growth[e, :-1])
-            growth[e, -1] = (expert.level * UNIT) ** 2
+                lagged = np.arange(level) % lags > 0
+                prior[e, :level] = np.where(lagged, 0.0, lags * prior[e, :level])
+                growth[e, :level] = np.where(lagged, 0.0, lags * growth[e, :level])
+            growth[e, level] = (expert.level * UNIT) ** 2
         self._per_step = step_s / _DRIFT_STEP_S
         self._growth = growth * self._per_step
         self._misfit = np.array([(expert.misfit * UNIT) ** 2 for expert in experts])
@@ -196,14 +197,15 @@ class Mixture:
         return np.asarray(1.0 / (1.0 + np.exp(self._s.null)), dtype=np.float64)
 
     def weights(self) -> FloatArray:
-        """(9, n) means of the mixtures."""
-        return np.asarray(np.einsum("je,jen->jn", self._s.weight, self._s.mean), dtype=np.float64)
+        """(9, n) means of the mixtures: of the features' weights, and the level."""
+        mean = self._s.mean[:, :, : self._level + 1]
+        return np.asarray(np.einsum("je,jen->jn", self._s.weight, mean), dtype=np.float64)
 
     def variances(self) -> FloatArray:
         """(9, n) of the weights and the level, by themselves: within the experts and between them."""
-        s = self._s
-        apart = np.einsum("je,jen->jn", s.weight, (s.mean - self.weights()[:, None]) ** 2)
-        own = s.mixed[:, self._diagonal] + s.drift * s.elapsed[:, None]
+        s, used = self._s, self._level + 1
+        apart = np.einsum("je,jen->jn", s.weight, (s.mean[:, :, :used] - self.weights()[:, None]) ** 2)
+        own = s.mixed[:, self._diagonal[:used]] + s.drift[:, :used] * s.elapsed[:, None]
         own[:, -1] += s.jolt
         return np.asarray(own + apart, dtype=np.float64)
 
@@ -226,8 +228,15 @@ class Mixture:
         self._s.jolt += variance
 
     def predict(self, x: FloatArray, ahead: int = 0) -> tuple[FloatArray, FloatArray]:
-        """(9,) means and variances with features x (n,), `ahead` steps from now, the hypothesis of zero left aside.
-        Before the first measurement of an error: 0 and 0."""
+        """(9,) means and variances with features x (n,), the last one 1, `ahead` steps from now, the hypothesis of zero
+        left aside. Before the first measurement of an error: 0 and 0."""
+        return self._predict(np.append(x, 0.0), ahead)
+
+    def expect(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """(9,) means and variances of what a measurement now would show, its own noise aside."""
+        return self._predict(np.append(x, 1.0), 0)
+
+    def _predict(self, x: FloatArray, ahead: int) -> tuple[FloatArray, FloatArray]:
         s, mean, variance = self._s, np.zeros(self._errors), np.zeros(self._errors)
         if not s.count.any():  # with many inputs, even zeros take long to read
             return mean, variance
@@ -236,27 +245,27 @@ class Mixture:
 
     def each(self, x: FloatArray) -> FloatArray:
         """(9, E) what each expert predicts with features x (n,)."""
-        return np.asarray(self._s.mean @ x, dtype=np.float64)
+        return np.asarray(self._s.mean[:, :, :-1] @ x, dtype=np.float64)
 
     def covariance(self, x: FloatArray, others: FloatArray) -> FloatArray:
-        """(9, S) between what is predicted now with features x (n,), and with others (S, n)."""
-        s = self._s
+        """(9, S) between a measurement now with features x (n,), and the errors with others (S, n)."""
+        s, x = self._s, np.append(x, 1.0)
         if not s.count.any():
             return np.zeros((self._errors, len(others)))
         growth = s.drift * s.elapsed[:, None]
-        growth[:, -1] += s.jolt
+        growth[:, self._level] += s.jolt
         gain = np.empty_like(growth)
         _kernel.mixtures_gain(s.mixed, x, gain)
         gain += growth * x
-        here, there = s.mean @ x, s.mean @ others.T
+        here, there = s.mean @ x, s.mean[:, :, :-1] @ others.T
         apart = here - np.sum(s.weight * here, axis=1)[:, None]
-        return np.asarray(gain @ others.T + np.einsum("je,jes->js", s.weight * apart, there), dtype=np.float64)
+        return np.asarray(gain[:, :-1] @ others.T + np.einsum("je,jes->js", s.weight * apart, there), dtype=np.float64)
 
     def widen(self, factor: FloatArray) -> None:
         """(inputs,) features became this much smaller, and so must their weights become larger; but a priori they are
         in the new unit what they were in the old one."""
         s, lags = self._s, self._lags
-        times, first = np.append(np.repeat(factor, lags), 1.0), np.flatnonzero(factor > 1.0) * lags
+        times, first = np.append(np.repeat(factor, lags), [1.0, 1.0]), np.flatnonzero(factor > 1.0) * lags
         for j in np.flatnonzero(s.count):
             variance = s.prior[j][:, first]
             which, g = np.nonzero(variance)
@@ -269,11 +278,12 @@ class Mixture:
 
         doubt: (9,) variance that missing inputs add to a prediction.
         """
+        measured = np.append(x, 1.0)
         ratio = np.full(self._errors, np.nan)
         outlier, jump = np.zeros((2, self._errors), dtype=np.bool_)
         for j in np.flatnonzero(np.isfinite(errors)):
             noise = max(float(sigma[j]), _LEAST_NOISE) ** 2 + float(doubt[j])
-            ratio[j], outlier[j], jump[j] = self._learn_one(int(j), x, float(errors[j]), noise)
+            ratio[j], outlier[j], jump[j] = self._learn_one(int(j), measured, float(errors[j]), noise)
         self._s.cursor = (self._s.cursor + _RENEWED) % max(self._inputs, 1)
         return Surprise(ratio, outlier, jump)
 
@@ -283,7 +293,7 @@ class Mixture:
         if s.count[j] == 0:
             self._begin(j, y, noise)
         growth = self._growth * s.elapsed[j]
-        growth[:, -1] += s.jolt[j]
+        growth[:, self._level] += s.jolt[j]
         _kernel.filters_look(covariance, growth, x, gain, spread)
         spread += self._misfit  # noise of the filter's own: the kernel needs the sum of both
         innovation = y - np.sum(mean * x, axis=1)
@@ -301,8 +311,8 @@ class Mixture:
         if not outlier:
             s.last[j] = y
         if jump:
-            covariance[:, self._diagonal[-1]] += centre**2
-            gain[:, -1] += centre**2
+            covariance[:, self._diagonal[self._level]] += centre**2
+            gain[:, self._level] += centre**2
             spread += centre**2
         elif outlier:
             noise += (centre / _OUTLIER_AS) ** 2 - total
@@ -332,37 +342,37 @@ class Mixture:
         return ratio, outlier, jump
 
     def _begin(self, j: int, y: float, noise: float) -> None:
-        """Errors are deviations from the reference: the level starts at zero, unless the first measurement is far
-        off."""
+        """Errors are deviations from the reference: the level starts at zero, unless the first measurement is so far
+        off that the reference is not the present state."""
         s = self._s
         s.covariance[j][:, self._diagonal] = s.prior[j]
         if self._others is not None and self._others.machines[j]:
             for e in self._started_from_others:
                 self._start_from_others(j, e, self._others)
-        level = max(noise, y * y if abs(y) > _FIRST_FAR * np.sqrt(noise) else 0.0)
-        s.shift[j] = 0.0, _SHIFT * noise
-        s.covariance[j][:, self._diagonal[-1]] = level
+        s.shift[j] = 0.0, _REFERENCE * noise
+        s.covariance[j][:, self._diagonal[self._level]] = y * y if abs(y) > _FIRST_FAR * np.sqrt(noise) else 0.0
+        s.covariance[j][:, self._diagonal[-1]] = _REFERENCE * noise
         s.elapsed[j] = s.jolt[j] = 0.0
 
     def _start_from_others(self, j: int, e: int, others: OtherMachines) -> None:
         """An expert starts with what other machines learnt; for inputs that they do not have, with the flat prior."""
-        s, size = self._s, self._n - 1
+        s, size = self._s, self._level
         variance = np.diag(others.covariance[j])
         own = np.where(variance > 0.0, variance, UNIT**2 / size) * self._experts[e].weight ** 2
         full = np.zeros((self._n, self._n))
         full[:size, :size] = others.covariance[j] * self._experts[e].weight ** 2
         full[np.arange(size), np.arange(size)] = own
         s.covariance[j, e] = full[np.tril_indices(self._n)]
-        s.mean[j, e, :-1] = others.mean[j]
-        s.prior[j, e, :-1] = np.repeat(own.reshape(-1, self._lags).mean(axis=1), self._lags)
+        s.mean[j, e, :size] = others.mean[j]
+        s.prior[j, e, :size] = np.repeat(own.reshape(-1, self._lags).mean(axis=1), self._lags)
 
     def _weigh_null(self, j: int, y: float, centre: float, total: float, noise: float) -> None:
-        """The hypothesis of zero against the mixture; an outlier says little of either."""
+        """The hypothesis of zero against the mixture; an outlier of both says little of either."""
         far, (mean, variance) = _FAR * _FAR, self._s.shift[j]
         from_zero, spread = y - mean, variance + noise
-        distance = from_zero**2 / spread
-        zero = -0.5 * (np.log(spread) + min(distance, far))
-        other = -0.5 * (np.log(total) + min(centre * centre / total, far))
+        distance, expected = from_zero**2 / spread, centre * centre / total
+        zero = -0.5 * (np.log(spread) + (distance if expected < far else min(distance, far)))
+        other = -0.5 * (np.log(total) + min(expected, far))
         odds = _NULL_KEPT * self._s.null[j] + zero - other
         self._s.null[j] = min(max(odds, -_NULL_BOUND), _NULL_BOUND)
         if distance < far:
@@ -371,7 +381,7 @@ class Mixture:
 
 def mixture_bytes(inputs: int, lags: int) -> int:
     """The most memory that a mixture of nine errors takes, from their first measurements on."""
-    n = inputs * lags + 1
+    n = inputs * lags + 2
     return _ERRORS * (len(EXPERTS) + 1) * (n * (n + 1) // 2) * np.dtype(np.float64).itemsize
 
 

@@ -145,7 +145,7 @@ def _placed(
     own: Sequence[str], state: LearnerState, j: int, names: tuple[str, ...], span: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Weights, their covariance and which of them exist, among all names and in the common spans."""
-    m, n = state.mixture, len(names) * _LAGS
+    m, n, used = state.mixture, len(names) * _LAGS, len(own) * _LAGS
     here = (np.array([names.index(name) for name in own])[:, None] * _LAGS + np.arange(_LAGS)).ravel()
     size = m.mean.shape[2]
     full = np.zeros((size, size))
@@ -153,8 +153,8 @@ def _placed(
     full = full + np.tril(full, -1).T
     times = np.repeat(span[[names.index(name) for name in own]] / state.span, _LAGS)
     weights, covariance, present = np.zeros(n), np.zeros((n, n)), np.zeros(n)
-    weights[here] = (m.weight[j] @ m.mean[j])[:-1] * times
-    covariance[np.ix_(here, here)] = full[:-1, :-1] * np.outer(times, times)
+    weights[here] = (m.weight[j] @ m.mean[j])[:used] * times
+    covariance[np.ix_(here, here)] = full[:used, :used] * np.outer(times, times)
     present[here] = 1.0
     return weights, covariance, present
 

@@ -2,10 +2,13 @@
 
 import json
 import math
+import zlib
+from base64 import b64decode, b64encode
 from collections.abc import Sequence
 from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -48,6 +51,13 @@ def frame(k: int, names: Sequence[str] = NAMES, *, measured: bool = True) -> Fra
     errors = 4.0 * (all_of_them[0] - 20.0) + np.arange(9.0) + draw.normal(0, 0.3, 9)
     measurement = Measurement(errors, np.full(9, 0.3)) if measured and (k < 40 or k % 12 == 0) else None
     return Frame(k, x, np.ones(len(names), np.bool_), measurement)
+
+
+def shortened(packed: dict[str, Any], kept: int) -> dict[str, Any]:
+    """An array of the file with the first so many numbers of its last axis alone."""
+    array = np.frombuffer(zlib.decompress(b64decode(packed["zlib"])), packed["kind"]).reshape(packed["shape"])
+    less = np.ascontiguousarray(array[..., :kept])
+    return {**packed, "shape": list(less.shape), "zlib": b64encode(zlib.compress(less.tobytes())).decode()}
 
 
 def go_on(config: GatewayConfig, past: Past, boot: str, first: int, end: int) -> list[Decision]:
@@ -204,6 +214,28 @@ def test_an_array_of_another_shape_is_named(source: GatewayConfig) -> None:
     whole["arrays"]["mixture.mean"] = whole["arrays"]["mixture.drift"]
     with pytest.raises(ValueError, match=r"arrays\.mixture\.mean: has 2 dimensions, expected 3"):
         parse_learnt(signed(whole))
+
+
+def test_a_file_of_a_program_that_knew_no_noise_of_the_reference_goes_on_as_it_was(source: GatewayConfig) -> None:
+    if source.talc.method == "models":
+        return
+    text = file_of(source).read_text(encoding="utf-8")
+    whole = json.loads(text)
+    learnt = parse_learnt(text)
+    assert learnt.state.course is not None
+    weights = learnt.state.course.learner.mixture.mean.shape[2] - 1
+    for name, kept in {
+        "mean": weights, "prior": weights, "drift": weights, "covariance": weights * (weights + 1) // 2,
+        "mixed": weights * (weights + 1) // 2,
+    }.items():  # fmt: skip
+        whole["arrays"][f"mixture.{name}"] = shortened(whole["arrays"][f"mixture.{name}"], kept)
+    with pytest.raises(ValueError, match=rf"has {weights} weights, expected {weights + 1} of 3 inputs"):
+        parse_learnt(signed(whole))
+    whole["controller"]["format"] = 2
+    earlier = parse_learnt(signed(whole))
+    was, now = (Controller.restore(one.state, source.talc).step(frame(STEPS + 1)) for one in (learnt, earlier))
+    np.testing.assert_allclose(now.predicted, was.predicted, rtol=1e-12)
+    np.testing.assert_allclose(now.sigma, was.sigma, rtol=1e-12)
 
 
 def test_the_file_is_the_same_after_a_round_trip(source: GatewayConfig) -> None:

@@ -11,12 +11,19 @@ from tests.benches.normal_posterior import Array, posterior
 
 INPUTS, LAGS = 4, 2
 NOISE = 0.7
+REFERENCE = NOISE**2 / 5
+"""Variance of the reference's noise."""
 
 
 def features(count: int, seed: int = 0) -> Array:
     draw = np.random.default_rng(seed)
     walk = np.cumsum(draw.normal(size=(count, INPUTS * LAGS)), axis=0) * 0.3
     return np.column_stack([walk, np.ones(count)])
+
+
+def with_reference(x: Array, share: float) -> Array:
+    """(T, n + 1) the features, and whether the reference's noise counts."""
+    return np.column_stack([x, np.full(len(x), share)])
 
 
 def alone(expert: Expert) -> Mixture:
@@ -56,15 +63,21 @@ def test_one_filter_is_the_dense_normal_distribution_s_posterior(expert: Expert)
     at = features(1, 5)[0]
     mean, variance = mixture.predict(at)
     features_count = INPUTS * LAGS
-    prior = np.append(np.full(features_count, expert.weight**2 * UNIT**2 / features_count), NOISE**2)
+    own = np.full(features_count, expert.weight**2 * UNIT**2 / features_count)
     if expert.direct:  # all of it on the feature without a lag
-        prior[:-1] = np.where(np.arange(features_count) % LAGS == 0, LAGS * prior[:-1], 0.0)
-    growth = np.append(np.full(features_count, expert.drift**2 * UNIT**2 / features_count), (expert.level * UNIT) ** 2)
+        own = np.where(np.arange(features_count) % LAGS == 0, LAGS * own, 0.0)
+    prior = np.append(own, [0.0, REFERENCE])
+    drift = np.full(features_count, expert.drift**2 * UNIT**2 / features_count)
+    growth = np.append(drift, [(expert.level * UNIT) ** 2, 0.0])
     misfit = (expert.misfit * UNIT) ** 2
-    wanted = posterior(x, steps, y, NOISE**2 + misfit, prior, growth, at, steps[-1] + 7)
+    given = with_reference(x, 1.0), steps, y, NOISE**2 + misfit, prior, growth
+    wanted = posterior(*given, np.append(at, 0.0), steps[-1] + 7)
     assert mean[0] == pytest.approx(wanted[0], rel=1e-9)
     assert variance[0] == pytest.approx(wanted[1] + misfit, rel=1e-9)
-    each = [posterior(x, steps, y, NOISE**2 + misfit, prior, growth, one, steps[-1] + 7) for one in np.eye(len(at))]
+    seen = posterior(*given, np.append(at, 1.0), steps[-1] + 7)
+    assert mixture.expect(at)[0][0] == pytest.approx(seen[0], rel=1e-9)
+    assert mixture.expect(at)[1][0] == pytest.approx(seen[1] + misfit, rel=1e-9)
+    each = [posterior(*given, one, steps[-1] + 7) for one in np.eye(len(at) + 1)[:-1]]
     np.testing.assert_allclose(mixture.weights()[0], [mean for mean, _ in each], rtol=1e-8, atol=1e-12)
     np.testing.assert_allclose(mixture.variances()[0], [variance for _, variance in each], rtol=1e-8, atol=1e-12)
 
@@ -75,7 +88,7 @@ def test_a_measurement_narrows_another_prediction_by_their_covariance_squared() 
     fed(mixture, x, np.arange(0.0, 60.0, 3.0), x[:, 0])
     mixture.elapse(5)
     here, others = features(1, 5)[0], features(3, 6)
-    covariance, (_, spread) = mixture.covariance(here, others), mixture.predict(here)
+    covariance, (_, spread) = mixture.covariance(here, others), mixture.expect(here)
     before = [mixture.predict(other)[1][0] for other in others]
     mixture.learn(here, np.append(1.0, np.full(8, np.nan)), np.full(9, NOISE), np.zeros(9))
     narrowed = [variance - mixture.predict(other)[1][0] for variance, other in zip(before, others, strict=True)]
@@ -145,19 +158,20 @@ def test_one_filter_agrees_with_statsmodels() -> None:
     y = 0.5 * x[:, 0] + draw.normal(0, NOISE, count)
     y[0] = 0.1
     y[np.arange(count) % 3 != 0] = np.nan
-    n, size = x.shape[1], INPUTS * LAGS
-    model = MLEModel(y, k_states=n, k_posdef=n, design=x.T[None], transition=np.eye(n), selection=np.eye(n))
+    n, size = x.shape[1] + 1, INPUTS * LAGS
+    design = with_reference(x, 1.0).T[None]
+    model = MLEModel(y, k_states=n, k_posdef=n, design=design, transition=np.eye(n), selection=np.eye(n))
     model["obs_cov"] = np.array([[NOISE**2]])
-    growth = np.append(np.full(size, (expert.drift * UNIT) ** 2 / size), (expert.level * UNIT) ** 2)
+    growth = np.append(np.full(size, (expert.drift * UNIT) ** 2 / size), [(expert.level * UNIT) ** 2, 0.0])
     model["state_cov"] = np.diag(growth)
-    first = np.append(np.full(size, (expert.weight * UNIT) ** 2 / size), NOISE**2)
+    first = np.append(np.full(size, (expert.weight * UNIT) ** 2 / size), [0.0, REFERENCE])
     model.ssm.initialize_known(np.zeros(n), np.diag(first))
     theirs = model.ssm.filter()
     mixture = alone(expert)
     for k, row in enumerate(x):
         if k:
             mixture.elapse(1)
-            mean, variance = mixture.predict(row)
+            mean, variance = mixture.expect(row)
             assert mean[0] == pytest.approx(theirs.forecasts[0, k], rel=1e-8, abs=1e-10)
             assert variance[0] + NOISE**2 == pytest.approx(theirs.forecasts_error_cov[0, 0, k], rel=1e-8)
         if np.isfinite(y[k]):
@@ -238,10 +252,9 @@ def test_one_far_measurement_is_hardly_learnt_from_and_two_are_a_new_level() -> 
     mixture = Mixture(INPUTS, LAGS, 300.0)
     x = np.append(np.zeros(INPUTS * LAGS), 1.0)
     draw = np.random.default_rng(4)
-    y = np.append(draw.normal(3.0, NOISE, 40), [60.0, 60.0])
-    y[0] = 0.0
+    y = np.append(draw.normal(0.0, NOISE, 40), [60.0, 60.0])
     fed(mixture, np.repeat(x[None], 41, axis=0), np.arange(41.0), y[:41])
-    assert abs(mixture.predict(x)[0][0] - 3.0) < 3.0
+    assert abs(mixture.predict(x)[0][0]) < 3.0
     fed(mixture, x[None], np.zeros(1), y[41:])
     assert mixture.predict(x)[0][0] == pytest.approx(60.0, abs=1.0)
 
@@ -263,13 +276,13 @@ def test_a_surprise_that_a_machine_could_bring_about_in_the_time_is_learnt_at_on
 
 
 def test_the_hypothesis_of_zero_knows_the_noise_of_the_reference() -> None:
-    """What it allows is the mean of a normal distribution given the measurements, a priori as accurate as twenty."""
+    """What it allows is the mean of a normal distribution given the measurements, a priori a mean of five."""
     y = np.random.default_rng(3).normal(0.4, NOISE, 12)
     mixture = Mixture(INPUTS, LAGS, 300.0)
     fed(mixture, features(12), np.arange(12.0), y)
     mean, variance = mixture.state().shift[0]
-    assert variance == pytest.approx(NOISE**2 / (20 + 12))
-    assert mean == pytest.approx(y.sum() / (20 + 12))
+    assert variance == pytest.approx(NOISE**2 / (5 + 12))
+    assert mean == pytest.approx(y.sum() / (5 + 12))
 
 
 @pytest.mark.parametrize("reference", [-2.0, 2.0])
@@ -281,6 +294,40 @@ def test_what_only_the_reference_adds_is_not_believed_and_what_follows_an_input_
         mixture = Mixture(INPUTS, LAGS, 300.0)
         fed(mixture, x, 12 * np.arange(300.0), error + noise)
         assert (mixture.believed[0] > 0.5) == believed
+
+
+@pytest.mark.parametrize("size_um", [10.0, 40.0])
+def test_one_measurement_that_an_input_explains_ends_a_long_rest_at_zero(size_um: float) -> None:
+    """A machine stood cold for days and is switched on: the farther its first measurement, the less it is zero."""
+    rest, mixture = 80, Mixture(INPUTS, LAGS, 300.0)
+    x = np.zeros((rest + 1, INPUTS * LAGS + 1))
+    x[:, -1] = 1.0
+    x[rest, :LAGS] = size_um / UNIT
+    y = np.random.default_rng(4).normal(0.0, NOISE, rest + 1) + np.append(np.zeros(rest), size_um)
+    steps = 12 * np.arange(rest + 1.0)
+    fed(mixture, x[:rest], steps[:rest], y[:rest])
+    assert mixture.believed[0] < 0.01
+    mixture.elapse(12)
+    fed(mixture, x[rest:], steps[rest:], y[rest:])
+    assert mixture.believed[0] > 0.999
+
+
+def test_one_measurement_that_nothing_explains_does_not_end_a_rest_at_zero() -> None:
+    rest, mixture = 80, Mixture(INPUTS, LAGS, 300.0)
+    x = np.append(np.zeros(INPUTS * LAGS), 1.0)
+    y = np.append(np.random.default_rng(4).normal(0.0, NOISE, rest), 40.0)
+    fed(mixture, np.repeat(x[None], rest + 1, axis=0), np.arange(rest + 1.0), y)
+    assert mixture.believed[0] < 0.1
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_what_the_reference_adds_to_an_error_that_stays_zero_is_not_corrected(seed: int) -> None:
+    """Five measurements may be off by a standard deviation of one: all later ones then show that, and the error not."""
+    draw = np.random.default_rng(seed)
+    mixture, x = Mixture(INPUTS, LAGS, 300.0), features(60, seed)
+    fed(mixture, x, 12 * np.arange(60.0), draw.normal(NOISE, NOISE, 60))
+    assert abs(mixture.predict(x[-1])[0][0] * mixture.believed[0]) < 0.25 * NOISE
+    assert mixture.expect(x[-1])[0][0] == pytest.approx(NOISE, abs=0.6 * NOISE)
 
 
 def test_an_error_that_is_not_measured_in_a_cycle_is_not_learnt() -> None:
