@@ -10,6 +10,8 @@ from drivers.base import Clock, Quality, Reading
 from drivers.faults import Fault
 
 _ROUNDING = 4 * float_info.epsilon
+_OLDEST_S = 86_400.0
+"""A source that states year 1 or 1601 as its time has none: no reading is dated back by more than this."""
 
 
 def total(one: float, other: float) -> float:
@@ -36,10 +38,8 @@ class ReadingMaker:
         utc, monotonic_s = self.clock.utc(), self.clock.monotonic()
         readings = []
         for channel, value in values.items():
-            if ages_s is None:
-                measured, measured_s = utc, monotonic_s
-            else:
-                measured, measured_s = utc - timedelta(seconds=ages_s[channel]), monotonic_s - ages_s[channel]
+            age_s = 0.0 if ages_s is None else min(ages_s[channel], _OLDEST_S)
+            measured, measured_s = utc - timedelta(seconds=age_s), monotonic_s - age_s
             if not isinstance(value, Fault) and not isfinite(value):
                 value = Fault(Quality.SENSOR_FAULT, f"the reading gives {value}, which is not a finite number")
             number, quality, detail = (

@@ -34,4 +34,5 @@ def node_value(data: DataValue, now: datetime | None) -> NodeValue:
     age_s = (now - measured).total_seconds() if now is not None and measured is not None else None
     value = data.Value.Value if data.Value is not None else None
     status = data.StatusCode
-    return NodeValue(value, age_s=age_s) if status is None else NodeValue(value, status.value, status.name, age_s)
+    code, name = (0, "Good") if status is None else (status.value, status.name)
+    return NodeValue(value, code, name, measured, age_s)

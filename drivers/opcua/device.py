@@ -2,6 +2,8 @@
 
 import struct
 from collections.abc import Mapping, Sequence
+from datetime import datetime
+from time import monotonic
 
 from drivers.base import Clock, Quality, Reading, WrongDevice
 from drivers.faults import Fault
@@ -20,6 +22,8 @@ class OpcUaDevice:
         self._device, self._bus, self._profile = device, bus, profile
         self._nodes = {name: profile.nodes[number] for name, number in channels.items()}
         self._names = tuple(profile.names[number] for number in channels.values())
+        self._measured: dict[str, tuple[datetime, float]] = {}
+        """Source time of each channel's latest value, and when that was by this computer's monotonic clock."""
         self._maker = ReadingMaker({name: node.unit or profile.unit for name, node in self._nodes.items()}, clock)
 
     @property
@@ -42,10 +46,12 @@ class OpcUaDevice:
             )
 
     async def read(self, *, again: bool = False) -> Sequence[Reading]:  # noqa: ARG002
-        """One reading per channel. A node that cannot be read affects its own channel only."""
-        values = await self._ask()
-        pairs = zip(self._nodes.items(), values, strict=True)
-        return self._maker.make({name: self._judged(node, value) for (name, node), value in pairs})
+        """One reading per channel; with `max_age_s` each is as old as its source timestamp says. A node that cannot be
+        read affects its own channel only."""
+        found, now_s = dict(zip(self._nodes, await self._ask(), strict=True)), monotonic()
+        judged = {name: self._judged(name, value, now_s) for name, value in found.items()}
+        values = {name: value for name, (value, _) in judged.items()}
+        return self._maker.make(values, {name: age_s for name, (_, age_s) in judged.items()})
 
     async def close(self) -> None:
         """Nothing to close: the session is the bus's."""
@@ -53,10 +59,27 @@ class OpcUaDevice:
     async def _ask(self) -> list[NodeValue]:
         return await self._bus.read(self._device, self._names, aged=self._profile.max_age_s is not None)
 
-    def _judged(self, node: OpcUaNode, found: NodeValue) -> float | Fault:
-        fault = found.fault() or self._too_old(found)
+    def _judged(self, channel: str, found: NodeValue, now_s: float) -> tuple[float | Fault, float]:
+        """The value and its age, s."""
+        fault = found.fault()
         if fault is not None:
-            return fault
+            return fault, 0.0
+        age_s = self._age_s(channel, found, now_s)
+        return self._too_old(found, age_s) or self._value(self._nodes[channel], found), age_s
+
+    def _age_s(self, channel: str, found: NodeValue, now_s: float) -> float:
+        """By the server's clock, and at least the time since the same source time was first seen: a server's clock may
+        go in steps of a second, or be set. 0 if ages are not looked up."""
+        if found.source_time is None or found.age_s is None:
+            return 0.0
+        measured_s = now_s - max(0.0, found.age_s)
+        source_time, before_s = self._measured.get(channel, (None, measured_s))
+        if source_time == found.source_time:
+            measured_s = min(measured_s, before_s)
+        self._measured[channel] = found.source_time, measured_s
+        return now_s - measured_s
+
+    def _value(self, node: OpcUaNode, found: NodeValue) -> float | Fault:
         raw = found.value
         if node.form is not None:
             number = _number_in(found, node, node.form)
@@ -72,15 +95,15 @@ class OpcUaDevice:
             return Fault(Quality.SENSOR_FAULT, f'the node holds {raw}; that is a number only with unit = "1"')
         return node.value(raw)
 
-    def _too_old(self, found: NodeValue) -> Fault | None:
+    def _too_old(self, found: NodeValue, age_s: float) -> Fault | None:
         limit_s = self._profile.max_age_s
         if limit_s is None:
             return None
         if found.age_s is None:
             return Fault(Quality.STALE, "the server does not say when the value was measured; omit max_age_s")
-        if found.age_s > limit_s:
-            return Fault(Quality.STALE, f"the server's source measured it {found.age_s:.0f} s ago")
-        if found.age_s < -limit_s:  # whatever stands still looks new until then
+        if age_s > limit_s:
+            return Fault(Quality.STALE, f"the server's source measured it {age_s:.0f} s ago")
+        if found.age_s < -limit_s:
             text = f"its source timestamp is {-found.age_s:.0f} s ahead of the server's clock"
             return Fault(Quality.STALE, text + "; set the source's clock, or omit max_age_s")
         return None

@@ -3,6 +3,7 @@
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
+from datetime import datetime
 from typing import Annotated, Final
 from uuid import UUID
 
@@ -72,8 +73,10 @@ class NodeValue:
     status: int = 0
     """StatusCode (Part 4, 7.39); 0 is good."""
     status_name: str = "Good"
+    source_time: datetime | None = None
+    """By the clock of its source; None if the server states none."""
     age_s: float | None = None
-    """From the value's source timestamp to the server's own present time; None if it states none."""
+    """From the source time to the server's own present time; None if either is not known."""
 
     @property
     def data(self) -> bytes | None:

@@ -63,8 +63,9 @@ class OpcUaProfile(DeviceProfile):
     namespace: NotEmpty | None = None
     """URI of the namespace of nodes that state none; its index is looked up at every connect."""
     max_age_s: Positive | None = None
-    """A value whose source timestamp is older than this, by the server's own clock, is `stale`. Only for servers that
-    renew the timestamp of a value that stays the same; None: not checked."""
+    """A value whose source timestamp is older than this, by the server's own clock, is `stale`, and every other is as
+    old as that says; at most three times `period_s` of the bus. Only for servers that renew the timestamp of a value
+    that stays the same. None: not looked up; a value is as old as its reading."""
     nodes: tuple[OpcUaNode, ...] = Field(alias="node", min_length=1)
 
     @property

@@ -9,7 +9,7 @@ _WINDOW_S = 60.0
 
 _SAME_S = 0.05
 """A number that was measured within so many seconds of the last one is the same measurement, read again: the driver
-tells its age (MQTT, plain CAN). It says nothing new about a spike."""
+tells its age (MQTT, plain CAN, OPC UA, timed TPDOs). It says nothing new about a spike."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

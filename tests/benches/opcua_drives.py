@@ -13,6 +13,8 @@ from simulators.nc.standard_nodes import StandardServer
 from tests.benches.free_port import free_port
 
 URI = "urn:maker:drives"
+SERVER_TIME = NodeId.from_string("i=2258")
+"""Server_ServerStatus_CurrentTime."""
 
 
 class Anybody(UserManager):
@@ -63,11 +65,17 @@ class Drives:
     def node(self, name: str) -> NodeId:
         return NodeId(String(name), Int16(self.index))
 
-    async def set(self, name: str, value: object, status: int = 0, age_s: float | None = 0.0) -> None:
-        """age_s: of the value; None: nothing says when it was measured"""
+    async def set_clock(self, now: datetime) -> None:
+        """Of a server that was started after `server.disable_clock()`."""
+        await self.server.get_node(SERVER_TIME).write_value(now)
+
+    async def set(
+        self, name: str, value: object, status: int = 0, age_s: float | None = 0.0, now: datetime | None = None
+    ) -> None:
+        """age_s: of the value at the server's time `now`; None: nothing says when it was measured"""
         measured = None
         if age_s is not None:
-            ago = datetime.now(UTC) - timedelta(seconds=age_s)
+            ago = (now or datetime.now(UTC)) - timedelta(seconds=age_s)
             measured = DateTime(ago.year, ago.month, ago.day, ago.hour, ago.minute, ago.second, tzinfo=UTC)
         data = DataValue(Variant(value), StatusCode(UInt32(status)), measured)
         await self.server.get_node(self.node(name)).write_value(data)

@@ -1,8 +1,10 @@
 """Nodes of a foreign OPC UA server (asyncua's) as channels: values, statuses, ages, unknown nodes, lost sessions."""
 
+import asyncio
 import re
 from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import pytest
@@ -163,6 +165,83 @@ async def test_values_statuses_and_nodes_that_are_not_there(tmp_path: Path) -> N
             assert told(await device.read()) == [(61.25, "degC")], "in a new session"
     finally:
         await server.server.stop()
+
+
+SERVERS_NOON = datetime(2001, 2, 3, 12, tzinfo=UTC)
+"""By the clock of a server that nobody has set."""
+
+
+@asynccontextmanager
+async def with_own_clock(folder: Path, max_age_s: float | None = 30.0) -> AsyncIterator[tuple[Drives, Driver]]:
+    """A server whose clock the test sets, and a device with one channel."""
+    server = Drives()
+    server.server.disable_clock()
+    await server.start()
+    text = PROFILE.split("[[node]]")[0] + ("" if max_age_s is None else f"max_age_s = {max_age_s}\n")
+    try:
+        await server.set_clock(SERVERS_NOON)
+        async with device_at(server.url, folder, text + '[[node]]\nnode = "s=motor"\n', 1) as (_, device):
+            yield server, device
+    finally:
+        await server.server.stop()
+
+
+async def read_aged(device: Driver, quality: Quality, age_s: float) -> Reading:
+    """The channel's reading, which must have this quality and age."""
+    (reading,) = await device.read()
+    assert reading.quality is quality
+    assert SystemClock().monotonic() - reading.monotonic_s == pytest.approx(age_s, abs=1e-3)
+    assert (SystemClock().utc() - reading.source_time).total_seconds() == pytest.approx(age_s, abs=1e-3)
+    return reading
+
+
+async def test_with_max_age_a_value_is_as_old_as_its_source_says(tmp_path: Path) -> None:
+    """By the server's clock alone, which is 25 years behind this computer's."""
+    async with with_own_clock(tmp_path) as (server, device):
+        await server.set("motor", 20.0, age_s=20, now=SERVERS_NOON)
+        await read_aged(device, Quality.GOOD, 20.0)
+        await server.set("motor", 20.0, age_s=90, now=SERVERS_NOON)
+        await read_aged(device, Quality.STALE, 90.0)
+        await server.set("motor", 20.0, age_s=None)
+        await read_aged(device, Quality.STALE, 0.0)
+        await server.set("motor", 20.0, StatusCodes.BadSensorFailure, age_s=90, now=SERVERS_NOON)
+        await read_aged(device, Quality.SENSOR_FAULT, 0.0)  # it is broken now
+
+
+async def test_a_source_time_ahead_of_the_server_makes_no_value_newer_than_its_reading(tmp_path: Path) -> None:
+    async with with_own_clock(tmp_path) as (server, device):
+        await server.set("motor", 20.0, age_s=-20, now=SERVERS_NOON)
+        await read_aged(device, Quality.GOOD, 0.0)
+
+
+async def test_a_value_that_stands_still_ages_although_the_servers_clock_does_not_go_on(tmp_path: Path) -> None:
+    """The times of one measurement are equal at each reading, so that a spike that is read twice is one spike."""
+    async with with_own_clock(tmp_path) as (server, device):
+        await server.set("motor", 20.0, age_s=-20, now=SERVERS_NOON)
+        first = await read_aged(device, Quality.GOOD, 0.0)
+        await asyncio.sleep(25.0)
+        second = await read_aged(device, Quality.GOOD, 25.0)
+        assert second.monotonic_s == pytest.approx(first.monotonic_s, abs=1e-3)
+        await server.set_clock(SERVERS_NOON - timedelta(hours=1))
+        await asyncio.sleep(6.0)
+        await read_aged(device, Quality.STALE, 31.0)
+        await server.set("motor", 20.0, age_s=1, now=SERVERS_NOON - timedelta(hours=1))
+        await read_aged(device, Quality.GOOD, 1.0)  # another measurement
+
+
+async def test_without_max_age_a_value_is_as_old_as_its_reading(tmp_path: Path) -> None:
+    """A timestamp may then say when the value changed last."""
+    async with with_own_clock(tmp_path, None) as (server, device):
+        await server.set("motor", 20.0, age_s=90, now=SERVERS_NOON)
+        await read_aged(device, Quality.GOOD, 0.0)
+
+
+async def test_a_source_time_that_cannot_be_spoils_no_time_of_a_reading(tmp_path: Path) -> None:
+    """1601 is how OPC UA writes no time; the server's clock stands at its end."""
+    async with with_own_clock(tmp_path) as (server, device):
+        await server.set_clock(datetime(9999, 12, 31, tzinfo=UTC))
+        await server.set("motor", 20.0, age_s=0, now=datetime(1601, 1, 2, tzinfo=UTC))
+        await read_aged(device, Quality.STALE, 86_400.0)
 
 
 async def test_a_session_whose_namespaces_are_not_known_is_none(
