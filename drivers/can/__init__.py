@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 from drivers.first_use import on_first_use
 
 if TYPE_CHECKING:
-    from drivers.can.bus import CanBus
+    from drivers.can.bus import CanBus, KeptFrame
     from drivers.can.dbc import CanDbcDevice
     from drivers.can.dbc_profile import CanDbcProfile
     from drivers.can.interface import interface_error, open_interface, shut
@@ -16,7 +16,7 @@ else:
     __getattr__ = on_first_use(
         __name__,
         {
-            ".bus": ("CanBus",),
+            ".bus": ("CanBus", "KeptFrame"),
             ".dbc": ("CanDbcDevice",),
             ".dbc_profile": ("CanDbcProfile",),
             ".interface": ("interface_error", "open_interface", "shut"),
@@ -42,6 +42,7 @@ __all__ = [
     "CanSettings",
     "CanSurvey",
     "Heard",
+    "KeptFrame",
     "Receiver",
     "Stopped",
     "interface_error",

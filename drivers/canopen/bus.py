@@ -18,7 +18,7 @@ import canopen
 from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError
 
 from drivers.base import BadAnswer, ConnectError, DriverError, NoAnswer, Refused
-from drivers.can import Receiver, interface_error, open_interface, shut
+from drivers.can import KeptFrame, Receiver, interface_error, open_interface, shut
 from drivers.canopen.events import NodeEvents
 from drivers.canopen.frames import FittingAnswers, LatestFrames, pass_on
 from drivers.canopen.place import CanObject
@@ -125,13 +125,13 @@ class CanOpenBus:
 
         await self._in_thread(start)
 
-    async def synchronise(self, device: str, node: int, identifiers: Sequence[int]) -> dict[int, bytes]:
+    async def synchronise(self, device: str, node: int, identifiers: Sequence[int]) -> dict[int, KeptFrame]:
         """Send SYNC and wait for these TPDOs of the node. Raises NoAnswer or ConnectError."""
         return await self._in_thread(lambda: self._synchronise(device, node, identifiers))
 
     async def latest(
         self, device: str, node: int, identifiers: Sequence[int], oldest_s: float, until_s: float
-    ) -> dict[int, bytes]:
+    ) -> dict[int, KeptFrame]:
         """The node's latest TPDOs, none older than `oldest_s`. Waits until `until_s` for missing ones.
 
         Both times are monotonic seconds. Raises NoAnswer or ConnectError.
@@ -215,7 +215,7 @@ class CanOpenBus:
             raise self._unanswered(device, node, wanted, self._settings.timeout_s) from None
         self._doubtful.discard(node)
 
-    def _synchronise(self, device: str, node: int, identifiers: Sequence[int]) -> dict[int, bytes]:
+    def _synchronise(self, device: str, node: int, identifiers: Sequence[int]) -> dict[int, KeptFrame]:
         if node in self._doubtful:
             self._upload(device, node, ())  # frames of an earlier SYNC arrive before this answer
         self._listen(device, identifiers)
@@ -243,7 +243,7 @@ class CanOpenBus:
         failing: str,
         *,
         hurried: bool = False,
-    ) -> dict[int, bytes]:
+    ) -> dict[int, KeptFrame]:
         self._listen(device, identifiers)
         found = self._frames.since(oldest_s, identifiers, until_s)
         if missing := sorted(set(identifiers) - set(found)):

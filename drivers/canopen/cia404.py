@@ -67,7 +67,7 @@ class Cia404Device:
         silent = self._reader.heartbeat_lost
         lost: dict[CanObject, DriverError] = dict(self._reader.lost)
         for channel, number in self._channels.items():
-            places = [CanObject(index, number + 1) for index in (STATUS, self._profile.value_object)]
+            places = self._places(number)
             error = self._absent.get(number) or next((lost[place] for place in places if place in lost), None)
             if error is not None:
                 values[channel] = Fault(Quality.COMM_FAULT, error.what)
@@ -76,7 +76,8 @@ class Cia404Device:
             found = self._value(number, value, next((code for code in map(_code, codes) if code), 0))
             values[channel] = NO_HEARTBEAT if silent and not isinstance(found, Fault) else found
         await self._look_again()
-        return self._maker.make(values)
+        ages_s = self._reader.ages_s({name: self._places(number) for name, number in self._channels.items()})
+        return self._maker.make(values, ages_s)
 
     async def close(self) -> None:
         """Forget what is known about the node."""
@@ -120,6 +121,10 @@ class Cia404Device:
             except DriverError:
                 continue
             self._reader.forget()
+
+    def _places(self, number: int) -> tuple[CanObject, CanObject]:
+        """Status and value of an input."""
+        return CanObject(STATUS, number + 1), CanObject(self._profile.value_object, number + 1)
 
     def _objects(self) -> tuple[CanObject, ...]:
         """What is read. With SDO, the status before and after its value, in case the sensor breaks or recovers."""

@@ -7,6 +7,7 @@ from typing import Any
 
 import can
 
+from drivers.can import KeptFrame
 from drivers.canopen.place import CanObject
 
 _SDO_ANSWERS = range(0x581, 0x600)
@@ -33,16 +34,16 @@ class LatestFrames:
     """The newest frame of each subscribed identifier, and when it came. One thread puts, another reads."""
 
     def __init__(self) -> None:
-        self._came: dict[int, tuple[float, bytes]] = {}
+        self._came: dict[int, KeptFrame] = {}
         self._news = Condition()
 
     def put(self, identifier: int, data: bytes | bytearray, _timestamp: float) -> None:
         """A callback of the canopen library."""
         with self._news:
-            self._came[identifier] = monotonic(), bytes(data)
+            self._came[identifier] = KeptFrame(monotonic(), bytes(data))
             self._news.notify_all()
 
-    def since(self, oldest_s: float, identifiers: Collection[int], until_s: float) -> dict[int, bytes]:
+    def since(self, oldest_s: float, identifiers: Collection[int], until_s: float) -> dict[int, KeptFrame]:
         """Those that came at monotonic `oldest_s` or later. Waits until `until_s` for missing ones. Blocks."""
 
         def complete() -> bool:
@@ -52,9 +53,9 @@ class LatestFrames:
             self._news.wait_for(complete, max(0.0, until_s - monotonic()))
             return self._fresh(oldest_s, identifiers)
 
-    def _fresh(self, oldest_s: float, identifiers: Collection[int]) -> dict[int, bytes]:
+    def _fresh(self, oldest_s: float, identifiers: Collection[int]) -> dict[int, KeptFrame]:
         came = self._came
-        return {i: came[i][1] for i in identifiers if i in came and came[i][0] >= oldest_s}
+        return {i: came[i] for i in identifiers if i in came and came[i].came_s >= oldest_s}
 
 
 class FittingAnswers:

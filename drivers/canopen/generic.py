@@ -64,7 +64,8 @@ class CanOpenDevice:
                 continue
             found = self._value(number, objects[place][0])
             values[channel] = NO_HEARTBEAT if silent and not isinstance(found, Fault) else found
-        return self._maker.make(values)
+        places = {name: (self._profile.objects[number].place,) for name, number in self._channels.items()}
+        return self._maker.make(values, self._reader.ages_s(places))
 
     async def close(self) -> None:
         """Forget what is known about the node."""

@@ -3,7 +3,7 @@
 What was checked at connect holds for one start of the node: after a restart or a silence it is checked again.
 """
 
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Awaitable, Callable, Mapping, Sequence
 from dataclasses import replace
 from time import monotonic
 
@@ -48,6 +48,8 @@ class NodeReader:
         self._bus, self._device, self._node, self._check, self._each = bus, device, node, check, each
         self.lost: dict[CanObject, DriverError] = {}
         """Why objects were left out of the latest read."""
+        self._came_s: dict[CanObject, float] = {}
+        """When each object of the latest read came in its TPDO, monotonic s; empty with SDO."""
         self.ask(asked)
         self._heartbeat_s, self._transfer = options.heartbeat_s, options.transfer
         self._heartbeat = HeartbeatWatch(bus.events(node))
@@ -94,6 +96,11 @@ class NodeReader:
     def heartbeat_lost(self) -> bool:
         """Whether the node answers although its heartbeat has stopped: then it may repeat its last measurement."""
         return self._heartbeat.silent_s(monotonic()) is not None
+
+    def ages_s(self, channels: Mapping[str, Sequence[CanObject]]) -> dict[str, float]:
+        """Of each channel: since the oldest of its objects in the latest read came; 0 of those that were asked for."""
+        now_s, came_s = monotonic(), self._came_s
+        return {name: max(now_s - came_s.get(place, now_s) for place in places) for name, places in channels.items()}
 
     def forget(self) -> None:
         """Check the node again before the next read."""
@@ -168,7 +175,12 @@ class NodeReader:
             # One more interval, so that no node counts as lost on a computer that was briefly busy.
             until_s = max(self._started_s + self._bus.timeout_s, now_s + interval_s)
             frames = await self._bus.latest(self._device, self._node, identifiers, oldest_s, until_s)
-        objects = {place: [data] for pdo in self._maps for place, data in pdo.decode(frames[pdo.identifier]).items()}
+        objects: dict[CanObject, list[bytes]] = {}
+        self._came_s = {}
+        for pdo in self._maps:
+            frame = frames[pdo.identifier]
+            for place, data in pdo.decode(frame.data).items():
+                objects[place], self._came_s[place] = [data], frame.came_s
         short = "object {} is missing in its TPDO, which is shorter than its mapping".format
         lost: dict[CanObject, DriverError] = {
             wanted: BadAnswer(short(wanted), bus=self._bus.name, device=self._device)

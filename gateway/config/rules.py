@@ -229,7 +229,9 @@ def _waits(config: GatewayConfig) -> Iterator[Problem]:
                 f"{bus.read_limit_s:g}: expected at least timeout_s = {bus.timeout_s:g}, "
                 "or the bus is closed while an answer may still arrive",
             )
-        if isinstance(bus, CanSection) and bus.timeout_s > 3.0 * bus.period_s:
+        timers = (device.options.get("transfer") == "timer" for device in config.devices_of(bus.name))
+        listens = isinstance(bus, CanSection) or (isinstance(bus, CanOpenSection) and any(timers))
+        if listens and bus.timeout_s > 3.0 * bus.period_s:
             yield Problem(f"bus '{bus.name}', timeout_s", _goes_stale(bus.timeout_s, bus))
 
 

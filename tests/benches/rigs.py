@@ -56,6 +56,8 @@ class Rig:
     settle_s: float = 0.0
     """Of a device that sends by itself: how long until what changed is seen and what came before is too old. It passes
     on simulated time, whole, however busy the computer is."""
+    by_frames: bool = False
+    """Whether each value is as old as the frame that brought it."""
 
     async def break_sensor(self, channel: int, fault: SensorFault | None) -> None:
         self.faults.set(channel, fault)
@@ -247,6 +249,7 @@ def _can_rig(vendor: str, short: Quality, transfer: str = "sdo") -> StartRig:
             make_neighbour=_maker("cia404", 6, 4, {"vendor": "jumo", "transfer": transfer}, "neighbour"),
             spoil_identity=lambda: node.set_sensor_type(1, 1),  # thermocouple
             settle_s=4 * event_ms / 1000,
+            by_frames=transfer != "sdo",
             fault_qualities={
                 SensorFault.OPEN: Quality.SENSOR_FAULT,
                 SensorFault.SHORT: short,
@@ -277,6 +280,7 @@ async def _dbc_rig(stack: AsyncExitStack) -> Rig:
         faults=logger.faults,
         options={"interface": "slcan", "channel": path, "timeout_s": TIMEOUT_S},
         make=_maker(logger_profile(folder, "logger", 0x300), 1, 5, {}),
+        by_frames=True,
         stop_wire=adapter.stop,
         wire=adapter,
         make_neighbour=_maker(logger_profile(folder, "neighbour", 0x310), 2, 5, {}, "neighbour"),

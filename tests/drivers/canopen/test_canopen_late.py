@@ -62,7 +62,7 @@ async def value_by_sdo(bus: CanOpenBus) -> int:
 
 async def value_by_sync(bus: CanOpenBus) -> int:
     frames = await bus.synchronise("node", 5, TPDOS)
-    return int.from_bytes(frames[TPDOS[0]][:4], "little")
+    return int.from_bytes(frames[TPDOS[0]].data[:4], "little")
 
 
 async def test_late_answer_is_not_taken_when_the_same_object_is_asked_again() -> None:

@@ -141,6 +141,45 @@ async def test_first_read_takes_what_came_since_the_node_was_started() -> None:
         assert [r.value for r in await driver.read()] == pytest.approx(TEMPERATURES[:2])
 
 
+async def ages(driver: Driver) -> list[float]:
+    """Of each channel, s."""
+    readings, now_s = await driver.read(), SystemClock().monotonic()
+    assert {r.quality for r in readings} == {Quality.GOOD}
+    return [now_s - r.monotonic_s for r in readings]
+
+
+async def test_a_timed_value_is_as_old_as_its_frame() -> None:
+    node = timed()
+    async with bench(node, 2, "timer") as (_, driver):
+        await driver.connect()
+        assert await ages(driver) == pytest.approx([0.0, 0.0], abs=1e-3), "the frame that was waited for"
+        await asyncio.sleep(0.05)
+        assert await ages(driver) == pytest.approx([0.05, 0.05], abs=1e-3), "the same one"
+        await asyncio.sleep(0.05)
+        assert await ages(driver) == pytest.approx([0.02, 0.02], abs=1e-3), "the next one, 0.08 s after the first"
+
+
+async def test_a_timed_value_is_as_old_as_the_status_that_it_is_judged_by() -> None:
+    """A sensor may have broken since."""
+    node = timed()
+    async with bench(node, 2, "timer") as (adapter, driver):
+        await driver.connect()
+        await driver.read()
+        node.stop()
+        await asyncio.sleep(0.05)
+        adapter.send([(0x185, b"".join(round(10 * value).to_bytes(4, "little", signed=True) for value in (21.5, 7.0)))])
+        await asyncio.sleep(0.05)
+        assert [r.value for r in await driver.read()] == pytest.approx([21.5, 7.0])
+        assert await ages(driver) == pytest.approx([0.1, 0.1], abs=1e-3)
+
+
+async def test_a_value_that_was_asked_for_is_as_old_as_its_answer() -> None:
+    async with bench(timed(), 2, "sdo") as (_, driver):
+        await driver.connect()
+        await asyncio.sleep(0.05)
+        assert await ages(driver) == pytest.approx([0.0, 0.0], abs=1e-3)
+
+
 async def read_on(driver: Driver) -> None:
     """Read until an error comes; what came before the fault may still be fresh."""
     async with asyncio.timeout(2):
