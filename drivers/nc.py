@@ -83,6 +83,9 @@ class NcSnapshot:
     probing: bool | None = None
     """Whether a probing cycle is in progress, no matter who requested it; None: the control does not report it."""
     quality: Quality = Quality.GOOD
+    not_known: dict[str, str] = field(default_factory=dict)
+    """Name of a state, or of a field above, to what the control reports of it and the driver cannot read. The state is
+    missing, and the field unknown."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,6 +15,7 @@ MODES = {
     "SEMI_AUTOMATIC": OperatingMode.AUTO,
     "MANUAL": OperatingMode.JOG,
     "MANUAL_DATA_INPUT": OperatingMode.MDA,
+    "EDIT": OperatingMode.UNKNOWN,
 }
 PROGRAMS = {
     "ACTIVE": ProgramState.RUNNING,
@@ -27,6 +28,8 @@ PROGRAMS = {
     "PROGRAM_STOPPED": ProgramState.INTERRUPTED,
     "OPTIONAL_STOP": ProgramState.INTERRUPTED,
 }
+STOPS = ("ARMED", "TRIGGERED")
+"""Of an emergency stop."""
 
 
 class MtConnectControl(OnlyRead):
@@ -55,7 +58,10 @@ class MtConnectControl(OnlyRead):
         self._factors = {}
 
     async def snapshot(self) -> NcSnapshot:
-        """Raises BadAnswer while an axis has no position: an agent that has lost its control reports UNAVAILABLE."""
+        """Raises BadAnswer while an axis has no position: an agent that has lost its control reports UNAVAILABLE.
+
+        A word of another data item that is not known costs only itself.
+        """
         if not self._factors:
             raise ConnectError("not connected", device="nc", hint="connect first")
         body, settings = await self._get("current"), self._settings
@@ -68,12 +74,23 @@ class MtConnectControl(OnlyRead):
         positions = {axis: self._value(axis, settings.positions[axis], told) for axis in AXES}
         for axis, origin in zip(LINEAR_AXES, settings.origin_mm, strict=True):
             positions[axis] -= origin
-        states = {name: self._value(name, item, told) for name, item in settings.states.items() if item in told}
+        states, not_known = {}, {}
+        for name, item in settings.states.items():
+            if item in told:
+                try:
+                    states[name] = self._value(name, item, told)
+                except BadAnswer:
+                    not_known[name] = self._shown(item, told)
+        words = ("mode", settings.mode, MODES), ("program", settings.program, PROGRAMS)
+        for name, item, known in (*words, ("emergency_stop", settings.emergency_stop, STOPS)):
+            if item in told and told[item] not in known:
+                not_known[name] = self._shown(item, told)
         return NcSnapshot(
             time=self._clock.utc(),
             monotonic_s=self._clock.monotonic(),
             positions=positions,
             states={name: abs(value) if name in SPEED_UNITS else value for name, value in states.items()},
+            not_known=not_known,
             mode=MODES.get(told.get(settings.mode, ""), OperatingMode.UNKNOWN),
             program=PROGRAMS.get(told.get(settings.program, ""), ProgramState.UNKNOWN),
             tool=self._tool(told.get(settings.tool, "")),
@@ -86,6 +103,10 @@ class MtConnectControl(OnlyRead):
         if text in SWITCHED and name not in POSITION_UNITS and name not in SPEED_UNITS:
             return SWITCHED[text]
         return number(item, text, self._factors[name])
+
+    def _shown(self, item: str, told: dict[str, str]) -> str:
+        of = f" of {self._settings.machine}" if self._settings.machine else ""
+        return f"{told[item][:40]!r} (data item {item}{of})"
 
     def _tool(self, text: str) -> int | None:
         """MTConnect's tool numbers are text; only whole ones are reported."""

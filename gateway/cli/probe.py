@@ -98,9 +98,9 @@ async def _nc(config: GatewayConfig, *, try_writing: bool) -> list[_ProbedRow]:
         gone = Quality.COMM_FAULT
         if try_writing:
             rows.append(await _writing(driver, config.nc.kind))
-        return rows + [
-            _ProbedRow("nc", config.nc.kind, n, "", gone, latency, "the NC does not report this state") for n in missing
-        ]
+        details = dict.fromkeys(missing, "the NC does not report this state")
+        details |= {name: f"not known to the gateway: {text}" for name, text in snapshot.not_known.items()}
+        return rows + [_ProbedRow("nc", config.nc.kind, n, "", gone, latency, text) for n, text in details.items()]
     except DriverError as error:
         return [_ProbedRow("nc", config.nc.kind, "snapshot", "", Quality.COMM_FAULT, None, str(error))]
     finally:

@@ -188,7 +188,7 @@ _OR_NOT: _Types = (bool, type(None))
 _KINDS: Mapping[str, _Types] = {
     "time": datetime, "monotonic_s": (float, int), "mode": OperatingMode, "program": ProgramState, "quality": Quality,
     "tool": (int, type(None)), "probe_in_spindle": _OR_NOT, "ready": _OR_NOT, "probing": _OR_NOT,
-    "cannot_probe": (str, type(None)), "alarms": tuple,
+    "cannot_probe": (str, type(None)), "alarms": tuple, "not_known": dict,
 }  # fmt: skip
 """The type of each of a snapshot's other fields. A 0 instead of False would count as not False: offsets would be
 written during an emergency stop."""
@@ -199,6 +199,8 @@ def _check_snapshot(snapshot: NcSnapshot) -> None:
     for name, kind in _KINDS.items():
         if not isinstance(value := getattr(snapshot, name), kind):
             raise TypeError(f"{name} = {value!r}: of an unexpected type")
+    if not all(isinstance(text, str) for pair in snapshot.not_known.items() for text in pair):
+        raise TypeError(f"not_known = {snapshot.not_known!r}: expected texts")
     if snapshot.time.tzinfo is None:
         raise ValueError(f"time = {snapshot.time!r}: expected UTC")
     _check_numbers({"monotonic_s": snapshot.monotonic_s}, ())

@@ -13,7 +13,7 @@ from gateway.polling import Breaker, Notice, Notify, Problems, UnexpectedError
 log = logging.getLogger(__name__)
 
 _LONGEST_RETRY_PERIODS = 30
-_SUBJECT = "NC"
+_SUBJECT, _VALUES = "NC", "values of NC"
 
 
 class Session:
@@ -64,6 +64,7 @@ class Session:
     async def look(self) -> NcSnapshot:
         """The control's present state; of quality `stale` when its values are frozen. Raises DriverError."""
         self._latest = self._judged(await self._nc.snapshot())
+        self._tell_not_known(self._latest)
         self._tried = True
         return self._latest
 
@@ -98,6 +99,14 @@ class Session:
             log.warning("NC: %s", axes)
             self._notify(Notice("axes of NC", f"NC: {axes}", ended=not frozen))
         return replace(snapshot, quality=Quality.STALE) if frozen else snapshot
+
+    def _tell_not_known(self, snapshot: NcSnapshot) -> None:
+        """Once for each set of names: the values may change with each snapshot."""
+        if found := snapshot.not_known:
+            listed = ", ".join(f"{name} = {text}" for name, text in found.items())
+            self._problems.report(_VALUES, ", ".join(found), f"NC: not known to the gateway: {listed}")
+        else:
+            self._problems.clear(_VALUES, "NC: all its values are known to the gateway again")
 
 
 def _root(error: DriverError) -> BaseException:

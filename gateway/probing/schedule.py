@@ -41,9 +41,10 @@ class Moment(StrEnum):
 def moment(before: NcSnapshot | None, now: NcSnapshot) -> Moment:
     """The moment of `now`; `before` is the previous snapshot, which shows changes.
 
-    A program that is interrupted or stopped with something still turning counts as a cut.
+    A program that is interrupted or stopped with something still turning counts as a cut, and so does a speed that the
+    control reports in a form that cannot be read.
     """
-    turning = any(abs(now.states.get(name, 0.0)) > _STILL for name in _SPEEDS)
+    turning = any(name in now.not_known or abs(now.states.get(name, 0.0)) > _STILL for name in _SPEEDS)
     if now.program is ProgramState.RUNNING:
         changed = before is not None and before.tool is not None and now.tool is not None and now.tool != before.tool
         return Moment.TOOL_CHANGE if changed else Moment.CUT

@@ -70,6 +70,41 @@ async def test_what_the_agent_no_longer_knows_is_not_reported(agent: tuple[Any, 
         await nc.snapshot()
 
 
+@pytest.mark.parametrize(
+    ("item", "word", "name"),
+    [
+        ("flood", "MIST", "coolant"),
+        ("mode", "THREAD", "mode"),
+        ("exec", "IN_CUT", "program"),
+        ("estop", "PRESSED", "emergency_stop"),
+    ],
+)
+async def test_a_word_that_is_not_known_costs_only_itself(
+    item: str, word: str, name: str, agent: tuple[Any, str]
+) -> None:
+    nc = control(agent[1])
+    await nc.connect()
+    before = await nc.snapshot()
+    assert before.not_known == {}
+    agent[0].push_data(item, word)
+    it = await nc.snapshot()
+    assert it.positions == before.positions
+    assert it.not_known == {name: f"'{word}' (data item {item})"}
+    assert it.states == {state: value for state, value in before.states.items() if state != name}
+    assert it.mode is (OperatingMode.UNKNOWN if item == "mode" else before.mode)
+    assert it.program is (ProgramState.UNKNOWN if item == "exec" else before.program)
+    assert it.ready is None
+
+
+async def test_an_editor_in_use_is_known(agent: tuple[Any, str]) -> None:
+    """MTConnect defines the word; the gateway has no such mode."""
+    agent[0].push_data("mode", "EDIT")
+    nc = control(agent[1])
+    await nc.connect()
+    it = await nc.snapshot()
+    assert (it.mode, it.not_known) == (OperatingMode.UNKNOWN, {})
+
+
 async def test_it_is_never_written_to(agent: tuple[Any, str]) -> None:
     nc = control(agent[1])
     await nc.connect()
@@ -263,9 +298,16 @@ async def test_a_word_is_no_speed_and_no_position(item: str) -> None:
     told = dict.fromkeys(POSITIONS.values(), "1.5") | {"Srpm": "6000"} | {item: "ACTIVE"}
     text = "".join(f'<P dataItemId="{one}">{value}</P>' for one, value in told.items())
     async with answering(http(f"<MTConnect>{ITEMS}{text}</MTConnect>".encode())) as url:
-        nc = control(url, states={"spindle_speed": "Srpm"}, mode="", program="", tool="", emergency_stop="")
-        with pytest.raises(BadAnswer, match=f"{item} = 'ACTIVE': expected a number"):
-            await nc.connect()
+        nc = control(
+            url, machine="mill", states={"spindle_speed": "Srpm"}, mode="", program="", tool="", emergency_stop=""
+        )
+        if item == "Cpos":
+            with pytest.raises(BadAnswer, match="Cpos = 'ACTIVE': expected a number"):
+                await nc.connect()
+            return
+        await nc.connect()
+        it = await nc.snapshot()
+        assert (it.states, it.not_known) == ({}, {"spindle_speed": "'ACTIVE' (data item Srpm of mill)"})
 
 
 NASTY = st.text(st.characters(codec="utf-8", exclude_characters="<&\x00", min_codepoint=32), max_size=12)

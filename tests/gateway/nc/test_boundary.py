@@ -204,6 +204,7 @@ WRONG_FIELDS: dict[str, list[object]] = {
     "monotonic_s": [None, "5", math.nan, math.inf, 10**400],
     "positions": [None, "X", {}, {"X": 0.0}, dict.fromkeys(AXES, math.nan), dict.fromkeys(AXES, "1")],
     "states": [None, {"coolant": math.inf}, {"coolant": None}, {"coolant": 10**400}],
+    "not_known": [None, ("coolant",), {"coolant": None}, {1: "'MIST'"}],
     "mode": [None, "auto", 2],
     "program": [None, "running", 2],
     "tool": [1.5, "T1"],
@@ -230,7 +231,7 @@ async def test_a_snapshot_with_a_field_that_the_interface_excludes_is_refused(na
 async def test_every_allowed_value_of_a_snapshot_passes() -> None:
     for changes in (
         *({"ready": each, "probing": each, "probe_in_spindle": each} for each in (True, False, None)),
-        {"cannot_probe": "", "alarms": (1, 2), "tool": 5, "monotonic_s": 0},
+        {"cannot_probe": "", "not_known": {"coolant": "'MIST'"}, "alarms": (1, 2), "tool": 5, "monotonic_s": 0},
         {"mode": OperatingMode.JOG, "program": ProgramState.WAITING, "quality": Quality.STALE, "states": {}},
     ):
         snapshot = replace(SNAPSHOT, **changes)  # type: ignore[arg-type]

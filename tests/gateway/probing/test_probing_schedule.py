@@ -41,6 +41,9 @@ def schedule(retries: int = 2) -> ProbingSchedule:
         (CUTTING, replace(IDLE, program=ProgramState.INTERRUPTED), Moment.CUT),
         (IDLE, replace(IDLE, program=ProgramState.UNKNOWN), Moment.CUT),
         (IDLE, replace(IDLE, states={"speed_C": 300.0}), Moment.CUT),
+        (IDLE, replace(IDLE, states={}), Moment.IDLE),
+        (IDLE, replace(IDLE, states={}, not_known={"spindle_speed": "'FAST'"}), Moment.CUT),
+        (IDLE, replace(IDLE, not_known={"coolant": "'MIST'"}), Moment.IDLE),
     ],
 )
 def test_the_moment(before: NcSnapshot | None, now: NcSnapshot, expected: Moment) -> None:
