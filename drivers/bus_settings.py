@@ -78,5 +78,5 @@ class HostSettings(BusSettings):
 
     @property
     def place(self) -> str:
-        """Host and port, which no two buses may share."""
-        return f"{self.host}:{self.port}"
+        """Host and port, which no two buses may share; as in a URL."""
+        return f"[{self.host}]:{self.port}" if ":" in self.host else f"{self.host}:{self.port}"

@@ -215,7 +215,7 @@ def _places(config: GatewayConfig) -> Iterator[Problem]:
         except SetupError as error:
             yield Problem(f"bus '{bus.name}'", error.advice)
             continue
-        port = place.rpartition("://")[2]  # of a device server, however it is spoken to
+        port = place.rpartition("://")[2].rstrip("/")  # of a device server, however it is spoken to
         if port in first:
             yield Problem(f"bus '{bus.name}'", f"{place} is already bus '{first[port]}'; put its devices there")
         first.setdefault(port, bus.name)

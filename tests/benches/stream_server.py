@@ -8,7 +8,7 @@ Serve = Callable[[asyncio.StreamReader, asyncio.StreamWriter], Awaitable[None]]
 
 
 @asynccontextmanager
-async def stream_server(serve: Serve, limit: int = 2**16) -> AsyncIterator[int]:
+async def stream_server(serve: Serve, limit: int = 2**16, host: str = "127.0.0.1") -> AsyncIterator[int]:
     """Yields its port; at the end `serve` is cancelled in every connection, and the connection is closed.
 
     serve: has each connection; an error of its own goes to asyncio's log
@@ -22,7 +22,7 @@ async def stream_server(serve: Serve, limit: int = 2**16) -> AsyncIterator[int]:
         clients[task] = writer
         await serve(reader, writer)
 
-    server = await asyncio.start_server(known, "127.0.0.1", 0, limit=limit)
+    server = await asyncio.start_server(known, host, 0, limit=limit)
     try:
         yield int(server.sockets[0].getsockname()[1])
     finally:

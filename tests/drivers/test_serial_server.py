@@ -25,6 +25,8 @@ LIMIT_S = 60.0
 VALUES_UM = [5.0, -0.05, 400.0]
 THREE, WORDS = Block(4, 0, 3), (100, 0xFFFF, 8000)
 """They have Telnet's byte 255 twice."""
+LOOPBACKS = [("127.0.0.1", "127.0.0.1"), ("::1", "[::1]")]
+"""As a server listens, and as a URL has it."""
 
 
 @asynccontextmanager
@@ -225,7 +227,10 @@ def telnet_commands(data: bytes) -> Iterator[bytes]:
 @pytest.mark.parametrize(
     ("parity", "stopbits", "expected"), [("N", 1, (1, 1)), ("E", 1, (3, 1)), ("O", 1, (2, 1)), ("N", 2, (1, 2))]
 )
-async def test_rfc_2217_sets_parity_and_stop_bits(parity: str, stopbits: int, expected: tuple[int, int]) -> None:
+@pytest.mark.parametrize(("host", "written"), LOOPBACKS)
+async def test_rfc_2217_sets_parity_and_stop_bits(
+    parity: str, stopbits: int, expected: tuple[int, int], host: str, written: str
+) -> None:
     """A server written from the standard: it does what it is told, and says so."""
     told: dict[int, bytes] = {}
 
@@ -240,8 +245,8 @@ async def test_rfc_2217_sets_parity_and_stop_bits(parity: str, stopbits: int, ex
                     told[command[3]] = command[4:-2]
                     writer.write(command[:3] + bytes((command[3] + 100,)) + command[4:])
 
-    async with stream_server(server) as port:
-        options = {"port": f"rfc2217://127.0.0.1:{port}", "baud": 19200, "parity": parity, "stopbits": stopbits}
+    async with stream_server(server, host=host) as port:
+        options = {"port": f"rfc2217://{written}:{port}", "baud": 19200, "parity": parity, "stopbits": stopbits}
         bus = make_bus("bus1", "modbus_rtu", options)
         await bus.connect()
         await bus.close()
@@ -249,7 +254,8 @@ async def test_rfc_2217_sets_parity_and_stop_bits(parity: str, stopbits: int, ex
     assert (told[SET_DATA], (told[SET_PARITY][0], told[SET_STOP][0])) == (b"\x08", expected)
 
 
-async def test_raw_tcp_is_opened_for_each_request_if_the_server_closes_it() -> None:
+@pytest.mark.parametrize(("host", "written"), LOOPBACKS)
+async def test_raw_tcp_is_opened_for_each_request_if_the_server_closes_it(host: str, written: str) -> None:
     async def once(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         request = await reader.readexactly(8)
         reply = bytes((1, 4, 2)) + request[2:4]  # each register holds its address
@@ -257,8 +263,8 @@ async def test_raw_tcp_is_opened_for_each_request_if_the_server_closes_it() -> N
         await writer.drain()
         writer.close()
 
-    async with stream_server(once) as port:
-        bus = make_bus("bus1", "modbus_rtu", {"port": f"socket://127.0.0.1:{port}", "timeout_s": TIMEOUT_S})
+    async with stream_server(once, host=host) as port:
+        bus = make_bus("bus1", "modbus_rtu", {"port": f"socket://{written}:{port}", "timeout_s": TIMEOUT_S})
         assert isinstance(bus, ModbusBus)
         await bus.connect()
         assert [await bus.read("d", 1, Block(4, address, 1)) for address in (7, 8, 9)] == [(7,), (8,), (9,)]
