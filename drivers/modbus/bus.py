@@ -135,7 +135,7 @@ class ModbusBus(StreamBus, ABC):
             if not (self.reopens and self._wanted):
                 raise
         await self._open()
-        return await self._exchange(device, unit, block, again)
+        return await self._exchange(device, unit, block, again=True)
 
     @abstractmethod
     async def _exchange(self, device: str, unit: int, block: Block, again: bool) -> ModbusPDU:

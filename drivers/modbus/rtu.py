@@ -9,7 +9,7 @@ from contextlib import suppress
 
 from pymodbus.pdu import ModbusPDU
 
-from drivers.base import BadAnswer, NoAnswer
+from drivers.base import BadAnswer, ConnectError, NoAnswer
 from drivers.byte_stream import ByteStream, TcpStream
 from drivers.modbus.bus import DOES_NOT_FIT, ModbusBus, decode_pdu
 from drivers.modbus.frames import (
@@ -196,7 +196,7 @@ class RtuFramedBus(ModbusBus):
         """
         asked = self._unanswered.asked(unit, block)
         found = sum(1 for _ in rtu_answers(heard, unit, block))
-        with suppress(TimeoutError):
+        with suppress(TimeoutError, ConnectError):  # an answer counts although the server hangs up after it
             while found < asked.sent:
                 heard += await self._stream.read(_FOLLOWS_S)
                 found = sum(1 for _ in rtu_answers(heard, unit, block))

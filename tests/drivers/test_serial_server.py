@@ -254,17 +254,42 @@ async def test_rfc_2217_sets_parity_and_stop_bits(
     assert (told[SET_DATA], (told[SET_PARITY][0], told[SET_STOP][0])) == (b"\x08", expected)
 
 
+async def answer_once(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    """As a server that closes after each answer; each register holds its address."""
+    request = await reader.readexactly(8)
+    address, count = request[3], request[5]
+    reply = bytes((1, 4, 2 * count)) + b"".join(bytes((0, address + i)) for i in range(count))
+    writer.write(reply + crc16(reply))
+    await writer.drain()
+    writer.close()
+
+
 @pytest.mark.parametrize(("host", "written"), LOOPBACKS)
 async def test_raw_tcp_is_opened_for_each_request_if_the_server_closes_it(host: str, written: str) -> None:
-    async def once(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        request = await reader.readexactly(8)
-        reply = bytes((1, 4, 2)) + request[2:4]  # each register holds its address
-        writer.write(reply + crc16(reply))
-        await writer.drain()
-        writer.close()
-
-    async with stream_server(once, host=host) as port:
+    async with stream_server(answer_once, host=host) as port:
         bus = make_bus("bus1", "modbus_rtu", {"port": f"socket://{written}:{port}", "timeout_s": TIMEOUT_S})
+        assert isinstance(bus, ModbusBus)
+        await bus.connect()
+        assert [await bus.read("d", 1, Block(4, address, 1)) for address in (7, 8, 9)] == [(7,), (8,), (9,)]
+        await bus.close()
+
+
+async def test_a_request_that_a_closing_server_has_missed_is_sent_again() -> None:
+    """It was sent before the end of the connection was seen. Both requests are for the same, so one answer is enough;
+    the next question is another one, and what is still due must not be taken for its answer."""
+    opened = 0
+
+    async def server(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        nonlocal opened
+        opened += 1
+        if opened == 1:
+            await reader.readexactly(8)
+            writer.close()
+        else:
+            await answer_once(reader, writer)
+
+    async with stream_server(server) as port:
+        bus = make_bus("bus1", "modbus_rtu_tcp", {"host": "127.0.0.1", "port": port, "timeout_s": TIMEOUT_S})
         assert isinstance(bus, ModbusBus)
         await bus.connect()
         assert [await bus.read("d", 1, Block(4, address, 1)) for address in (7, 8, 9)] == [(7,), (8,), (9,)]
