@@ -24,11 +24,21 @@ LOST = frozenset(
         StatusCodes.BadSessionClosed,
         StatusCodes.BadSessionNotActivated,
         StatusCodes.BadSecureChannelClosed,
+        StatusCodes.BadSecureChannelIdInvalid,
+        StatusCodes.BadSecureChannelTokenUnknown,
+        StatusCodes.BadSecurityChecksFailed,
+        StatusCodes.BadSequenceNumberInvalid,
         StatusCodes.BadConnectionClosed,
         StatusCodes.BadServerHalted,
         StatusCodes.BadShutdown,
+        StatusCodes.BadTcpInternalError,
+        StatusCodes.BadTcpMessageTypeInvalid,
+        StatusCodes.BadTcpNotEnoughResources,
+        StatusCodes.BadTcpSecureChannelUnknown,
+        StatusCodes.BadTcpServerTooBusy,
     }
 )
+"""In an open session: the session, its channel or its connection is no more."""
 CERTIFICATE = frozenset(
     {
         StatusCodes.BadSecurityChecksFailed,

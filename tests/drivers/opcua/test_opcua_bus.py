@@ -6,12 +6,17 @@ from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from typing import cast
 
 import pytest
 from asyncua.client.client import Client
+from asyncua.common.callback import Callback, CallbackType, ServerItemCallback
+from asyncua.common.utils import ServiceError
 from asyncua.ua.status_codes import StatusCodes
+from asyncua.ua.ua_binary import uatcp_to_binary
 from asyncua.ua.uaerrors import BadTooManyOperations
-from asyncua.ua.uatypes import Int16, NodeId, String
+from asyncua.ua.uaprotocol_hand import ErrorMessage, MessageType
+from asyncua.ua.uatypes import Int16, NodeId, StatusCode, String, UInt32
 
 from drivers.base import (
     BadAnswer,
@@ -242,6 +247,64 @@ async def test_a_source_time_that_cannot_be_spoils_no_time_of_a_reading(tmp_path
         await server.set_clock(datetime(9999, 12, 31, tzinfo=UTC))
         await server.set("motor", 20.0, age_s=0, now=datetime(1601, 1, 2, tzinfo=UTC))
         await read_aged(device, Quality.STALE, 86_400.0)
+
+
+GONE = (
+    StatusCodes.BadSessionIdInvalid,
+    StatusCodes.BadSessionClosed,
+    StatusCodes.BadSessionNotActivated,
+    StatusCodes.BadSecureChannelClosed,
+    StatusCodes.BadSecureChannelIdInvalid,
+    StatusCodes.BadSecureChannelTokenUnknown,
+    StatusCodes.BadTcpSecureChannelUnknown,
+    StatusCodes.BadSecurityChecksFailed,
+    StatusCodes.BadShutdown,
+)
+"""What a server answers that has lost the session or its channel, or is about to."""
+
+
+async def read_until_it_fails(device: Driver) -> None:
+    """What is on its way may still be answered."""
+    async with asyncio.timeout(60.0):
+        while True:
+            await device.read()
+
+
+async def test_a_session_or_channel_that_the_server_has_forgotten_is_opened_anew(tmp_path: Path) -> None:
+    """It answers each request so, on a connection that stays open; only another session helps."""
+    server = Drives()
+    await server.start()
+    seen: list[object] = []
+    forgotten: dict[int, int] = {}
+    text = PROFILE.split("[[node]]")[0] + '[[node]]\nnode = "s=motor"\n'
+
+    def before_read(event: Callback, _: object) -> None:
+        if isinstance(event, ServerItemCallback) and event.is_external:
+            seen.append(event.user)  # each session has its own
+            if (code := forgotten.get(id(event.user))) is not None:
+                raise ServiceError(code)
+
+    try:
+        async with device_at(server.url, tmp_path, text, 1) as (bus, device):
+            server.server.iserver.callback_service.addListener(cast("str", CallbackType.PreRead), before_read)
+            for code in GONE:
+                assert told(await device.read()) == [(61.25, "degC")]
+                forgotten[id(seen[-1])] = code
+                with pytest.raises(ConnectError, match=r"bus opc1, device drives: the connection to .* is lost"):
+                    await device.read()
+                await bus.connect()
+            assert told(await device.read()) == [(61.25, "degC")]
+            assert server.server.bserver is not None
+            (connection,) = server.server.bserver.clients
+            assert connection.transport is not None
+            unknown = ErrorMessage(StatusCode(UInt32(StatusCodes.BadTcpSecureChannelUnknown)), String("who is there?"))
+            connection.transport.write(uatcp_to_binary(cast("MessageType", MessageType.Error), unknown))
+            with pytest.raises(ConnectError, match=r"bus opc1, device drives: the connection to .* is lost"):
+                await read_until_it_fails(device)
+            await bus.connect()
+            assert told(await device.read()) == [(61.25, "degC")]
+    finally:
+        await server.server.stop()
 
 
 async def test_a_session_whose_namespaces_are_not_known_is_none(
