@@ -132,7 +132,8 @@ def test_a_host_with_protocol_or_port_is_refused(kind: str, host: str, tmp_path:
 
 @pytest.mark.parametrize("host", ["10.0.0.9", "adam", "adam-6015.plant", "fe80::9", "fe80::9%eth0", "prüfstand", "a_1"])
 def test_names_and_addresses_of_hosts_are_taken(host: str, tmp_path: Path) -> None:
-    assert loaded(tmp_path, TEXT + HOST.format("modbus_tcp", host)).buses[-1].place == f"{host}:502"
+    in_a_url = f"[{host}]" if ":" in host else host
+    assert loaded(tmp_path, TEXT + HOST.format("modbus_tcp", host)).buses[-1].place == f"{in_a_url}:502"
 
 
 @pytest.mark.parametrize(
