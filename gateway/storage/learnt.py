@@ -121,7 +121,7 @@ def parse_learnt(text: str) -> Learnt:
 def _beside_inputs(controller: object) -> int:
     """Weights of an error beside those of its inputs."""
     number = controller.get("format") if isinstance(controller, dict) else None
-    if number not in BESIDE_INPUTS:
+    if not isinstance(number, int) or number not in BESIDE_INPUTS:
         raise ValueError(f"controller: format = {_shown(number)}: expected {max(BESIDE_INPUTS)} or an earlier one")
     return BESIDE_INPUTS[number]
 

@@ -197,6 +197,7 @@ def test_a_damaged_or_foreign_file_is_refused_by_field(source: GatewayConfig) ->
         ("step_s", -300.0, "step_s = -300.0"),
         ("method", 7, "method = 7"),
         ("controller", {"format": 99}, "controller: "),
+        ("controller", {"format": []}, "controller: "),
         ("controller", None, "controller: "),
         ("arrays", {"held": {"kind": "O", "shape": [9], "zlib": ""}}, "arrays.held: its kind"),
         ("arrays", {"held": {"kind": "<f8", "shape": [2**40], "zlib": ""}}, "arrays.held: its shape"),
