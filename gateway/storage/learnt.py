@@ -122,7 +122,7 @@ def _beside_inputs(controller: object) -> int:
     """Weights of an error beside those of its inputs."""
     number = controller.get("format") if isinstance(controller, dict) else None
     if not isinstance(number, int) or number not in BESIDE_INPUTS:
-        raise ValueError(f"controller: format = {_shown(number)}: expected {max(BESIDE_INPUTS)} or an earlier one")
+        raise ValueError(f"controller: format = {_shown(number)}: expected {' or '.join(map(str, BESIDE_INPUTS))}")
     return BESIDE_INPUTS[number]
 
 
