@@ -66,7 +66,7 @@ def from_plain(plain: Mapping[str, Any], arrays: Arrays, frames: Callable[[int, 
     state has.
     """
     if plain["format"] not in BESIDE_INPUTS:
-        raise ValueError(f"format = {plain['format']!r}: expected {FORMAT}")
+        raise ValueError(f"format = {plain['format']!r}: expected {' or '.join(map(str, BESIDE_INPUTS))}")
     if plain["format"] != FORMAT and "course" in plain:
         arrays = _with_reference(arrays)
     last_k, rows = plain["last_k"], plain["rows"]

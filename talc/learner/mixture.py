@@ -19,7 +19,7 @@ _TEMPER, _KEPT, _SHARED = 0.6, 0.97, 0.01
 _NULL_FIRST, _NULL_KEPT, _NULL_BOUND = 3.0, 0.995, 10.0
 """Log-odds that an error stays zero: at first, their discount at a measurement, and their bound."""
 _REFERENCE = 0.2
-"""Variance of the reference's noise over a measurement's: the reference is a mean of five."""
+"""Variance of the reference's noise over a measurement's: by default the reference is a mean of five."""
 _OTHERS_SHARE, _OTHERS_NULL = 0.8, -2.0
 """First weight of all experts from other machines together, and first log-odds of such an error being zero."""
 _LEAST_NOISE = 0.25
@@ -108,7 +108,8 @@ class Mixture:
     expert is a Kalman filter of (w, b, c). A prediction is of the error, so without c: the mean of the experts',
     weighted by the product of their predictive likelihoods, tempered and discounted, with a fixed share (Herbster and
     Warmuth, Machine Learning 32 (1998) 151-178). Beside them stands the hypothesis that the error is zero at all times:
-    measured are then c and e.
+    measured are then c and e. In the shapes of the methods n is the number of features, the last of which is 1, for the
+    level; a state has one weight more, c.
 
     Experts with `evidence` renew each input's prior variance at measurements by MacKay's fixed point (Neural
     Computation 4 (1992) 415-447), v = sum(m²) / sum(1 - P / v) over the input's weights, and condition on the change.
@@ -228,8 +229,8 @@ class Mixture:
         self._s.jolt += variance
 
     def predict(self, x: FloatArray, ahead: int = 0) -> tuple[FloatArray, FloatArray]:
-        """(9,) means and variances with features x (n,), the last one 1, `ahead` steps from now, the hypothesis of zero
-        left aside. Before the first measurement of an error: 0 and 0."""
+        """(9,) means and variances with features x (n,), `ahead` steps from now, the hypothesis of zero left aside.
+        Before the first measurement of an error: 0 and 0."""
         return self._predict(np.append(x, 0.0), ahead)
 
     def expect(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
