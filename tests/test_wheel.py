@@ -16,6 +16,7 @@ from zipfile import ZipFile
 
 import pytest
 
+from tests.benches.made_once import made_once, run_folder
 from tests.benches.shown_commands import COMMANDS
 
 pytestmark = pytest.mark.slow
@@ -41,21 +42,25 @@ def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return shutil.copytree(ROOT, tmp_path_factory.mktemp("wheel") / "source", ignore=here)
 
 
-def built(source: Path, name: str, below: str = ".") -> Path:
-    """The wheel of the source, or of a distribution below it, in a folder of that name beside it."""
-    pip("wheel", "--no-deps", "--wheel-dir", source.parent / name, source / below)
-    (wheel,) = (source.parent / name).glob("*.whl")
+def build(source: Path, folder: Path) -> None:
+    pip("wheel", "--no-deps", "--wheel-dir", folder, source)
+
+
+def only_wheel(folder: Path) -> Path:
+    (wheel,) = folder.glob("*.whl")
     return wheel
 
 
 @pytest.fixture(scope="module")
-def wheel(source: Path) -> Path:
-    return built(source, "service")
+def wheel(source: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = run_folder(tmp_path_factory) / "service-wheel"
+    return only_wheel(made_once(folder, lambda folder: build(source, folder)))
 
 
 @pytest.fixture(scope="module")
-def simulators(source: Path) -> Path:
-    return built(source, "simulators", "deploy/simulators")
+def simulators(source: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = run_folder(tmp_path_factory) / "simulators-wheel"
+    return only_wheel(made_once(folder, lambda folder: build(source / "deploy" / "simulators", folder)))
 
 
 def packed(wheel: Path) -> tuple[set[str], list[str]]:
@@ -144,7 +149,8 @@ def test_whatever_builds_a_package_is_installed_by_hash() -> None:
 
 
 def test_the_same_source_in_another_folder_gives_the_same_bytes(source: Path, wheel: Path, tmp_path: Path) -> None:
-    again = built(shutil.copytree(source, tmp_path / "elsewhere" / "source"), "again")
+    build(shutil.copytree(source, tmp_path / "elsewhere" / "source"), tmp_path / "again")
+    again = only_wheel(tmp_path / "again")
     assert again.name == wheel.name
     assert sha256(again.read_bytes()).hexdigest() == sha256(wheel.read_bytes()).hexdigest()
 
