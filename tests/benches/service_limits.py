@@ -1,7 +1,7 @@
 """`python -m tests.benches.service_limits PACKAGE`: the limits of the service are reached, the files of deploy/pi used.
 
-Debootstraps a Debian, installs the package, and boots it on a kernel of its own. Prints a table of what was tried. As
-root; needs debootstrap and user-mode-linux.
+Makes a minimal Debian, installs the package, and boots it on a kernel of its own. Prints a table of what was tried. As
+root; needs mmdebstrap and user-mode-linux.
 """
 
 import json
@@ -11,8 +11,8 @@ from pathlib import Path
 from shutil import copy
 from subprocess import run
 
-from tests.benches.booted_debian import debootstrapped
-from tests.benches.service_under_systemd import SystemdPace, TriedUnit, furnish
+from tests.benches.booted_debian import minimal_debian
+from tests.benches.service_under_systemd import PACKAGES, SystemdPace, TriedUnit, furnish
 from tests.benches.user_mode_debian import UserModeDebian
 
 HERE = Path(__file__).parent
@@ -34,10 +34,10 @@ def limits(root: Path, folder: Path) -> list[TriedUnit]:
 def main() -> None:
     """Print the table; exit code 1 if something did not go as it should."""
     with tempfile.TemporaryDirectory(dir="/var/tmp") as name:  # not on a /tmp without devices
-        root, folder = debootstrapped(Path(name) / "root"), Path(name) / "guest"
+        root, folder = minimal_debian(Path(name) / "root"), Path(name) / "guest"
         folder.mkdir()
         furnish(root, Path(sys.argv[1]), SystemdPace(restart_s=5.0))
-        install = ["chroot", str(root), "dpkg", "--install", "/talc-gateway.deb"]
+        install = ["chroot", str(root), "dpkg", "--install", f"/{PACKAGES}/talc-gateway.deb"]
         run(install, check=True, stdout=sys.stderr)
         rows = limits(root, folder)
     print("| test | result |\n|---|---|")

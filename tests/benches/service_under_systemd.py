@@ -1,12 +1,11 @@
 """`python -m tests.benches.service_under_systemd PACKAGE`: the installed service under a systemd that has booted.
 
-Debootstraps a Debian, boots it in a container, installs the package there without a network, and lets the service run
-against the emulated machine on all its wires. Prints a table of what was tried. As root; needs debootstrap and
+Makes a minimal Debian, boots it in a container, installs the package there without a network, and lets the service run
+against the emulated machine on all its wires. Prints a table of what was tried. As root; needs mmdebstrap and
 systemd-container.
 """
 
 import json
-import re
 import sys
 import tempfile
 from collections.abc import Iterator
@@ -16,11 +15,14 @@ from shutil import copy
 from subprocess import run
 from typing import Any
 
-from tests.benches.booted_debian import BootedDebian, debootstrapped
+from tests.benches.bad_packages import bad_packages
+from tests.benches.booted_debian import BootedDebian, minimal_debian
 
 HERE = Path(__file__).parent
 CONFIG = "/etc/talc-gateway/gateway.toml"
 PYTHON = "/opt/talc-gateway/bin/python"
+PACKAGES = "packages"
+"""The guest's folder of packages, below its root."""
 UNIT = "/usr/lib/systemd/system/talc-gateway.service"
 UNITS = {
     "machine": f"Type=notify\nNotifyAccess=all\nExecStart={PYTHON} /usr/local/lib/systemd_guest.py",
@@ -36,15 +38,6 @@ address = struct.pack("16sHH4s8x", b"lo:1", socket.AF_INET, 0, socket.inet_aton(
 fcntl.ioctl(socket.socket(), 0x8916, address)
 """
 """SIOCSIFADDR."""
-BREAKS = """        import sqlite3
-        from pathlib import Path
-
-        database = Path("/var/lib/talc-gateway/gateway.sqlite")
-        with sqlite3.connect(database) as before, sqlite3.connect(f"{database}.version4") as kept:
-            before.backup(kept)
-        database.write_bytes(b"of a newer program")
-        raise RuntimeError("broken on purpose")
-"""
 SHORT_STOP_S = 10
 """Of a unit that would not wait for the ramp."""
 ALLOWED = ("write to its own folder", "read its credential", "send to its own computer")
@@ -78,7 +71,9 @@ class TriedUnit:
 
 def furnish(root: Path, package: Path, pace: SystemdPace) -> None:
     """Put everything into the guest's folder that it needs besides the package."""
-    copy(package, root / "talc-gateway.deb")
+    packages = root / PACKAGES
+    packages.mkdir(exist_ok=True)
+    copy(package, packages / "talc-gateway.deb")
     for name in ("systemd_guest.py", "systemd_probe.py", "systemd_offset.py"):
         copy(HERE / name, root / "usr/local/lib" / name)
     for name, text in UNITS.items():
@@ -92,7 +87,7 @@ def furnish(root: Path, package: Path, pace: SystemdPace) -> None:
 
 def tries(guest: BootedDebian, pace: SystemdPace) -> Iterator[TriedUnit]:
     """Everything in its order, each row as soon as it is known."""
-    guest.run("dpkg --install /talc-gateway.deb")
+    guest.run(f"dpkg --install /{PACKAGES}/talc-gateway.deb")
     guest.run("systemctl start time-client machine")
     yield _ramp(guest, pace.in_force_um)
     yield from _start(guest)
@@ -282,64 +277,9 @@ def _refused(guest: BootedDebian) -> TriedUnit:
     )
 
 
-@dataclass(frozen=True, slots=True)
-class BadPackage:
-    """A package of version 99, with one piece of its program replaced."""
-
-    name: str
-    module: str
-    """Below site-packages, without its suffix."""
-    before: str
-    after: str
-    longest_s: int = 120
-    """How long the installation waits until what was well before is well again."""
-
-    def build(self, package: Path, folder: Path) -> None:
-        """Make it of a good one, as NAME.deb in the folder."""
-        raw = folder / self.name
-        run(["dpkg-deb", "--raw-extract", package, raw], check=True)
-        for path, pattern, value in (
-            ("control", r"^(Version: ).*", "99"),
-            ("postinst", r"^(version=).*", "99"),
-            ("postinst", r"\b(longest_s=)\d+", str(self.longest_s)),
-        ):
-            file = raw / "DEBIAN" / path
-            text, times = re.subn(pattern, rf"\g<1>{value}", file.read_text(), flags=re.M)
-            assert times == 1, f"{path}: {pattern}"
-            file.write_text(text)
-        (raw / "opt/talc-gateway/version").write_text("99\n", encoding="utf-8")
-        (module,) = raw.glob(f"opt/talc-gateway/lib/python3.*/site-packages/{self.module}.py")
-        text = module.read_text(encoding="utf-8")
-        assert text.count(self.before) == 1, f"{module}: what is replaced has changed"
-        module.write_text(text.replace(self.before, self.after), encoding="utf-8")
-        for compiled in module.parent.glob(f"__pycache__/{module.stem}.*"):
-            compiled.unlink()  # those of the package are not compared with their source
-        run(["dpkg-deb", "--root-owner-group", "-Znone", "--build", raw, folder / f"{self.name}.deb"], check=True)
-        run(["rm", "-rf", raw], check=True)
-
-
-_LOOPS = "        if not self._waiting:\n"
-BAD_PACKAGES = (
-    BadPackage("ends", "gateway/watches/clock", _LOOPS, BREAKS + _LOOPS),  # after it has migrated the database
-    BadPackage(
-        "silent",
-        "gateway/acquisition/acquisition",
-        "return BusRunner(line, self._clock, self._publish,",
-        "return BusRunner(line, self._clock, lambda _: None,",
-        longest_s=45,
-    ),
-)
-
-
-def bad_packages(package: Path, folder: Path) -> None:
-    """What an upgrade must take back: newer packages whose program ends itself, or runs and reads nothing."""
-    for bad in BAD_PACKAGES:
-        bad.build(package, folder)
-
-
 def _upgrades(guest: BootedDebian) -> Iterator[TriedUnit]:
     guest.run("systemctl start talc-gateway")
-    failed = guest.tried("dpkg --install /ends.deb")
+    failed = guest.tried(f"dpkg --install /{PACKAGES}/ends.deb")
     version, state = guest.run("cat /opt/talc-gateway/version").strip(), shown(guest, "ActiveState")["ActiveState"]
     told = [line for line in failed.stderr.splitlines() if "was not taken into use" in line]
     good = failed.returncode != 0 and (version, state) != ("99", "failed") and state == "active" and len(told) == 1
@@ -351,7 +291,7 @@ def _upgrades(guest: BootedDebian) -> Iterator[TriedUnit]:
     again = guest.tried("dpkg --configure talc-gateway")
     said = again.stderr.strip().splitlines()[0]
     yield TriedUnit("dpkg --configure does not take it for installed", again.returncode != 0, said)
-    guest.run("dpkg --install /talc-gateway.deb")
+    guest.run(f"dpkg --install /{PACKAGES}/talc-gateway.deb")
     guest.wait_until("systemctl is-active --quiet talc-gateway")
     version, left = guest.run("cat /opt/talc-gateway/version").strip(), guest.run("ls /opt").split()
     restarts = shown(guest, "NRestarts")["NRestarts"]
@@ -365,7 +305,7 @@ def _silent(guest: BootedDebian) -> TriedUnit:
     short = "s/^step_s = .*/step_s = 30.0/; s/^lead_s = .*/lead_s = 10.0/; s/gateway[.]sqlite/short.sqlite/"
     guest.run(f"sed -i '{short}' {CONFIG} && systemctl restart talc-gateway")
     guest.wait_until(f"talc-gateway status {CONFIG}")
-    failed = guest.tried("dpkg --install /silent.deb")
+    failed = guest.tried(f"dpkg --install /{PACKAGES}/silent.deb")
     version, state = guest.run("cat /opt/talc-gateway/version").strip(), shown(guest, "ActiveState")["ActiveState"]
     told = [line for line in failed.stderr.splitlines() if "was not taken into use" in line]
     guest.wait_until(f"talc-gateway status {CONFIG}")
@@ -383,10 +323,12 @@ def main() -> None:
     package = Path(sys.argv[1]).resolve()
     bad = 0
     with tempfile.TemporaryDirectory(dir="/var/tmp") as name:
-        root = debootstrapped(Path(name) / "root")
+        root = minimal_debian(Path(name) / "root")
         pace = SystemdPace()
         furnish(root, package, pace)
-        bad_packages(package, root)
+        contents = Path(name) / "contents"
+        run(["dpkg-deb", "--raw-extract", package, contents], check=True)
+        bad_packages(contents, root / PACKAGES)
         print("| tried | | seen |\n|---|---|---|")
         with BootedDebian(root, Path(name) / "console") as guest:
             for row in tries(guest, pace):

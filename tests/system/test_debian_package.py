@@ -14,10 +14,11 @@ from shutil import copytree, rmtree, which
 
 import pytest
 
-from tests.benches.booted_debian import BootedDebian, debootstrapped
+from tests.benches.bad_packages import bad_packages
+from tests.benches.booted_debian import BootedDebian, minimal_debian
 from tests.benches.locked import locked
 from tests.benches.service_limits import limits
-from tests.benches.service_under_systemd import SystemdPace, bad_packages, furnish, tries
+from tests.benches.service_under_systemd import PACKAGES, SystemdPace, furnish, tries
 
 pytestmark = [pytest.mark.slow(minutes=15), pytest.mark.peer]
 
@@ -64,9 +65,9 @@ def package(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture
 def debian() -> Iterator[Path]:
     """A minimal Debian of this computer's release with Python, systemd and chrony."""
-    assert which("debootstrap"), "Debian's package debootstrap"
+    assert which("mmdebstrap"), "Debian's package mmdebstrap"
     with tempfile.TemporaryDirectory(dir="/var/tmp") as name:  # not on a /tmp without devices
-        yield debootstrapped(Path(name) / "root")
+        yield minimal_debian(Path(name) / "root")
 
 
 class InstalledHost:
@@ -88,32 +89,31 @@ class InstalledHost:
         return found | {line for line in lines if "talc-gateway" in line}
 
 
-def check_contents(package: Path, tmp_path: Path) -> None:
+def check_contents(contents: Path) -> None:
     """The program, its kernel, its unit and its configuration, and no path of the computer that built it."""
-    run("dpkg-deb", "--raw-extract", package, tmp_path)
-    assert not (tmp_path / "DEBIAN" / "conffiles").exists(), (
+    assert not (contents / "DEBIAN" / "conffiles").exists(), (
         "dpkg asks about them, and the answer of nobody is an error"
     )
-    assert not (tmp_path / "etc").exists()
-    assert (tmp_path / OWN / "share" / "gateway.toml").is_file()
-    assert (tmp_path / "usr/lib/systemd/system/talc-gateway.service").exists()
-    scripts = [p for p in (tmp_path / OWN / "bin").iterdir() if p.is_file() and not p.is_symlink()]
+    assert not (contents / "etc").exists()
+    assert (contents / OWN / "share" / "gateway.toml").is_file()
+    assert (contents / "usr/lib/systemd/system/talc-gateway.service").exists()
+    scripts = [p for p in (contents / OWN / "bin").iterdir() if p.is_file() and not p.is_symlink()]
     first = {p.name: p.read_bytes().splitlines()[0] for p in scripts}
     assert first["talc-gateway"].startswith(b"#!/opt/talc-gateway/bin/python")
     assert not [name for name, p in zip(first, scripts, strict=True) if b"/tmp/" in p.read_bytes()]
-    assert list((tmp_path / OWN).glob("lib/python3.*/site-packages/talc/_kernel*.so"))
+    assert list((contents / OWN).glob("lib/python3.*/site-packages/talc/_kernel*.so"))
     for folder in ("grafana", "nc", "pi", "zenoh"):
-        packed = tmp_path / OWN / "share" / folder
+        packed = contents / OWN / "share" / folder
         tracked = run("git", "ls-files", ".", folder=ROOT / "deploy" / folder).splitlines()
         assert tracked, folder
         assert [name for name in tracked if not (packed / name).is_file()] == []
-    prebuilt = tmp_path / OWN / "share" / "nc" / "linuxcnc" / "prebuilt"
+    prebuilt = contents / OWN / "share" / "nc" / "linuxcnc" / "prebuilt"
     assert (prebuilt / "talc_errors.so").is_file()
     assert (prebuilt / "made-for").read_text().split()[1].startswith("2.9")
-    about = tmp_path / "usr/share/doc/talc-gateway"
+    about = contents / "usr/share/doc/talc-gateway"
     bom = json.loads((about / "sbom.cdx.json").read_text(encoding="utf-8"))
     minor = run("/usr/bin/python3", "-c", 'import sys; print("{}.{}".format(*sys.version_info))').strip()
-    version = (tmp_path / OWN / "version").read_text().strip()
+    version = (contents / OWN / "version").read_text().strip()
     wanted = {f"pkg:pypi/{one.replace('==', '@')}" for one in locked(ROOT / "requirements" / "run.lock", minor)}
     wanted |= {f"pkg:pypi/{name}@{version}" for name in ("talc-gateway", "talc-gateway-simulators")}
     parts = {part["purl"] for part in bom["components"]}
@@ -127,9 +127,9 @@ def check_contents(package: Path, tmp_path: Path) -> None:
     for page in ("install-pi.md", "cyber-resilience.md", "SECURITY.md"):
         assert (about / page).is_file(), page
     assert "python-can" in notices
-    (code,) = (tmp_path / OWN).glob("lib/python3.*/site-packages/asyncua/__pycache__/__init__.*.pyc")
+    (code,) = (contents / OWN).glob("lib/python3.*/site-packages/asyncua/__pycache__/__init__.*.pyc")
     assert int.from_bytes(code.read_bytes()[4:8], "little") == 1, "unchecked-hash, as docs/cyber-resilience.md says"
-    unit = (tmp_path / "usr/lib/systemd/system/talc-gateway.service").read_text()
+    unit = (contents / "usr/lib/systemd/system/talc-gateway.service").read_text()
     assert "ExecStart=/opt/talc-gateway/bin/talc-gateway run /etc/talc-gateway/gateway.toml" in unit
 
 
@@ -177,11 +177,14 @@ def check_partition(machine: InstalledHost, install: str) -> None:
 def test_it_installs_runs_upgrades_and_leaves_without_a_network(package: Path, debian: Path, tmp_path: Path) -> None:
     """One test, because several would each build the package on a worker of their own."""
     assert os.geteuid() == 0, "a chroot needs root"
-    check_contents(package, tmp_path)
+    contents, packages = tmp_path / "contents", debian / PACKAGES
+    run("dpkg-deb", "--raw-extract", package, contents)
+    check_contents(contents)
+    copytree(package.parent, packages)
+    bad_packages(contents, packages)
     machine = InstalledHost(debian)
-    copytree(package.parent, debian / "package")
     before = machine.files()
-    install = f"dpkg --install /package/{package.name}"
+    install = f"dpkg --install /{PACKAGES}/{package.name}"
     machine.run(install)
     good = machine.run(f"cd /; talc-gateway check /{CONFIG}")
     assert f"/{CONFIG}: good. 1 bus, 1 device, 3 channels" in good
@@ -204,20 +207,20 @@ def test_it_installs_runs_upgrades_and_leaves_without_a_network(package: Path, d
     assert (debian / DATA / "gateway.sqlite").exists()
     machine.run("dpkg --purge talc-gateway")
     assert machine.files() == before
-    scripts_alone(tmp_path, debian / "package")
-    check_partition(machine, "dpkg --install /package/scripts.deb")
+    scripts_alone(contents, packages)
+    check_partition(machine, f"dpkg --install /{PACKAGES}/scripts.deb")
     assert machine.files() == before
 
     assert which("systemd-nspawn"), "Debian's package systemd-container"
     pace = SystemdPace(watchdog_s=60.0, restart_s=5.0, in_force_um=60)
     furnish(debian, package, pace)
-    bad_packages(package, debian)
     with BootedDebian(debian, tmp_path / "console") as guest:
         rows = list(tries(guest, pace))
     assert [row for row in rows if not row.good] == []
     assert len(rows) > 25
 
     assert which("linux.uml"), "Debian's package user-mode-linux"
+    rmtree(packages)  # they would be copied to its disk
     folder = tmp_path / "user-mode"
     folder.mkdir()
     rows = limits(debian, folder)
