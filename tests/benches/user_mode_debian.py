@@ -7,11 +7,13 @@ this computer's kernel does, and has virtual CAN. Its processor is one, and slow
 import os
 import subprocess
 from pathlib import Path
-from shutil import copytree
+from shutil import copytree, disk_usage
 
 MEMORY_MB, SECOND_MB = 1536, 256
 """Of the guest, and of a second disk with nothing on it, /dev/ubdb."""
 MODULES = Path("/usr/lib/uml/modules")
+SHARED = Path("/dev/shm")
+"""A file system in memory, where there is one."""
 LONGEST_S = 1500.0
 UNIT = """\
 [Unit]
@@ -60,7 +62,7 @@ class UserModeDebian:
         with console.open("wb") as out:
             guest = subprocess.Popen(
                 kernel, stdin=subprocess.DEVNULL, stdout=out, stderr=out, cwd=self._folder, start_new_session=True,
-                env={**os.environ, "HOME": str(self._folder), "TMPDIR": str(self._folder)},
+                env={**os.environ, "HOME": str(self._folder), "TMPDIR": str(self._memory())},
             )  # fmt: skip
             try:
                 status = guest.wait(LONGEST_S)
@@ -77,3 +79,8 @@ class UserModeDebian:
             raise RuntimeError(
                 f"{' '.join(kernel)}: {'not ended in time' if status is None else status}\n{told[-4000:]}"
             )
+
+    def _memory(self) -> Path:
+        """Where the file that is the guest's memory lies: on a disk, this computer writes it out again and again."""
+        roomy = SHARED.is_dir() and disk_usage(SHARED).free > 2 * MEMORY_MB * 2**20
+        return SHARED if roomy else self._folder
