@@ -36,7 +36,8 @@ fi
 
 echo "the kernel's wheel"
 /usr/bin/python3 -m venv --without-pip "$work/build"
-"$python" -m pip --python "$work/build/bin/python" install --quiet --require-hashes -r requirements/build.lock
+"$python" -m pip --python "$work/build/bin/python" install --quiet --no-compile \
+    --require-hashes -r requirements/build.lock
 mkdir "$work/source"  # a copy: an editable installation uses the tree's own build folder
 tar --exclude=./.git --exclude='./.[a-z]*' --exclude=./build --exclude=./dist --exclude=./out --exclude='*.so' -c . |
     tar -x -C "$work/source"
