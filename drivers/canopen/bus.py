@@ -60,6 +60,8 @@ class CanOpenBus:
         self._events: dict[int, NodeEvents] = {}
         self._fitting: dict[int, FittingAnswers] = {}
         self._frames = LatestFrames()
+        self._synchronised_s = 0.0
+        self._answer_sync: set[int] = set()
 
     @property
     def name(self) -> str:
@@ -163,6 +165,7 @@ class CanOpenBus:
         network.notifier = Receiver(interface, partial(pass_on, network))  # type: ignore[assignment]
         self._network = network
         self._doubtful.clear()
+        self._answer_sync.clear()
         self._frames = LatestFrames()
 
     def _shut(self) -> None:
@@ -216,16 +219,29 @@ class CanOpenBus:
         self._doubtful.discard(node)
 
     def _synchronise(self, device: str, node: int, identifiers: Sequence[int]) -> dict[int, KeptFrame]:
+        if node not in self._answer_sync or self._on_the_way(node, identifiers):
+            self._doubtful.add(node)
+        self._answer_sync.discard(node)
         if node in self._doubtful:
             self._upload(device, node, ())  # frames of an earlier SYNC arrive before this answer
         self._listen(device, identifiers)
-        asked_s = monotonic()
+        asked_s = self._synchronised_s = monotonic()
         self._send(device, _SYNC, b"")
         wait_s = self._patience.wait_s(node, _SYNC)
         failing, hurried = "did not arrive after SYNC", wait_s < self._settings.timeout_s
         found = self._await_frames(device, node, identifiers, asked_s, asked_s + wait_s, failing, hurried=hurried)
         self._patience.answered(node, _SYNC, monotonic() - asked_s)
+        self._answer_sync.add(node)
         return found
+
+    def _on_the_way(self, node: int, identifiers: Sequence[int]) -> bool:
+        """Whether some of these do not come in time after the last SYNC. It may have been sent for another node, but
+        every node answers it.
+
+        They would pass for those of the next: the status of one moment with the value of another.
+        """
+        until_s = self._synchronised_s + self._patience.wait_s(node, _SYNC)
+        return len(self._frames.since(self._synchronised_s, identifiers, until_s)) < len(set(identifiers))
 
     def _listen(self, device: str, identifiers: Sequence[int]) -> None:
         if self._network is None:

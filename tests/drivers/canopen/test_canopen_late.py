@@ -16,7 +16,8 @@ from drivers.build import make_bus
 from drivers.canopen.bus import CanOpenBus
 from drivers.canopen.place import CanObject
 from simulators.devices import Cia404Node, SlcanAdapter
-from simulators.devices.cia404_node import Nmt
+from simulators.devices.slcan_adapter import CanFrame
+from simulators.devices.source import SensorFault
 from simulators.devices.spoil import Late
 
 pytestmark = pytest.mark.simulated_time
@@ -24,6 +25,7 @@ pytestmark = pytest.mark.simulated_time
 VALUE = CanObject(0x9130, 1)
 SDO, TPDOS = 0x585, (0x185, 0x285)
 TIMEOUT_S = 0.1
+SYNC = 0x080
 
 
 class CountingSource:
@@ -41,15 +43,21 @@ class CountingSource:
 @asynccontextmanager
 async def bench(spoil: Late) -> AsyncIterator[tuple[CanOpenBus, CountingSource]]:
     source = CountingSource()
-    node = Cia404Node(5, source, inputs=2, digits=0)
-    node.on_frame(0, bytes((Nmt.START, 5)))
-    adapter = SlcanAdapter([node])
+    adapter = SlcanAdapter([Cia404Node(5, source, inputs=2, digits=0)])
     adapter.spoil = spoil
+    async with on(adapter) as bus:
+        yield bus, source
+
+
+@asynccontextmanager
+async def on(adapter: SlcanAdapter) -> AsyncIterator[CanOpenBus]:
+    """A bus on this adapter, all nodes operational."""
     bus = make_bus("can1", "canopen", {"interface": "slcan", "channel": await adapter.start(), "timeout_s": TIMEOUT_S})
     assert isinstance(bus, CanOpenBus)
     try:
         await bus.connect()
-        yield bus, source
+        await bus.start_node("all", 0, ())  # NMT: 0 is every node
+        yield bus
     finally:
         await bus.close()
         await adapter.stop()
@@ -98,3 +106,35 @@ async def test_late_tpdos_are_not_taken_for_those_of_the_next_sync() -> None:
         old = source.last
         late.let_go()
         assert await value_by_sync(bus) > old
+
+
+async def test_value_and_status_are_of_the_same_sync() -> None:
+    """Every node answers each SYNC, whichever it was sent for. What is still on its way would arrive after the next: a
+    sensor that has broken in between would pass for whole."""
+    late: list[CanFrame] = []
+
+    class Slow(Cia404Node):
+        """The last frame after a SYNC waits in its queue; nothing overtakes it."""
+
+        def on_frame(self, identifier: int, data: bytes) -> Sequence[CanFrame]:
+            frames = [*late, *super().on_frame(identifier, data)]
+            late[:] = frames[-1:] if identifier == SYNC else []
+            asyncio.get_running_loop().call_later(TIMEOUT_S / 5, send_late)
+            return frames[: len(frames) - len(late)]
+
+    def send_late() -> None:
+        adapter.send(late)
+        late.clear()
+
+    slow = Slow(6, lambda: [20.0, 20.0], inputs=2, digits=0)
+    adapter = SlcanAdapter([Cia404Node(5, lambda: [20.0, 20.0], inputs=2, digits=0), slow])
+    async with on(adapter) as bus:
+        for fault in (SensorFault.OPEN, None, SensorFault.OPEN):
+            await bus.synchronise("other", 5, TPDOS)
+            if fault:
+                slow.faults.by_channel[0] = fault
+            else:
+                slow.faults.by_channel.clear()
+            frames = await bus.synchronise("slow", 6, (0x186, 0x286))
+            value, status = frames[0x186].data[:4], frames[0x286].data[0]
+            assert (int.from_bytes(value, "little") > 800, status != 0) == (fault is not None,) * 2
