@@ -20,7 +20,7 @@ from drivers.sinumerik import SinumerikSettings, make_sinumerik
 from gateway.config import Probing
 from gateway.control import GridSampler, Instant
 from gateway.nc import ByErrors, Slew
-from gateway.probing import End, Probe, ProbingSchedule, Standing, probe_of
+from gateway.probing import End, Probe, ProbingSchedule, Standing, excess, probe_of
 from gateway.report import ReportData, Summary, SummaryRow, Truth, summary
 from simulators.bench.machine import TERMS, BenchMachine
 from simulators.nc import MachineState
@@ -97,6 +97,7 @@ class DemoLoop:
         self._plan = ProbingSchedule(
             prefer_idle_s=_PROBING.prefer_idle_s,
             insist_after_s=_PROBING.insist_after_s,
+            urgent_excess=_PROBING.urgent_excess,
             retries=_PROBING.retries,
             pause_s=_PROBING.pause_s,
         )
@@ -212,7 +213,7 @@ class DemoLoop:
         self._decisions.append(decision)
         if decision.training is not None:
             self._controller.adopt(train(decision.training))
-        self._plan.want(decision.measure, self._clock.now)
+        self._plan.want(decision.measure, self._clock.now, excess(decision))
         self._look_from = self._clock.now + _GRID_S - _PROBING.lead_s
 
     def _data(self) -> ReportData:

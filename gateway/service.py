@@ -221,6 +221,7 @@ class Service:
         plan = ProbingSchedule(
             prefer_idle_s=probing.prefer_idle_s,
             insist_after_s=probing.insist_after_s,
+            urgent_excess=probing.urgent_excess,
             retries=probing.retries,
             pause_s=probing.pause_s,
         )

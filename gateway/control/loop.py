@@ -102,7 +102,7 @@ class GridLoop:
         self._sink(DecisionMade(decision))
         for event in decision.events:
             self._sink(EventReported(event, decision.k))
-        self._measuring.want(decision.measure, frame.k)
+        self._measuring.want(decision)
         self._trainings.want(decision.training, frame.k)
         for follow in self._followers:
             follow(frame, decision)

@@ -8,8 +8,8 @@ from gateway.config import Probing
 from gateway.events import EventReported, MeasurementEnded, OutlookChanged, Sink
 from gateway.nc import NcLink
 from gateway.polling import Periodic
-from gateway.probing import Bulletin, End, Outcome, Outlook, ProbingSchedule, Standing
-from talc.frame import Event, EventKind, Measurement, Why
+from gateway.probing import Bulletin, End, Outcome, Outlook, ProbingSchedule, Standing, excess
+from talc.frame import Decision, Event, EventKind, Measurement, Why
 
 log = logging.getLogger(__name__)
 
@@ -44,10 +44,10 @@ class Measuring:
         self._present: tuple[asyncio.TaskGroup, float] | None = None
         """Tasks and end of the present step; None: none has begun."""
 
-    def want(self, why: Why | None, k: int) -> None:
-        """What the controller decided at step `k`."""
-        self._k = k
-        self._plan.want(why, self._clock.monotonic())
+    def want(self, decision: Decision) -> None:
+        """What the controller decided."""
+        self._k = decision.k
+        self._plan.want(decision.measure, self._clock.monotonic(), excess(decision))
 
     def begin(self, tasks: asyncio.TaskGroup, end_s: float) -> None:
         """A step begins, which lasts until `end_s`: handle what is wanted, so that its result comes before that."""

@@ -17,10 +17,13 @@ A person's command wants one too, whatever the controller does: it is urgent, an
 from dataclasses import dataclass
 from enum import StrEnum
 
+import numpy as np
+
 from drivers.nc import NcSnapshot, OperatingMode, ProgramState
 from gateway.probing.cycle import End
 from gateway.probing.standing import Standing
-from talc.frame import Event, EventKind, Why
+from talc.frame import Decision, Event, EventKind, Why
+from talc.indicators import TWO_SIDED_95
 
 URGENT = frozenset({Why.CALIBRATION, Why.NO_GOOD, Why.RETRY, Why.COMMAND})
 """Reasons that belong to the next grid step and do not wait for a better moment."""
@@ -55,6 +58,12 @@ def moment(before: NcSnapshot | None, now: NcSnapshot) -> Moment:
     return Moment.IDLE
 
 
+def excess(decision: Decision) -> float:
+    """The largest uncertainty (95 %) of an estimate, as a multiple of its limit; 0: of none are both known."""
+    ratios = TWO_SIDED_95 * decision.sigma / decision.limits
+    return float(np.max(ratios, initial=0.0, where=np.isfinite(ratios)))
+
+
 @dataclass(frozen=True, slots=True)
 class Outlook:
     """State of the wanted measurement, and why."""
@@ -77,11 +86,14 @@ class ProbingSchedule:
         change is good enough
     insist_after_s: after this it is requested whatever the program does, and the operator is informed; a command that
         was blocked for so long is dropped
+    urgent_excess: nor does it wait while an uncertainty is more than this many times as large as its limit
     retries: rejected results are requested again at most this many times in a row
     pause_s: then nothing is requested for this long
     """
 
-    def __init__(self, *, prefer_idle_s: float, insist_after_s: float, retries: int, pause_s: float) -> None:
+    def __init__(
+        self, *, prefer_idle_s: float, insist_after_s: float, urgent_excess: float, retries: int, pause_s: float
+    ) -> None:
         if not 0 <= prefer_idle_s <= insist_after_s:
             raise ValueError(
                 f"prefer_idle_s = {prefer_idle_s!r}, insist_after_s = {insist_after_s!r}: expected 0 <= first <= second"
@@ -89,6 +101,7 @@ class ProbingSchedule:
         if retries < 0 or not pause_s >= 0:
             raise ValueError(f"retries = {retries!r}, pause_s = {pause_s!r}: expected 0 or more")
         self._prefer_idle, self._insist_after = prefer_idle_s, insist_after_s
+        self._urgent_excess, self._excess = urgent_excess, 0.0
         self._retries, self._pause = retries, pause_s
         self._why: Why | None = None
         self._since = 0.0
@@ -110,14 +123,21 @@ class ProbingSchedule:
     def _reason(self) -> Why | None:
         return self._why if self._ordered_s is None else Why.COMMAND
 
-    def want(self, why: Why | None, now_s: float) -> None:
-        """The controller's request from now on; None: none. One that only changes its reason keeps waiting."""
+    @property
+    def _urgent(self) -> bool:
+        return self._reason in URGENT or bool(self._rejected) or self._excess > self._urgent_excess
+
+    def want(self, why: Why | None, now_s: float, excess: float = 0.0) -> None:
+        """The controller's request from now on; None: none. One that only changes its reason keeps waiting.
+
+        excess: of its decision
+        """
         if why is None or self._why is None:
             self._since = now_s
             self._refused = self._operator = ""
         if why is None and not self._asked and self._paused_until is None:
             self._rejected = 0  # the next request is a new one, not a repeat of what was rejected
-        self._why = why
+        self._why, self._excess = why, excess
 
     def order(self, now_s: float) -> None:
         """A person asks for a measurement now. It ends the pause after rejected results, whose cause is known to them.
@@ -144,7 +164,7 @@ class ProbingSchedule:
         if self._paused_until is not None:
             self._paused_until, self._rejected, self._operator = None, 0, ""
         here = moment(before, snapshot)
-        if self._reason in URGENT or self._rejected or here in (Moment.IDLE, Moment.PROGRAM_END):
+        if self._urgent or here in (Moment.IDLE, Moment.PROGRAM_END):
             return self._outlook(Standing.DUE)
         if late:
             self._operator = (

@@ -47,7 +47,7 @@ class Commanded:
 async def commanded(bench: LinkBench, *, follow: float | None = None) -> AsyncIterator[Commanded]:
     """follow: the link is given a decision with this error each 30 s, instead of the loop's own."""
     told = KeptEvents()
-    plan = ProbingSchedule(prefer_idle_s=600.0, insist_after_s=1800.0, retries=2, pause_s=3600.0)
+    plan = ProbingSchedule(prefer_idle_s=600.0, insist_after_s=1800.0, urgent_excess=2.0, retries=2, pause_s=3600.0)
     controller, clock = Controller(("a",), TalcSettings(method="models")), bench.clock
     measuring = Measuring(None if follow is not None else bench.link, plan, Probing(), clock, told)
     loop = GridLoop(

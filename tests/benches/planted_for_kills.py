@@ -79,7 +79,7 @@ def _frame_first(loop: GridLoop, instant: Instant) -> None:
     loop._last_k = frame.k
     decision = loop._controller.step(frame)
     loop._sink(DecisionMade(decision))
-    loop._measuring.want(decision.measure, frame.k)
+    loop._measuring.want(decision)
     for follow in loop._followers:
         follow(frame, decision)
 

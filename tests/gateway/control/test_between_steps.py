@@ -43,7 +43,7 @@ class Between:
             measured = Measurement(UM_PER_K * warmer * np.eye(9)[0], np.full(9, 0.5))
             self.controller.step(Frame(k, np.array([USUAL + warmer]), np.ones(1, dtype=np.bool_), measured))
         self._sampler = GridSampler(("a",), STEP_S)
-        plan = ProbingSchedule(prefer_idle_s=600.0, insist_after_s=1800.0, retries=2, pause_s=3600.0)
+        plan = ProbingSchedule(prefer_idle_s=600.0, insist_after_s=1800.0, urgent_excess=2.0, retries=2, pause_s=3600.0)
         self.loop = GridLoop(
             self.controller,
             self._sampler,

@@ -19,7 +19,7 @@ from gateway.probing import ProbingSchedule, Standing
 from gateway.service import Service
 from gateway.storage import History, Store
 from talc.control import Controller
-from talc.frame import EventKind, Frame, Measurement, Why
+from talc.frame import Decision, EventKind, Frame, Measurement, Phase, Why
 from talc.settings import ControlSettings, LearnerSettings, TalcSettings
 from talc.training import train
 from tests.benches.kept_events import KeptEvents
@@ -43,7 +43,9 @@ async def running(
     settings: TalcSettings = TalcSettings(method="models"),  # noqa: B008 -- frozen
     probing: Probing = Probing(),  # noqa: B008 -- frozen
 ) -> AsyncIterator[ProbingSchedule]:
-    plan = ProbingSchedule(prefer_idle_s=600.0, insist_after_s=1800.0, retries=retries, pause_s=3600.0)
+    plan = ProbingSchedule(
+        prefer_idle_s=600.0, insist_after_s=1800.0, urgent_excess=2.0, retries=retries, pause_s=3600.0
+    )
     controller, clock = Controller(("a",), settings), bench.clock
     measuring, trainings = (
         Measuring(bench.link, plan, probing, clock, told, pending),
@@ -114,6 +116,26 @@ async def test_a_measurement_that_is_no_longer_wanted_is_never_requested() -> No
         await bench.clock.run_until(250.0)
     assert bench.control.requests == []
     assert [o.standing for o in told.outlooks] == [Standing.WAITING, Standing.NOT_WANTED]
+
+
+@pytest.mark.parametrize("sigma_um", [4.0, 6.0])
+async def test_what_is_far_too_uncertain_is_measured_whatever_the_program_does(sigma_um: float) -> None:
+    bench, told = LinkBench("monitor"), KeptEvents()
+    bench.control.program, bench.control.speed = ProgramState.RUNNING, 8000.0
+    bench.control.answer = RequestStatus(0, ProbingState.DONE, NOWHERE)
+    plan = ProbingSchedule(prefer_idle_s=600.0, insist_after_s=1800.0, urgent_excess=2.0, retries=2, pause_s=3600.0)
+    measuring = Measuring(bench.link, plan, Probing(lead_s=STEP_S), bench.clock, told)
+    nothing = np.zeros(9)
+    decision = Decision(
+        0, Phase.COMPENSATION, nothing, nothing, nothing + sigma_um, nothing + 5.0, Why.UNCERTAINTY, None, ()
+    )
+    async with bench.running(), asyncio.TaskGroup() as tasks:
+        measuring.want(decision)
+        measuring.begin(tasks, STEP_S)
+        await bench.clock.run_until(200.0)
+        assert bool(bench.control.requests) is (1.96 * sigma_um > 2 * 5.0)
+        plan.want(None, bench.clock.monotonic())
+        await bench.clock.run_until(250.0)
 
 
 async def test_a_cycle_that_keeps_failing_is_requested_so_often_and_the_operator_is_informed_once() -> None:

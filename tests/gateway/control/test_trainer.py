@@ -138,7 +138,7 @@ async def test_the_old_models_go_on_after_a_crash(caplog: pytest.LogCaptureFixtu
     controller.adopt(train(first))
     crashing, log, clock = replace(first, measured=first.measured[:, :4]), KeptEvents(), SteppedClock()
     sampler, schedule = GridSampler(DAY.names, 300.0), Schedule(300.0)
-    plan = ProbingSchedule(prefer_idle_s=0.0, insist_after_s=0.0, retries=0, pause_s=0.0)
+    plan = ProbingSchedule(prefer_idle_s=0.0, insist_after_s=0.0, urgent_excess=2.0, retries=0, pause_s=0.0)
     measuring, trainings = Measuring(None, plan, Probing(), clock, log), Trainings(controller, clock, log, crashing)
     loop = GridLoop(controller, sampler, schedule, clock, log, measuring, trainings)
     running = asyncio.create_task(loop.run())

@@ -4,14 +4,15 @@ import math
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 
+import numpy as np
 import pytest
 
 from drivers.nc import NcSnapshot, OperatingMode, ProgramState
 from gateway.probing.cycle import End
-from gateway.probing.schedule import Bulletin, Moment, Outlook, ProbingSchedule, moment
+from gateway.probing.schedule import Bulletin, Moment, Outlook, ProbingSchedule, excess, moment
 from gateway.probing.standing import Standing
 from simulators.nc import Activity, CycleSettings, DayPart, LoadCase, MachineState, MeanLoads, Nck
-from talc.frame import Event, EventKind, Why
+from talc.frame import Decision, Event, EventKind, FloatArray, Phase, Why
 from tests.benches.still_machine import StillMachine
 
 POSITIONS = {"X": 0.0, "Y": 0.0, "Z": 0.0, "A": 0.0, "C": 0.0}
@@ -24,7 +25,9 @@ OTHER_TOOL = replace(CUTTING, tool=4)
 
 
 def schedule(retries: int = 2) -> ProbingSchedule:
-    return ProbingSchedule(prefer_idle_s=600.0, insist_after_s=1800.0, retries=retries, pause_s=3600.0)
+    return ProbingSchedule(
+        prefer_idle_s=600.0, insist_after_s=1800.0, urgent_excess=2.0, retries=retries, pause_s=3600.0
+    )
 
 
 @pytest.mark.parametrize(
@@ -102,6 +105,37 @@ def test_what_belongs_to_the_next_step_does_not_wait(why: Why) -> None:
     plan = schedule()
     plan.want(why, 0.0)
     assert plan.look(CUTTING, 0.0) == Outlook(Standing.DUE, why)
+
+
+def test_a_measurement_waits_no_longer_once_an_uncertainty_is_far_above_its_limit() -> None:
+    plan = schedule()
+    plan.want(Why.UNCERTAINTY, 0.0, 2.0)
+    assert plan.look(CUTTING, 0.0).standing is Standing.WAITING
+    plan.want(Why.UNCERTAINTY, 300.0, 2.01)
+    assert plan.look(CUTTING, 300.0) == Outlook(Standing.DUE, Why.UNCERTAINTY)
+    plan.want(Why.UNCERTAINTY, 600.0, 1.9)
+    assert plan.look(CUTTING, 600.0).standing is Standing.WAITING
+
+
+def test_excess_is_of_the_error_that_is_least_known() -> None:
+    sigma = np.array([1.0, 2.0, math.nan, 0.5, 1.0, 1.0, 3.0, 1.0, 1.0])
+    limits = np.array([5.0, 5.0, 5.0, math.nan, 5.0, 5.0, 15.0, 15.0, 15.0])
+    assert excess(decision(sigma, limits)) == pytest.approx(1.96 * 2.0 / 5.0)
+    assert excess(decision(np.full(9, math.nan), limits)) == 0.0
+
+
+def decision(sigma: FloatArray, limits: FloatArray) -> Decision:
+    return Decision(
+        k=0,
+        phase=Phase.COMPENSATION,
+        predicted=np.zeros(9),
+        corrected=np.zeros(9),
+        sigma=sigma,
+        limits=limits,
+        measure=Why.UNCERTAINTY,
+        training=None,
+        events=(),
+    )
 
 
 @pytest.mark.parametrize("mode", OperatingMode)
@@ -257,7 +291,7 @@ def test_the_pause_after_rejected_results_outlasts_the_reason_to_measure() -> No
 )
 def test_invalid_settings(prefer: float, insist: float, retries: int, pause: float) -> None:
     with pytest.raises(ValueError, match="expected"):
-        ProbingSchedule(prefer_idle_s=prefer, insist_after_s=insist, retries=retries, pause_s=pause)
+        ProbingSchedule(prefer_idle_s=prefer, insist_after_s=insist, urgent_excess=2.0, retries=retries, pause_s=pause)
 
 
 # A machine's day ---------------------------------------------------------------------------------------------------

@@ -136,7 +136,7 @@ class RestartedGrid:
                 store.record(event)  # type: ignore[arg-type]
                 self.told(event)  # type: ignore[arg-type]
 
-            plan = ProbingSchedule(prefer_idle_s=0.0, insist_after_s=0.0, retries=0, pause_s=0.0)
+            plan = ProbingSchedule(prefer_idle_s=0.0, insist_after_s=0.0, urgent_excess=2.0, retries=0, pause_s=0.0)
             loop = GridLoop(
                 self.past.controller, GridSampler(self.config.input_names, STEP_S),
                 Schedule(STEP_S, self.past.last_k, lead_s), self.clock, sink,
