@@ -1,8 +1,9 @@
 """How long the component talc_errors takes in each servo period of a real LinuxCNC whose axes move.
 
-`python -m tests.benches.linuxcnc_period [SECONDS]` prints the figures of deploy/nc/linuxcnc/README.md. LinuxCNC counts
-processor clocks; a period in which the computer did something else meanwhile counts in full, as there is no real-time
-kernel here.
+`python -m tests.benches.linuxcnc_period [SECONDS]` prints the figures of docs/linuxcnc.md. LinuxCNC counts processor
+clocks; a period in which the computer did something else meanwhile counts in full, as there is no real-time kernel here.
+LinuxCNC's own motion controller, counted in the same periods, shows how often that happens. How long the component takes
+by itself, `python -m tests.benches.linuxcnc_core` shows.
 """
 
 import asyncio
@@ -20,6 +21,8 @@ from tests.benches.linuxcnc_motion import by_errors, in_motion, machine
 
 _CLOCKS = "#include <x86intrin.h>\nunsigned long long clocks(void) { return __rdtsc(); }\n"
 _CALIBRATION_S = 1.0
+_LATE_US = 4.0
+"""Above its median, a function was interrupted."""
 MOTION = "circle of 120 mm, C at 60°/s"
 
 
@@ -38,30 +41,38 @@ def clocks_per_us() -> float:
 
 
 async def periods_us(seconds: float) -> FloatArray:
-    """(n,) time that the component took in each servo period, with nine errors in force and in motion, µs."""
+    """(n, 2) time that the component, and LinuxCNC's motion controller, took in each servo period, with nine errors in
+    force and in motion, µs."""
     with TemporaryDirectory() as folder:
         async with machine(Path(folder)) as bench:
             for command in (
-                "loadrt conv_s32_float names=talc-took",
+                "loadrt conv_s32_float names=talc-took,talc-beside",
                 "addf talc-took servo-thread",
+                "addf talc-beside servo-thread",
                 "net talc-clocks talc-errors.time => talc-took.in",
                 "net talc-clocks-float talc-took.out",
+                "net talc-beside-clocks motion-controller.time => talc-beside.in",
+                "net talc-beside-float talc-beside.out",
             ):
                 await bench.operator.ask("hal", *command.split())
             await by_errors(bench)
             async with in_motion(bench, Path(folder) / "machine" / "nc", MOTION):
-                rows = await bench.operator.ask("sample", round(seconds * 1000), "talc-clocks-float")
-    return np.array(rows, dtype=np.float64)[:, 0] / clocks_per_us()
+                signals = "talc-clocks-float", "talc-beside-float"
+                rows = await bench.operator.ask("sample", round(seconds * 1000), *signals)
+    return np.array(rows, dtype=np.float64) / clocks_per_us()
 
 
 def figures(took_us: FloatArray) -> str:
     """In words."""
-    median, p99, p999 = np.percentile(took_us, [50.0, 99.0, 99.9])
-    beyond = int((took_us > 5.0).sum())
-    return (
-        f"{took_us.size} periods: median {median:.2f} µs, 99 % {p99:.2f} µs, 99.9 % {p999:.2f} µs, "
-        f"largest {took_us.max():.2f} µs; {beyond} beyond 5 µs"
-    )
+    said = []
+    for name, took in zip(("component", "LinuxCNC's motion controller"), took_us.T, strict=True):
+        median, p99, p999 = np.percentile(took, [50.0, 99.0, 99.9])
+        late = int((took > median + _LATE_US).sum())
+        said.append(
+            f"{name}: median {median:.2f} µs, 99 % {p99:.2f} µs, 99.9 % {p999:.2f} µs, largest {took.max():.2f} µs; "
+            f"{(took > 5.0).sum()} of {took.size} periods beyond 5 µs, {late} more than {_LATE_US:g} µs above the median"
+        )
+    return "\n".join(said)
 
 
 if __name__ == "__main__":

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from tests.benches.linuxcnc_core import core_us
 from tests.benches.linuxcnc_period import periods_us
 
 pytestmark = [pytest.mark.peer, pytest.mark.slow, pytest.mark.realtime]
@@ -10,6 +11,14 @@ pytestmark = [pytest.mark.peer, pytest.mark.slow, pytest.mark.realtime]
 
 async def test_most_periods_of_the_component_are_far_shorter_than_5_us() -> None:
     took_us = await periods_us(3.0)
-    assert took_us.size == 3000
+    assert took_us.shape == (3000, 2)
     # Half of them: other programs of a busy computer count in the rest, as there is no real-time kernel.
-    assert 0.05 < np.median(took_us) < 5.0
+    assert 0.05 < np.median(took_us[:, 0]) < 5.0
+    assert np.median(took_us[:, 1]) > 0.05, "LinuxCNC's own function, for comparison"
+
+
+def test_the_core_takes_longer_in_no_situation() -> None:
+    """Free of what the computer does meanwhile: of each situation, the least of several times."""
+    took_us = core_us(2000)
+    assert took_us.shape == (2000,)
+    assert 0.0 < took_us.min() < took_us.max() < 5.0
