@@ -61,7 +61,9 @@ class CanOpenBus:
         self._fitting: dict[int, FittingAnswers] = {}
         self._frames = LatestFrames()
         self._synchronised_s = 0.0
-        self._answer_sync: set[int] = set()
+        """When the last SYNC was sent."""
+        self._taken_s: dict[int, float] = {}
+        """When the SYNC was sent that each node has answered, or when it was started: later ones serve it."""
 
     @property
     def name(self) -> str:
@@ -124,6 +126,7 @@ class CanOpenBus:
         def start() -> None:
             self._listen(device, identifiers)
             self._send(device, 0, bytes((_NMT_START, node)))
+            self._taken_s[node] = monotonic()
 
         await self._in_thread(start)
 
@@ -165,7 +168,7 @@ class CanOpenBus:
         network.notifier = Receiver(interface, partial(pass_on, network))  # type: ignore[assignment]
         self._network = network
         self._doubtful.clear()
-        self._answer_sync.clear()
+        self._taken_s.clear()
         self._frames = LatestFrames()
 
     def _shut(self) -> None:
@@ -219,29 +222,27 @@ class CanOpenBus:
         self._doubtful.discard(node)
 
     def _synchronise(self, device: str, node: int, identifiers: Sequence[int]) -> dict[int, KeptFrame]:
-        if node not in self._answer_sync or self._on_the_way(node, identifiers):
+        """Every node answers each SYNC, whichever it was sent for. One that was sent just before, after the node's last
+        read, serves it too: a second one might overtake frames of the first, and the status of one moment would pass
+        for that of another."""
+        taken_s = self._taken_s.pop(node, None)
+        if taken_s is None:
             self._doubtful.add(node)
-        self._answer_sync.discard(node)
         if node in self._doubtful:
             self._upload(device, node, ())  # frames of an earlier SYNC arrive before this answer
+            taken_s = None
         self._listen(device, identifiers)
-        asked_s = self._synchronised_s = monotonic()
-        self._send(device, _SYNC, b"")
-        wait_s = self._patience.wait_s(node, _SYNC)
+        asked_s = monotonic()
+        under_way = asked_s < self._synchronised_s + self._settings.timeout_s
+        if taken_s is None or taken_s >= self._synchronised_s or not under_way:
+            self._send(device, _SYNC, b"")
+            self._synchronised_s = asked_s
+        asked_s, wait_s = self._synchronised_s, self._patience.wait_s(node, _SYNC)
         failing, hurried = "did not arrive after SYNC", wait_s < self._settings.timeout_s
         found = self._await_frames(device, node, identifiers, asked_s, asked_s + wait_s, failing, hurried=hurried)
-        self._patience.answered(node, _SYNC, monotonic() - asked_s)
-        self._answer_sync.add(node)
+        self._patience.answered(node, _SYNC, max(frame.came_s for frame in found.values()) - asked_s)
+        self._taken_s[node] = asked_s
         return found
-
-    def _on_the_way(self, node: int, identifiers: Sequence[int]) -> bool:
-        """Whether some of these do not come in time after the last SYNC. It may have been sent for another node, but
-        every node answers it.
-
-        They would pass for those of the next: the status of one moment with the value of another.
-        """
-        until_s = self._synchronised_s + self._patience.wait_s(node, _SYNC)
-        return len(self._frames.since(self._synchronised_s, identifiers, until_s)) < len(set(identifiers))
 
     def _listen(self, device: str, identifiers: Sequence[int]) -> None:
         if self._network is None:

@@ -1,9 +1,9 @@
 """How long the component talc_errors takes in each servo period of a real LinuxCNC whose axes move.
 
 `python -m tests.benches.linuxcnc_period [SECONDS]` prints the figures of docs/linuxcnc.md. LinuxCNC counts processor
-clocks; a period in which the computer did something else meanwhile counts in full, as there is no real-time kernel here.
-LinuxCNC's own motion controller, counted in the same periods, shows how often that happens. How long the component takes
-by itself, `python -m tests.benches.linuxcnc_core` shows.
+clocks; a period in which the computer did something else meanwhile counts in full, as there is no real-time kernel
+here. LinuxCNC's own motion controller, counted in the same periods, shows how often that happens. How long the
+component's core takes by itself, `python -m tests.benches.linuxcnc_core` shows.
 """
 
 import asyncio
@@ -69,8 +69,8 @@ def figures(took_us: FloatArray) -> str:
         median, p99, p999 = np.percentile(took, [50.0, 99.0, 99.9])
         late = int((took > median + _LATE_US).sum())
         said.append(
-            f"{name}: median {median:.2f} µs, 99 % {p99:.2f} µs, 99.9 % {p999:.2f} µs, largest {took.max():.2f} µs; "
-            f"{(took > 5.0).sum()} of {took.size} periods beyond 5 µs, {late} more than {_LATE_US:g} µs above the median"
+            f"{name}: median {median:.2f} µs, 99 % {p99:.2f}, 99.9 % {p999:.2f}, largest {took.max():.2f} µs; "
+            f"of {took.size} periods, {(took > 5.0).sum()} beyond 5 µs, {late} by {_LATE_US:g} µs above the median"
         )
     return "\n".join(said)
 

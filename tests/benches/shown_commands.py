@@ -178,7 +178,9 @@ TABLE: dict[str, HowShown] = {
     r"python -m tests\.benches\.linuxcnc_period": RunElsewhere(
         "tests/drivers/linuxcnc/test_linuxcnc_period.py", "periods_us"
     ),
-    r"python -m tests\.benches\.linuxcnc_core": RunElsewhere("tests/drivers/linuxcnc/test_linuxcnc_period.py", "core_us"),
+    r"python -m tests\.benches\.linuxcnc_core": RunElsewhere(
+        "tests/drivers/linuxcnc/test_linuxcnc_period.py", "core_us"
+    ),
     r"python -m tests\.benches\.service_under_systemd .*": RunElsewhere(
         "tests/system/test_debian_package.py", r"tries\("
     ),

@@ -82,5 +82,6 @@ class UserModeDebian:
 
     def _memory(self) -> Path:
         """Where the file that is the guest's memory lies: on a disk, this computer writes it out again and again."""
-        roomy = SHARED.is_dir() and disk_usage(SHARED).free > 2 * MEMORY_MB * 2**20
-        return SHARED if roomy else self._folder
+        if not SHARED.is_dir() or os.statvfs(SHARED).f_flag & os.ST_NOEXEC:  # the guest maps its memory to run it
+            return self._folder
+        return SHARED if disk_usage(SHARED).free > 2 * MEMORY_MB * 2**20 else self._folder

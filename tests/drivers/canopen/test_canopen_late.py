@@ -26,6 +26,7 @@ VALUE = CanObject(0x9130, 1)
 SDO, TPDOS = 0x585, (0x185, 0x285)
 TIMEOUT_S = 0.1
 SYNC = 0x080
+LATE_S = TIMEOUT_S / 5
 
 
 class CountingSource:
@@ -56,7 +57,8 @@ async def on(adapter: SlcanAdapter) -> AsyncIterator[CanOpenBus]:
     assert isinstance(bus, CanOpenBus)
     try:
         await bus.connect()
-        await bus.start_node("all", 0, ())  # NMT: 0 is every node
+        for node, tpdos in ((5, TPDOS), *((node, (0x180 + node, 0x280 + node)) for node in (6, 7))):
+            await bus.start_node("node", node, tpdos)
         yield bus
     finally:
         await bus.close()
@@ -108,33 +110,62 @@ async def test_late_tpdos_are_not_taken_for_those_of_the_next_sync() -> None:
         assert await value_by_sync(bus) > old
 
 
-async def test_value_and_status_are_of_the_same_sync() -> None:
+@pytest.mark.parametrize("overtaken", [False, True])
+@pytest.mark.parametrize("pause_s", [0.0, TIMEOUT_S])
+async def test_value_and_status_are_of_the_same_sync(pause_s: float, overtaken: bool) -> None:
     """Every node answers each SYNC, whichever it was sent for. What is still on its way would arrive after the next: a
     sensor that has broken in between would pass for whole."""
     late: list[CanFrame] = []
 
     class Slow(Cia404Node):
-        """The last frame after a SYNC waits in its queue; nothing overtakes it."""
+        """The last frame after a SYNC waits in its queue; its answers by SDO may overtake it."""
 
         def on_frame(self, identifier: int, data: bytes) -> Sequence[CanFrame]:
-            frames = [*late, *super().on_frame(identifier, data)]
+            answer = super().on_frame(identifier, data)
+            if identifier != SYNC and overtaken:
+                return answer
+            frames = [*late, *answer]
             late[:] = frames[-1:] if identifier == SYNC else []
-            asyncio.get_running_loop().call_later(TIMEOUT_S / 5, send_late)
+            asyncio.get_running_loop().call_later(LATE_S, send_late)
             return frames[: len(frames) - len(late)]
 
     def send_late() -> None:
         adapter.send(late)
         late.clear()
 
-    slow = Slow(6, lambda: [20.0, 20.0], inputs=2, digits=0)
-    adapter = SlcanAdapter([Cia404Node(5, lambda: [20.0, 20.0], inputs=2, digits=0), slow])
+    whole, broken = [20.0, 20.0], {0: SensorFault.OPEN}
+    slow = Slow(6, lambda: whole, inputs=2, digits=0)
+    adapter = SlcanAdapter([slow, *(Cia404Node(node, lambda: whole, inputs=2, digits=0) for node in (5, 7))])
+    found = []
     async with on(adapter) as bus:
-        for fault in (SensorFault.OPEN, None, SensorFault.OPEN):
-            await bus.synchronise("other", 5, TPDOS)
-            if fault:
-                slow.faults.by_channel[0] = fault
-            else:
-                slow.faults.by_channel.clear()
+        for fault in ({}, broken, broken, {}, broken, {}):
+            for other in (5, 7):
+                await bus.synchronise("other", other, (0x180 + other, 0x280 + other))
+            slow.faults.by_channel.clear()
+            slow.faults.by_channel.update(fault)
             frames = await bus.synchronise("slow", 6, (0x186, 0x286))
-            value, status = frames[0x186].data[:4], frames[0x286].data[0]
-            assert (int.from_bytes(value, "little") > 800, status != 0) == (fault is not None,) * 2
+            found.append((int.from_bytes(frames[0x186].data[:4], "little") > 800, frames[0x286].data[0] != 0))
+            await asyncio.sleep(pause_s)
+    assert set(found) == {(False, False), (True, True)}, found
+
+
+async def test_one_sync_serves_all_nodes() -> None:
+    """One that was sent since the last read of each."""
+    syncs = 0
+
+    class Counting(Cia404Node):
+        def on_frame(self, identifier: int, data: bytes) -> Sequence[CanFrame]:
+            nonlocal syncs
+            syncs += identifier == SYNC and self is nodes[0]
+            return super().on_frame(identifier, data)
+
+    source = CountingSource()
+    nodes = [Counting(node, source, inputs=2, digits=0) for node in (5, 6, 7)]
+    async with on(SlcanAdapter(nodes)) as bus:
+        for _ in range(4):
+            for node in (5, 6, 7):
+                await bus.synchronise(f"node {node}", node, (0x180 + node, 0x280 + node))
+        assert syncs == 4
+        before = source.last
+        frames = await bus.synchronise("node 7", 7, (0x187, 0x287))
+        assert int.from_bytes(frames[0x187].data[:4], "little") > before, "nothing is taken twice"
