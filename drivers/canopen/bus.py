@@ -225,16 +225,17 @@ class CanOpenBus:
         """Every node answers each SYNC, whichever it was sent for. One that was sent just before, after the node's last
         read, serves it too: a second one might overtake frames of the first, and the status of one moment would pass
         for that of another."""
-        taken_s = self._taken_s.pop(node, None)
-        if taken_s is None:
+        last_s, taken_s = self._synchronised_s, self._taken_s.get(node)
+        if taken_s is None or taken_s < last_s < monotonic() - self._settings.timeout_s:
             self._doubtful.add(node)
         if node in self._doubtful:
             self._upload(device, node, ())  # frames of an earlier SYNC arrive before this answer
-            taken_s = None
+            taken_s = last_s
         self._listen(device, identifiers)
-        asked_s = monotonic()
-        under_way = asked_s < self._synchronised_s + self._settings.timeout_s
-        if taken_s is None or taken_s >= self._synchronised_s or not under_way:
+        if taken_s is None or taken_s >= last_s:
+            # Who has not taken the one before may still send frames of it, and is asked for something else first.
+            self._taken_s = {other: s for other, s in self._taken_s.items() if s >= last_s}
+            asked_s = monotonic()
             self._send(device, _SYNC, b"")
             self._synchronised_s = asked_s
         asked_s, wait_s = self._synchronised_s, self._patience.wait_s(node, _SYNC)

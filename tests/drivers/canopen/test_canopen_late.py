@@ -6,7 +6,7 @@ request for another object, and the fault matrix could not tell a bus that takes
 
 import asyncio
 from collections.abc import AsyncIterator, Sequence
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
 from itertools import count
 
 import pytest
@@ -149,6 +149,47 @@ async def test_value_and_status_are_of_the_same_sync(pause_s: float, overtaken: 
     assert set(found) == {(False, False), (True, True)}, found
 
 
+@pytest.mark.parametrize("late_s", [0.2 * TIMEOUT_S, 0.9 * TIMEOUT_S, 1.2 * TIMEOUT_S, 1.9 * TIMEOUT_S])
+@pytest.mark.parametrize("between", ["another's is missed", "a timeout passes", "another is read twice"])
+async def test_a_sync_that_a_node_has_not_taken_is_not_mixed_with_the_next(late_s: float, between: str) -> None:
+    state = {"late": False, "until": 0.0}
+
+    class InOrder(Cia404Node):
+        """Its status may be late; what it is asked then is answered after that."""
+
+        def on_frame(self, identifier: int, data: bytes) -> Sequence[CanFrame]:
+            answer, loop = super().on_frame(identifier, data), asyncio.get_running_loop()
+            if identifier == SYNC and state["late"]:
+                state["until"] = loop.time() + late_s
+                loop.call_at(state["until"], adapter.send, answer[-1:])
+                return answer[:-1]
+            if loop.time() < state["until"]:
+                for number, frame in enumerate(answer):
+                    loop.call_at(state["until"] + 0.001 * (1 + number), adapter.send, [frame])
+                return []
+            return answer
+
+    whole, broken = [20.0, 20.0], {0: SensorFault.OPEN}
+    slow = InOrder(6, lambda: whole, inputs=2, digits=0)
+    adapter = SlcanAdapter([slow, *(Cia404Node(node, lambda: whole, inputs=2, digits=0) for node in (5, 7))])
+    found = []
+    async with on(adapter) as bus:
+        for before, after in 4 * [({}, broken), (broken, {})]:
+            slow.faults.by_channel, state["late"] = dict(before), True
+            with suppress(NoAnswer):
+                await bus.synchronise("other", 5, (0x185, 0x485 if between == "another's is missed" else 0x285))
+            slow.faults.by_channel, state["late"] = dict(after), False
+            if between != "another's is missed":
+                await asyncio.sleep(1.05 * TIMEOUT_S if between == "a timeout passes" else 0.0)
+                await bus.synchronise("other", 5, TPDOS)
+            with suppress(NoAnswer):
+                frames = await bus.synchronise("slow", 6, (0x186, 0x286))
+                found.append((int.from_bytes(frames[0x186].data[:4], "little") > 800, frames[0x286].data[0] != 0))
+            await asyncio.sleep(5 * TIMEOUT_S)
+    assert found or late_s > TIMEOUT_S, "what is asked behind the late frame is answered too late"
+    assert set(found) <= {(False, False), (True, True)}, found
+
+
 async def test_one_sync_serves_all_nodes() -> None:
     """One that was sent since the last read of each."""
     syncs = 0
@@ -169,3 +210,12 @@ async def test_one_sync_serves_all_nodes() -> None:
         before = source.last
         frames = await bus.synchronise("node 7", 7, (0x187, 0x287))
         assert int.from_bytes(frames[0x187].data[:4], "little") > before, "nothing is taken twice"
+        syncs = 0
+        await bus.synchronise("node 5", 5, TPDOS)
+        await asyncio.sleep(1.1 * TIMEOUT_S)
+        await bus.synchronise("node 6", 6, (0x186, 0x286))
+        assert syncs == 1, "that of node 7 served node 5, and is too old for node 6"
+        await bus.close()
+        await bus.connect()
+        await bus.synchronise("node 5", 5, TPDOS)
+        assert syncs == 2, "nobody knows what came while it was closed"
