@@ -20,7 +20,7 @@ from drivers.sinumerik import SinumerikSettings, make_sinumerik
 from gateway.config import Probing
 from gateway.control import GridSampler, Instant
 from gateway.nc import ByErrors, Slew
-from gateway.probing import End, Probe, ProbingSchedule, Standing, excess, probe_of
+from gateway.probing import End, Probe, Standing, excess, probe_of, schedule_of
 from gateway.report import ReportData, Summary, SummaryRow, Truth, summary
 from simulators.bench.machine import TERMS, BenchMachine
 from simulators.nc import MachineState
@@ -94,13 +94,7 @@ class DemoLoop:
         names = (*self._channels, "spindle_growth", *_STATES)
         self._names = names
         self._controller = Controller(names, settings, _GRID_S)
-        self._plan = ProbingSchedule(
-            prefer_idle_s=_PROBING.prefer_idle_s,
-            insist_after_s=_PROBING.insist_after_s,
-            urgent_excess=_PROBING.urgent_excess,
-            retries=_PROBING.retries,
-            pause_s=_PROBING.pause_s,
-        )
+        self._plan = schedule_of(_PROBING)
         self._probe: Probe = probe_of(_PROBING)
         self._reference: FloatArray | None = None
         self._cycles: list[FloatArray] = []

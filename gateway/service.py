@@ -46,7 +46,7 @@ from gateway.events import (
 from gateway.nc import Earlier, Identity, LinkSettings, Listeners, NcLink, control_of
 from gateway.past import Past
 from gateway.polling import Notice
-from gateway.probing import NotBegun, ProbingSchedule
+from gateway.probing import NotBegun, schedule_of
 from gateway.storage import StoreError
 from gateway.watches import ClockWatch, HealthWatch, StoreWatch
 from talc.frame import Decision, Event, EventKind, FloatArray, Frame, TrainingJob, Why
@@ -218,14 +218,7 @@ class Service:
 
     def _make_measuring(self, wanted: Why | None) -> Measuring:
         probing = self._config.probing
-        plan = ProbingSchedule(
-            prefer_idle_s=probing.prefer_idle_s,
-            insist_after_s=probing.insist_after_s,
-            urgent_excess=probing.urgent_excess,
-            retries=probing.retries,
-            pause_s=probing.pause_s,
-        )
-        return Measuring(self.link, plan, probing, self._clock, self._sink, wanted)
+        return Measuring(self.link, schedule_of(probing), probing, self._clock, self._sink, wanted)
 
     def _loop(self, job: TrainingJob | None) -> GridLoop:
         controller, clock, sink = self._past.controller, self._clock, self._sink

@@ -7,7 +7,7 @@ from drivers.first_use import on_first_use
 if TYPE_CHECKING:
     from gateway.probing.cycle import End, Held, InForce, NotBegun, Outcome, Probe, Rejected, probe_of
     from gateway.probing.prober import Prober
-    from gateway.probing.schedule import Bulletin, Outlook, ProbingSchedule, excess
+    from gateway.probing.schedule import Bulletin, Outlook, ProbingSchedule, excess, schedule_of
     from gateway.probing.standing import Standing
     from gateway.probing.uninterrupted import to_its_end
 else:
@@ -16,7 +16,7 @@ else:
         {
             ".cycle": ("End", "Held", "InForce", "NotBegun", "Outcome", "Probe", "Rejected", "probe_of"),
             ".prober": ("Prober",),
-            ".schedule": ("Bulletin", "Outlook", "ProbingSchedule", "excess"),
+            ".schedule": ("Bulletin", "Outlook", "ProbingSchedule", "excess", "schedule_of"),
             ".standing": ("Standing",),
             ".uninterrupted": ("to_its_end",),
         },
@@ -37,5 +37,6 @@ __all__ = [
     "Standing",
     "excess",
     "probe_of",
+    "schedule_of",
     "to_its_end",
 ]

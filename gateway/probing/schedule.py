@@ -20,6 +20,7 @@ from enum import StrEnum
 import numpy as np
 
 from drivers.nc import NcSnapshot, OperatingMode, ProgramState
+from gateway.config import Probing
 from gateway.probing.cycle import End
 from gateway.probing.standing import Standing
 from talc.frame import Decision, Event, EventKind, Why
@@ -246,6 +247,17 @@ class ProbingSchedule:
     def _outlook(self, standing: Standing, reason: str = "") -> Outlook:
         why = Why.RETRY if self._rejected and self._reason is not None else self._reason
         return Outlook(standing, why, reason, self._rejected, self._operator)
+
+
+def schedule_of(probing: Probing) -> ProbingSchedule:
+    """With the limits of a configuration."""
+    return ProbingSchedule(
+        prefer_idle_s=probing.prefer_idle_s,
+        insist_after_s=probing.insist_after_s,
+        urgent_excess=probing.urgent_excess,
+        retries=probing.retries,
+        pause_s=probing.pause_s,
+    )
 
 
 class Bulletin:

@@ -62,6 +62,8 @@ def test_each_name_of_a_unit_has_its_length(unit: str, mm: float, talc_joints: A
     fields = ini(TRAJ__LINEAR_UNITS=unit, TALC__BOUND=f"{bound}", TALC__LOWER=f"{-2 * bound}")
     it = machine_of(talc_joints, fields)
     assert (it.mm, it.bound_um) == (mm, pytest.approx(127.0))
+    fields["TALC__SLEW"] = f"{0.005 / mm}"
+    assert machine_of(talc_joints, fields).values()["slew-um-per-s"] == pytest.approx(5.0)
 
 
 @pytest.mark.parametrize(

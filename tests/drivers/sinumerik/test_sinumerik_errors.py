@@ -87,6 +87,18 @@ def test_no_point_of_the_travel_moves_faster_than_the_slew_and_the_nine_keep_the
     assert cycles * IPO_S == pytest.approx((LARGEST @ np.abs(SMALL)).max() / SLEW_UM_PER_S, abs=0.3), "and not slower"
 
 
+@pytest.mark.parametrize("error", range(9))
+def test_each_error_alone_moves_as_fast_as_the_slew_allows(error: int) -> None:
+    channel, wanted = ErrorChannel(program()), 100.0 * np.eye(9)[error]
+    channel.alive()
+    channel.turn()
+    channel.want(wanted)
+    before = channel.in_force
+    channel.turn(100)
+    moved = LARGEST @ np.abs(channel.in_force - before)
+    assert moved.max() == pytest.approx(SLEW_UM_PER_S * 100 * IPO_S, rel=0.02)
+
+
 def test_a_late_or_absurd_write_makes_no_step() -> None:
     """Whatever arrives, and whenever: one cycle's slew at most, and what is no number changes nothing."""
     channel = ErrorChannel(program())

@@ -6,7 +6,7 @@ import pytest
 
 from drivers.base import WrongDevice
 from gateway.clock import RealClock
-from gateway.config import parse
+from gateway.config import SinumerikNc, parse
 from gateway.nc import control_of
 from simulators.nc import Activity, DayPart, EmulatedControl, LoadCase, MeanLoads
 from tests.benches.emulated_bench import Rigid
@@ -70,3 +70,12 @@ async def test_a_gateway_that_only_reads_needs_no_parameter_of_claim_and_request
                 await nc.connect()
     finally:
         await control.stop()
+
+
+@pytest.mark.parametrize(("writes", "session_s"), [(True, 5.0), (False, 60.0)])
+def test_a_session_that_writes_ends_long_before_the_control_s_watchdog(writes: bool, session_s: float) -> None:
+    """No write that the network holds up acts after the control has begun to ramp."""
+    config = parse(TEXT.format(url="opc.tcp://nc:4840", mode="compensate", armed="true"), Path("gateway.toml"))
+    assert isinstance(config.nc, SinumerikNc)
+    made = config.nc.settings(config.probing.poses_deg, (), writes=writes, watchdog_s=10.0)
+    assert made.session_s == session_s
