@@ -112,6 +112,8 @@ class WatchdogTerms:
     """After this time without a heartbeat the gateway is considered dead."""
     ramp_um_per_s: float
     """Rate at which the offsets then return to zero; 0 holds them."""
+    slew_um_per_s: float | None = None
+    """Rate that the configuration declares, for a control that slews by itself; None: not told."""
 
     def __post_init__(self) -> None:
         if not 0 < self.silence_s < math.inf:

@@ -75,10 +75,10 @@ class SinumerikWithErrors(Sinumerik):
 
     async def claim(self, owner: int, terms: WatchdogTerms, predecessor: int | None = None) -> None:
         """Like Sinumerik's. Raises Refused if the program slews at another rate than the one that is declared."""
-        slew = None if self._terms is None else self._terms.slew_um_per_s
-        if slew is not None and terms.ramp_um_per_s and not math.isclose(slew, terms.ramp_um_per_s, rel_tol=_SAME):
+        slew, declared = None if self._terms is None else self._terms.slew_um_per_s, terms.slew_um_per_s
+        if slew is not None and declared is not None and not math.isclose(slew, declared, rel_tol=_SAME):
             raise Refused(
-                f"TALC_ERRORS on the control slews at {slew:g} µm/s, the configuration at {terms.ramp_um_per_s:g}",
+                f"TALC_ERRORS on the control slews at {slew:g} µm/s, the configuration at {declared:g}",
                 device=self._device,
                 hint=_AGAIN,
             )

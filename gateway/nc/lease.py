@@ -36,7 +36,7 @@ class Lease:
         self._nc, self._clock, self._notify = nc, clock, notify
         self._owner, self._predecessor = identity.owner, identity.predecessor
         ramp_um_per_s = settings.slew_um_per_s if settings.when_stale == "zero" else 0.0
-        self._terms = WatchdogTerms(settings.watchdog_s, ramp_um_per_s)
+        self._terms = WatchdogTerms(settings.watchdog_s, ramp_um_per_s, settings.slew_um_per_s)
         self._right = Right.UNCLAIMED if settings.mode == "compensate" else Right.NONE
         self._heard_before: bool | None = None
         self._unheard_told = False

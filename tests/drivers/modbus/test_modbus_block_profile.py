@@ -261,6 +261,14 @@ async def test_bits_go_on_in_the_next_register(tmp_path: Path) -> None:
     assert faults(readings) == {"c10": ("sensor_fault", "the first counts")}
 
 
+async def test_bits_of_a_register_whose_bytes_are_exchanged(tmp_path: Path) -> None:
+    exchanged = BITS.replace('type = "bit"\nbit = 13', 'type = "bit"\nbyte_order = "little"\nbit = 5', 1)
+    async with reading(Contacts(), tmp_path, exchanged) as driver:
+        await driver.connect()
+        readings = list(await driver.read())
+    assert values(readings)[:5] == [1, 0, 1, 0, 1], "bits 13 to 15, then 0 and 1, as they lie in the register"
+
+
 async def test_numbers_that_another_program_encodes(tmp_path: Path) -> None:
     """pymodbus' server, without phase 2; it keeps bits in registers of 16."""
     holding = [

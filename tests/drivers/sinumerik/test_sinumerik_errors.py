@@ -105,11 +105,12 @@ def test_a_late_or_absurd_write_makes_no_step() -> None:
     channel.alive()
     channel.settle(WARM)
     for absurd in (-WARM, WARM * 0, np.full(9, math.nan), np.full(9, math.inf), np.full(9, 1e300), np.full(9, -1e5)):
-        before = channel.shift_um
+        before, in_force = channel.shift_um, channel.in_force
         channel.want(absurd)
         moved = np.abs(np.diff([before, *channel.turn(50)], axis=0))
         assert moved.max() <= SLEW_UM_PER_S * IPO_S * (1 + 1e-9)
-        assert np.isfinite(channel.in_force).all()
+        possible = np.abs(absurd).max() < 1e9  # NaN compares false
+        assert np.isfinite(channel.in_force).all() if possible else np.array_equal(channel.in_force, in_force)
     one = WARM.copy()
     one[4] = math.nan
     before = channel.in_force

@@ -135,9 +135,10 @@ async def test_a_control_without_the_program_gets_shifts() -> None:
 async def test_a_program_for_other_data_is_refused_by_name() -> None:
     async with control(program(slew_um_per_s=2.0, bound_um=(60.0, 50.0, 71.0))) as (emulated, nc, _):
         await nc.connect()
-        with pytest.raises(Refused, match=r"slews at 2 µm/s, the configuration at 1.*sinumerik-files"):
-            await nc.claim(7, WATCH)
-        await nc.claim(7, WatchdogTerms(4.0, 0.0))  # when_stale = "hold"
+        for ramp_um_per_s in (1.0, 0.0):  # when_stale = "zero" or "hold"
+            with pytest.raises(Refused, match=r"slews at 2 µm/s, the configuration at 1.*sinumerik-files"):
+                await nc.claim(7, WatchdogTerms(4.0, ramp_um_per_s, slew_um_per_s=1.0))
+        await nc.claim(7, WatchdogTerms(4.0, 0.0, slew_um_per_s=2.0))
         with pytest.raises(NotSendable, match=r"71\.0.*nothing was sent.*sinumerik-files"):
             await nc.write_errors(SENT)
         assert emulated.nck.r[WANTED : WANTED + 9] == [0.0] * 9

@@ -76,7 +76,7 @@ async def test_it_claims_beats_and_releases_under_its_own_number() -> None:
     await bench.lease.beat()
     assert (bench.lease.right, bench.lease.armed) == (Right.HEARD, True)
     await bench.lease.release()
-    terms = WatchdogTerms(4.0, 2.0)
+    terms = WatchdogTerms(4.0, 2.0, 2.0)
     assert bench.control.asked == [("claim", 7, terms, 6), ("heartbeat", 7), ("release", 7)]
     assert bench.notices == []
 
@@ -98,7 +98,7 @@ async def test_the_control_is_told_what_is_declared_and_disarmed_it_does_that(
 ) -> None:
     bench = LeaseBench(when_stale=when_stale)
     await bench.lease.claim()
-    assert bench.control.asked == [("claim", 7, WatchdogTerms(4.0, ramp), 6)]
+    assert bench.control.asked == [("claim", 7, WatchdogTerms(4.0, ramp, 2.0), 6)]
     assert not bench.lease.taken_back
     bench.lease.disarm("another program wrote")
     assert bench.lease.taken_back is taken
