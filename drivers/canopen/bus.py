@@ -5,6 +5,7 @@ While connected there are two threads: one receives, one asks. The event loop ne
 
 import asyncio
 import logging
+import math
 import queue
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -225,19 +226,19 @@ class CanOpenBus:
         """Every node answers each SYNC, whichever it was sent for. One that was sent just before, after the node's last
         read, serves it too: a second one might overtake frames of the first, and the status of one moment would pass
         for that of another."""
-        last_s, taken_s = self._synchronised_s, self._taken_s.get(node)
-        if taken_s is None or taken_s < last_s < monotonic() - self._settings.timeout_s:
+        last_s, taken_s = self._synchronised_s, self._taken_s.get(node, math.inf)
+        if node not in self._taken_s or taken_s < last_s < monotonic() - self._settings.timeout_s:
             self._doubtful.add(node)
         if node in self._doubtful:
             self._upload(device, node, ())  # frames of an earlier SYNC arrive before this answer
-            taken_s = last_s
+            taken_s = math.inf  # only its own SYNC serves it
         self._listen(device, identifiers)
-        if taken_s is None or taken_s >= last_s:
+        if taken_s >= last_s:
             # Who has not taken the one before may still send frames of it, and is asked for something else first.
             self._taken_s = {other: s for other, s in self._taken_s.items() if s >= last_s}
-            asked_s = monotonic()
+            sent_s = monotonic()
             self._send(device, _SYNC, b"")
-            self._synchronised_s = asked_s
+            self._synchronised_s = sent_s
         asked_s, wait_s = self._synchronised_s, self._patience.wait_s(node, _SYNC)
         failing, hurried = "did not arrive after SYNC", wait_s < self._settings.timeout_s
         found = self._await_frames(device, node, identifiers, asked_s, asked_s + wait_s, failing, hurried=hurried)

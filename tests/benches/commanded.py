@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from gateway.commands import Command, CommandName, CommandOutcome
 from gateway.config import Probing
 from gateway.control import CommandTaker, GridLoop, GridSampler, Measuring, Schedule, Trainings
-from gateway.probing import ProbingSchedule
+from gateway.probing import schedule_of
 from gateway.storage import StoreError
 from talc.control import Controller
 from talc.settings import TalcSettings
@@ -47,7 +47,7 @@ class Commanded:
 async def commanded(bench: LinkBench, *, follow: float | None = None) -> AsyncIterator[Commanded]:
     """follow: the link is given a decision with this error each 30 s, instead of the loop's own."""
     told = KeptEvents()
-    plan = ProbingSchedule(prefer_idle_s=600.0, insist_after_s=1800.0, urgent_excess=2.0, retries=2, pause_s=3600.0)
+    plan = schedule_of(Probing(retries=2))
     controller, clock = Controller(("a",), TalcSettings(method="models")), bench.clock
     measuring = Measuring(None if follow is not None else bench.link, plan, Probing(), clock, told)
     loop = GridLoop(

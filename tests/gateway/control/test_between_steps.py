@@ -13,7 +13,7 @@ import pytest
 from drivers.base import Quality, Reading
 from gateway.config import Probing
 from gateway.control import GridLoop, GridSampler, Measuring, Schedule, Trainings
-from gateway.probing import ProbingSchedule
+from gateway.probing import schedule_of
 from talc.control import Controller
 from talc.frame import FloatArray, Frame, Measurement
 from talc.settings import TalcSettings
@@ -43,7 +43,7 @@ class Between:
             measured = Measurement(UM_PER_K * warmer * np.eye(9)[0], np.full(9, 0.5))
             self.controller.step(Frame(k, np.array([USUAL + warmer]), np.ones(1, dtype=np.bool_), measured))
         self._sampler = GridSampler(("a",), STEP_S)
-        plan = ProbingSchedule(prefer_idle_s=600.0, insist_after_s=1800.0, urgent_excess=2.0, retries=2, pause_s=3600.0)
+        plan = schedule_of(Probing(retries=2))
         self.loop = GridLoop(
             self.controller,
             self._sampler,

@@ -15,7 +15,7 @@ from gateway.control import Explanations, GridLoop, GridSampler, Measuring, Sche
 from gateway.events import CompensationStepped, DecisionMade, ForecastMade, FrameMade, ModelsAdopted, ReasonsGiven
 from gateway.nc import Source
 from gateway.past import past_of
-from gateway.probing import ProbingSchedule, Standing
+from gateway.probing import ProbingSchedule, Standing, schedule_of
 from gateway.service import Service
 from gateway.storage import History, Store
 from talc.control import Controller
@@ -43,9 +43,7 @@ async def running(
     settings: TalcSettings = TalcSettings(method="models"),  # noqa: B008 -- frozen
     probing: Probing = Probing(),  # noqa: B008 -- frozen
 ) -> AsyncIterator[ProbingSchedule]:
-    plan = ProbingSchedule(
-        prefer_idle_s=600.0, insist_after_s=1800.0, urgent_excess=2.0, retries=retries, pause_s=3600.0
-    )
+    plan = schedule_of(Probing(retries=retries))
     controller, clock = Controller(("a",), settings), bench.clock
     measuring, trainings = (
         Measuring(bench.link, plan, probing, clock, told, pending),
@@ -123,7 +121,7 @@ async def test_what_is_far_too_uncertain_is_measured_whatever_the_program_does(s
     bench, told = LinkBench("monitor"), KeptEvents()
     bench.control.program, bench.control.speed = ProgramState.RUNNING, 8000.0
     bench.control.answer = RequestStatus(0, ProbingState.DONE, NOWHERE)
-    plan = ProbingSchedule(prefer_idle_s=600.0, insist_after_s=1800.0, urgent_excess=2.0, retries=2, pause_s=3600.0)
+    plan = schedule_of(Probing(retries=2))
     measuring = Measuring(bench.link, plan, Probing(lead_s=STEP_S), bench.clock, told)
     nothing = np.zeros(9)
     decision = Decision(

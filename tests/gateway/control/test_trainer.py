@@ -18,7 +18,7 @@ from gateway.apart import WorkError, apart
 from gateway.config import Probing
 from gateway.control import GridLoop, GridSampler, Measuring, Schedule, Trainings, has_failed
 from gateway.control.trainer import models_of_failure, train_apart
-from gateway.probing import ProbingSchedule
+from gateway.probing import schedule_of
 from talc.control import Controller
 from talc.frame import EventKind, Frame, Measurement, Phase, TrainingJob, Why
 from talc.settings import ControlSettings, TalcSettings, TrainingSettings
@@ -138,7 +138,7 @@ async def test_the_old_models_go_on_after_a_crash(caplog: pytest.LogCaptureFixtu
     controller.adopt(train(first))
     crashing, log, clock = replace(first, measured=first.measured[:, :4]), KeptEvents(), SteppedClock()
     sampler, schedule = GridSampler(DAY.names, 300.0), Schedule(300.0)
-    plan = ProbingSchedule(prefer_idle_s=0.0, insist_after_s=0.0, urgent_excess=2.0, retries=0, pause_s=0.0)
+    plan = schedule_of(Probing(prefer_idle_s=0.0, insist_after_s=0.0, retries=0, pause_s=0.0))
     measuring, trainings = Measuring(None, plan, Probing(), clock, log), Trainings(controller, clock, log, crashing)
     loop = GridLoop(controller, sampler, schedule, clock, log, measuring, trainings)
     running = asyncio.create_task(loop.run())

@@ -7,8 +7,9 @@ from datetime import UTC, datetime, timedelta
 import pytest
 
 from drivers.nc import NcSnapshot, OperatingMode, ProgramState
+from gateway.config import Probing
 from gateway.probing.cycle import End
-from gateway.probing.schedule import Bulletin, Moment, Outlook, ProbingSchedule, moment
+from gateway.probing.schedule import Bulletin, Moment, Outlook, ProbingSchedule, moment, schedule_of
 from gateway.probing.standing import Standing
 from simulators.nc import Activity, CycleSettings, DayPart, LoadCase, MachineState, MeanLoads, Nck
 from talc.frame import Event, EventKind, Why
@@ -24,9 +25,7 @@ OTHER_TOOL = replace(CUTTING, tool=4)
 
 
 def schedule(retries: int = 2) -> ProbingSchedule:
-    return ProbingSchedule(
-        prefer_idle_s=600.0, insist_after_s=1800.0, urgent_excess=2.0, retries=retries, pause_s=3600.0
-    )
+    return schedule_of(Probing(retries=retries))
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ from drivers.base import Quality, Reading
 from drivers.nc import ProbingState, RequestStatus
 from gateway.config import Probing, parse
 from gateway.control import GridLoop, GridSampler, Measuring, Schedule, Trainings
-from gateway.probing.schedule import ProbingSchedule
+from gateway.probing.schedule import schedule_of
 from gateway.replay import replay
 from gateway.storage import History, Store
 from talc.control import Controller
@@ -66,7 +66,7 @@ async def test_a_chip_never_reaches_a_frame_or_a_model_and_the_replay_is_identic
     with Store(database, "boot", bench.clock) as store:
         store.begin(config.canonical(), config.fingerprint(), "")
         sampler = GridSampler(config.input_names, STEP_S)
-        plan = ProbingSchedule(prefer_idle_s=600.0, insist_after_s=1800.0, urgent_excess=2.0, retries=3, pause_s=3600.0)
+        plan = schedule_of(Probing(retries=3))
         controller, clock, keep = Controller(config.input_names, config.talc), bench.clock, store.record
         loop = GridLoop(
             controller, sampler, Schedule(STEP_S), clock, keep, Measuring(bench.link, plan, Probing(), clock, keep),

@@ -21,7 +21,7 @@ from gateway.control import GridLoop, GridSampler, Measuring, Schedule, Training
 from gateway.events import DecisionMade, FrameMade, ReadingsTaken
 from gateway.past import Past, controller_of, past_of
 from gateway.polling import Notice
-from gateway.probing import ProbingSchedule
+from gateway.probing import schedule_of
 from gateway.replay import replay
 from gateway.storage import History, Store
 from gateway.watches import ClockWatch
@@ -136,7 +136,7 @@ class RestartedGrid:
                 store.record(event)  # type: ignore[arg-type]
                 self.told(event)  # type: ignore[arg-type]
 
-            plan = ProbingSchedule(prefer_idle_s=0.0, insist_after_s=0.0, urgent_excess=2.0, retries=0, pause_s=0.0)
+            plan = schedule_of(Probing(prefer_idle_s=0.0, insist_after_s=0.0, retries=0, pause_s=0.0))
             loop = GridLoop(
                 self.past.controller, GridSampler(self.config.input_names, STEP_S),
                 Schedule(STEP_S, self.past.last_k, lead_s), self.clock, sink,
