@@ -22,6 +22,8 @@ AC_PARAMS: Final = 28
 """$AC_PARAM[1] to [27] are in use: MD28254 has to be at least this."""
 _IMPLAUSIBLE_UM: Final = 1_000_000
 """What would move the tool by a metre is an invalid number: nothing moves."""
+_GONE_MM: Final = 0.00005
+"""Offsets that together are less may go to zero at once."""
 EY0A, EZ0A, EX0C, EY0C, EZ0T, ER0T, EA0C, EB0C, EC0C = range(ERRORS)
 
 
@@ -53,6 +55,12 @@ def _start(settings: SinumerikSettings, terms: ErrorTerms) -> Iterator[str]:
     yield "; Written by talc-gateway nc sinumerik-files: do not change it here. HAS NOT RUN ON A REAL CONTROL."
     yield "; Call after power on instead of TALC_START, with the axes at rest. Parameters: docs/nc.md, Nine errors."
     yield "PROC TALC_ERRORS DISPLOF"
+    yield "; By hand only while nothing is in force: what goes to zero here would be a step."
+    yield "STOPRE"
+    in_force = " + ".join(f"ABS($SA_TEMP_COMP_ABS_VALUE[{comp.axis_names[axis]}])" for axis in LINEAR_AXES)
+    yield f"IF ($P_PROG_EVENT <> 4) AND ({in_force} > {_text(_GONE_MM)})"
+    yield '  MSG("TALC_ERRORS: offsets are in force. Stop the gateway, wait until they are 0, call it again")'
+    yield from ("  M0", "  RET", "ENDIF")
     for axis in LINEAR_AXES:
         yield f"$SA_TEMP_COMP_ABS_VALUE[{comp.axis_names[axis]}] = 0"
     for number in (lease.owner, lease.silence, lease.state, lease.ramp, errors.version, errors.echo):

@@ -7,6 +7,9 @@ from simulators.nc.synchronised import SynchronisedActions, SystemVariable
 AC_PARAMS, AC_TIMERS = 64, 3
 """$AC_PARAM and $AC_TIMER of the channel: MD28254, MD28258."""
 
+POWER_ON = 4.0
+"""$P_PROG_EVENT while PROG_EVENT runs because of it; 0: the operator has called a program."""
+
 
 class MainRun:
     """One channel, from power on.
@@ -34,12 +37,14 @@ class MainRun:
     ) -> None:
         self._positions = [0.0] * len(axes)
         self._began_s, self._cycles = now_s, 0
+        self._event = [POWER_ON]
         numbers = {axis: number for number, axis in enumerate(axes)}
         self.actions = SynchronisedActions(
             {
                 "R": SystemVariable(r),
                 "AC_PARAM": SystemVariable([0.0] * AC_PARAMS),
                 "AA_IM": SystemVariable(self._positions, numbers, read_only=True),
+                "P_PROG_EVENT": SystemVariable(self._event, read_only=True),
                 **{
                     name: SystemVariable(values, numbers if name.startswith("SA_") else None, "$$")
                     for name, values in settings.items()
@@ -50,6 +55,7 @@ class MainRun:
         )
         for program in programs:
             self.actions.load(program)
+        self._event[0] = 0.0
 
     def until(self, until_s: float) -> Iterator[float]:
         """The time of each interpolation cycle that is due."""

@@ -90,13 +90,22 @@ class SynchronisedActions:
         return sorted(self._actions)
 
     def load(self, program: str) -> None:
-        """Run a program that only assigns and defines. Raises ProgramAlarm naming line and cause."""
+        """Run a program that assigns, defines, and ends if something is the case. Raises ProgramAlarm naming line and
+        cause."""
+        passes = True
         for number, line in enumerate(program.splitlines(), 1):
             block = line.split(";")[0].strip()
             try:
                 if len(line) > LONGEST_BLOCK:
                     raise ProgramAlarm(f"{len(line)} characters, at most {LONGEST_BLOCK}")
-                self._run(block)
+                if block.startswith("IF "):
+                    passes = _Parser(block[3:], self._variables, main_run=False).condition()()
+                elif block == "ENDIF":
+                    passes = True
+                elif passes and block in ("RET", "M17"):
+                    break
+                elif passes:
+                    self._run(block)
             except ProgramAlarm as alarm:
                 raise ProgramAlarm(f"line {number}: {alarm}: {block}") from None
         self._order = [self._actions[number] for number in self.numbers]
@@ -118,7 +127,7 @@ class SynchronisedActions:
                         self._running.add(index)
 
     def _run(self, block: str) -> None:
-        if not block or block in ("STOPRE", "RET", "M17") or block.startswith("PROC "):
+        if not block or block in ("STOPRE", "M0") or block.startswith(("PROC ", "MSG(")):
             return
         if re.fullmatch(r"TALC_[A-Z]+", block):
             return  # another program

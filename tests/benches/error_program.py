@@ -36,6 +36,10 @@ class ErrorChannel:
         """X Y Z A C in machine coordinates, mm and degrees."""
         self._run = MainRun([text], self.r, {"SA_TEMP_COMP_ABS_VALUE": self.k0_mm}, "XYZAC", IPO_S, 0.0)
 
+    def call(self, text: str) -> None:
+        """By hand, or at the end of a part program."""
+        self._run.actions.load(text)
+
     def alive(self, ramp_um_per_s: float = SLEW_UM_PER_S, silence_s: float = 1e9) -> None:
         self.r[SILENCE], self.r[RAMP], self.r[OWNER] = silence_s, ramp_um_per_s * 1e-3, 7.0
         self.beat()

@@ -13,6 +13,7 @@ from drivers.base import SetupError
 from drivers.sinumerik import ErrorTerms, OffsetRoute, SinumerikSettings, errors_program
 from drivers.sinumerik.programs import AC_PARAMS
 from drivers.sinumerik.settings import Handshake
+from simulators.nc.synchronised import ProgramAlarm
 from talc import kinematics
 from talc.frame import FloatArray
 from tests.benches.error_program import (
@@ -244,6 +245,23 @@ def test_a_gateway_that_leaves_and_none_at_all_leave_nothing_in_force() -> None:
     channel.r[OWNER] = 0.0
     channel.turn(200)
     assert channel.shift_um == pytest.approx(np.zeros(3), abs=1e-9)
+
+
+def test_a_second_start_by_hand_does_nothing_while_something_is_in_force() -> None:
+    channel = ErrorChannel(program())
+    channel.alive()
+    channel.settle(SMALL)
+    before, r = channel.shift_um, list(channel.r)
+    channel.call(program(bound_um=WIDE))
+    assert channel.r == r
+    assert np.abs(channel.turn(50) - before).max() == 0.0
+    channel.r[OWNER] = 0.0
+    channel.turn(4_000)
+    assert channel.shift_um == pytest.approx(np.zeros(3), abs=1e-9)
+    # Now it goes on. The emulated control wants new numbers; docs/first-hour.md finds out what a real one wants.
+    with pytest.raises(ProgramAlarm, match="IDS=60 is there already"):
+        channel.call(program())
+    assert not any(channel.turn(50).ravel())
 
 
 def test_the_echo_shows_that_the_whole_program_runs() -> None:

@@ -14,7 +14,9 @@ from drivers.sinumerik.control import PROBING_STATES, REASONS
 from drivers.sinumerik.settings import Handshake, LeaseParameters, OffsetRoute, SinumerikSettings
 from gateway.config import Probing
 from simulators.nc.cycle import CycleSettings
+from simulators.nc.main_run import MainRun
 from simulators.nc.nck import CEC_TABLES
+from simulators.nc.synchronised import ProgramAlarm
 
 FOLDER = Path(__file__).parents[3] / "deploy" / "nc" / "sinumerik"
 PROGRAMS = sorted(FOLDER.glob("*.SPF"))
@@ -132,6 +134,32 @@ def test_at_power_on_every_slope_and_weight_is_zero() -> None:
     slopes = [f"$SA_TEMP_COMP_SLOPE[{axis}]" for axis in LINEAR_AXES]
     for name in [*slopes, *(f"$SN_CEC_TABLE_WEIGHT[{table}]" for table in range(len(CEC_TABLES)))]:
         assert f"\n{name} = 0\n" in text
+
+
+@pytest.mark.parametrize("name", ["TALC_START.SPF", "TALC_SLOPES.SPF"])
+@pytest.mark.parametrize(
+    ("setting", "value"),
+    [("SA_TEMP_COMP_ABS_VALUE", -0.02), ("SA_TEMP_COMP_SLOPE", 2e-6), ("SN_CEC_TABLE_WEIGHT", 1e-3)],
+)
+def test_a_second_start_by_hand_does_nothing_while_something_is_in_force(name: str, setting: str, value: float) -> None:
+    text = (FOLDER / name).read_text()
+    own = (setting == "SA_TEMP_COMP_ABS_VALUE") == (name == "TALC_START.SPF")
+    settings = {
+        "SA_TEMP_COMP_ABS_VALUE": [0.0] * 3,
+        "SA_TEMP_COMP_SLOPE": [0.0] * 3,
+        "SN_CEC_TABLE_WEIGHT": [0.0] * len(CEC_TABLES),
+    }
+    settings[setting][2] = value
+    r = [1.0] * 100
+    run = MainRun([text], r, settings, "XYZAC", 0.01, 0.0)
+    assert settings[setting][2] == (0.0 if own else value), "at power on it goes"
+    settings[setting][2], r[:] = value, [1.0] * 100
+    if own:
+        run.actions.load(text)
+        assert (settings[setting][2], r) == (value, [1.0] * 100)
+    else:
+        with pytest.raises(ProgramAlarm, match="is there already"):
+            run.actions.load(text)
 
 
 def test_no_synchronised_action_has_two_meanings() -> None:
