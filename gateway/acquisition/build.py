@@ -10,6 +10,10 @@ from gateway.acquisition.plausibility import Plausible
 from gateway.clock import ServiceClock
 from gateway.config import BusSection, GatewayConfig, OtherBus
 
+_APART_S = 0.01
+"""Time from the beginning of one bus's periods to that of the next. Buses that begin at one instant wait for each
+other. Far apart, each needs more processor time, as its code and data are no longer in the processor's caches."""
+
 
 def lines_of(
     config: GatewayConfig,
@@ -45,8 +49,7 @@ def lines_of(
                 section.retry_max_periods,
                 section.read_limit_s,
                 plausible,
-                # Spread over the period: twenty buses polled at one instant would wait for each other.
-                phase_s=section.period_s * number / len(config.buses),
+                phase_s=number * min(_APART_S, section.period_s / len(config.buses)),
             )
         )
     return tuple(lines)

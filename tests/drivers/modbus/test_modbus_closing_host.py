@@ -25,23 +25,25 @@ _HEAD = struct.Struct(">HHHBBHH")
 @dataclass
 class ClosingHost:
     """Answers `answers` requests of a connection, register n holding 100 + n, and closes it after the last, or when it
-    is idle."""
+    is idle. The connections numbered `mute` it closes at the first request."""
 
     answers: int = 1000
     idle_s: float = 1000.0
+    mute: frozenset[int] = frozenset()
     opened: int = 0
 
     async def serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         self.opened += 1
+        answers = 0 if self.opened in self.mute else self.answers
         try:
-            for _ in range(self.answers):
+            for _ in range(answers):
                 async with asyncio.timeout(self.idle_s):
                     request = await reader.readexactly(_HEAD.size)
                 number, _, _, unit, function, first, count = _HEAD.unpack(request)
                 data = b"".join((100 + first + i).to_bytes(2, "big") for i in range(count))
                 pdu = bytes((unit, function, len(data))) + data
                 writer.write(struct.pack(">HHH", number, 0, len(pdu)) + pdu)
-            if not self.answers:
+            if not answers:
                 await reader.readexactly(_HEAD.size)
         except (TimeoutError, asyncio.IncompleteReadError):
             pass
@@ -89,6 +91,15 @@ async def test_a_host_that_closes_without_an_answer_is_reported_after_one_more_a
         with pytest.raises(ConnectError, match="the device closed the connection"):
             await bus.read("d", 1, TWO)
         assert host.opened == 2
+
+
+async def test_a_host_that_had_closed_and_closes_again_is_asked_on_a_third_connection() -> None:
+    host = ClosingHost(answers=1, mute=frozenset({2}))
+    async with modbus_host(host.serve, TIMEOUT_S) as bus:
+        assert await bus.read("d", 1, TWO) == (100, 101)
+        await asyncio.sleep(0.1)  # simulated: the closing arrives before the next request
+        assert await bus.read("d", 1, TWO) == (100, 101)
+        assert host.opened == 3
 
 
 async def test_a_closed_bus_does_not_open_itself() -> None:
