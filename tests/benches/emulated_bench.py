@@ -13,6 +13,7 @@ from drivers.nc import NumericalControl, RequestStatus
 from drivers.sinumerik import SinumerikSettings, StateNode
 from drivers.sinumerik.control import Sinumerik
 from simulators.nc import Activity, CycleSettings, DayPart, EmulatedControl, LoadCase, MeanLoads, User
+from simulators.nc.nine_errors import FollowingTerms
 from simulators.nc.variables import COOLANT, PROBE_IN_SPINDLE
 from tests.benches.manual_clock import ManualClock
 
@@ -93,9 +94,11 @@ def wired(plain: SinumerikSettings) -> SinumerikSettings:
 
 
 @asynccontextmanager
-async def sinumerik_bench(users: dict[str, User] | None = None, noise_um: float = 0.0) -> AsyncIterator[OpcUaBench]:
+async def sinumerik_bench(
+    users: dict[str, User] | None = None, noise_um: float = 0.0, errors: FollowingTerms | None = None
+) -> AsyncIterator[OpcUaBench]:
     clock, plant = ManualClock(), DayPlant()
-    control = EmulatedControl(plant, clock, day(), cycle=CycleSettings(noise_um=noise_um), users=users)
+    control = EmulatedControl(plant, clock, day(), cycle=CycleSettings(noise_um=noise_um), users=users, errors=errors)
     url = await control.start()
     nc = Sinumerik(wired(SinumerikSettings(security="none", url=url)), clock)
     try:

@@ -12,11 +12,12 @@ from pathlib import Path
 from drivers.agent import AgentControl, AgentSettings
 from drivers.base import SystemClock
 from drivers.nc import NumericalControl, ProbingState, RequestStatus, WatchdogTerms
+from drivers.sinumerik import make_sinumerik
 from drivers.sinumerik.control import Sinumerik
 from drivers.sinumerik.settings import OffsetRoute, SinumerikSettings
-from drivers.sinumerik.slope import SinumerikWithSlopes
 from simulators.linuxcnc.machine import HURRY
 from simulators.nc import Nck
+from simulators.nc.nine_errors import FollowingTerms
 from tests.benches import linuxcnc_bench
 from tests.benches.emulated_bench import DayPlant, day, sinumerik_bench, wired
 from tests.benches.in_process_nc import InProcess
@@ -220,12 +221,12 @@ async def in_process(_: Path) -> AsyncIterator[NcBench]:
 def sinumerik(compensation: OffsetRoute, subscribe_s: float = 0.0) -> Callable[[Path], Opened]:
     @asynccontextmanager
     async def opened(_: Path) -> AsyncIterator[NcBench]:
-        async with sinumerik_bench() as inner:
+        errors = FOLLOWING if compensation.route == "errors" else None
+        async with sinumerik_bench(errors=errors) as inner:
             settings = wired(SinumerikSettings(security="none", url=inner.url)).model_copy(
                 update={"compensation": compensation, "subscribe_s": subscribe_s}
             )
-            kind = SinumerikWithSlopes if compensation.route == "k0_slope" else Sinumerik
-            bench = EmulatedBench(inner.control.nck, inner.clock, lambda: kind(settings, inner.clock))
+            bench = EmulatedBench(inner.control.nck, inner.clock, lambda: make_sinumerik(settings, inner.clock))
             await bench.nc.connect()
             await bench.wait(_NO_SAFE_POINT_S)
             try:
@@ -268,14 +269,17 @@ async def node_opcua(folder: Path) -> AsyncIterator[NcBench]:
 
 
 TRAVEL = ((-200.0, 200.0), (-200.0, 200.0), (0.0, 300.0))
+FOLLOWING = FollowingTerms(1.0, 120.0, (60.0, 60.0, 60.0), (200.0, 361.0))
+"""What the emulated control follows the nine errors with."""
 BENCHES: dict[str, Callable[[Path], Opened]] = {
     "in_process": in_process,
     "sinumerik": sinumerik(OffsetRoute()),
     "sinumerik_told_and_by_r": sinumerik(OffsetRoute(route="r"), subscribe_s=0.05),
     "sinumerik_slopes": sinumerik(OffsetRoute(route="k0_slope", travel_mm=TRAVEL, tables={"XY": 0, "YX": 2})),
+    "sinumerik_errors": sinumerik(OffsetRoute(route="errors", travel_mm=TRAVEL)),
     "sinumerik_encrypted_by_node_opcua": node_opcua,
     "linuxcnc": linuxcnc,
     "reference_agent": reference_agent,
 }
 NEEDS_DEBIAN = {"sinumerik_encrypted_by_node_opcua", "linuxcnc"}
-SLOW = {"sinumerik_told_and_by_r", "sinumerik_slopes", *NEEDS_DEBIAN}
+SLOW = {"sinumerik_told_and_by_r", "sinumerik_slopes", "sinumerik_errors", *NEEDS_DEBIAN}

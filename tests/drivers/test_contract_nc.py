@@ -138,7 +138,11 @@ async def test_an_emergency_stop_ends_the_cycle_and_the_next_request_is_refused(
 async def test_offsets_are_read_back_and_invalid_ones_are_never_sent(bench: NcBench) -> None:
     await bench.alive(7, WATCH)
     await bench.nc.write_compensation((12.5, -7.25, 3.0))
-    assert await bench.nc.read_compensation() == pytest.approx((12.5, -7.25, 3.0), abs=2e-3)
+
+    async def written() -> bool:  # at once, or at the slew of a control that keeps one
+        return await bench.nc.read_compensation() == pytest.approx((12.5, -7.25, 3.0), abs=2e-3)
+
+    await bench.until(written)
     for bad, axis in itertools.product((math.nan, math.inf, -math.inf, 501.0), range(3)):
         offsets = [4.0, 5.0, 6.0]
         offsets[axis] = bad
