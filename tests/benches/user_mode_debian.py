@@ -9,12 +9,15 @@ import subprocess
 from pathlib import Path
 from shutil import copytree, disk_usage
 
+from tests.benches.preloads import preload
+
 MEMORY_MB, SECOND_MB = 1536, 256
 """Of the guest, and of a second disk with nothing on it, /dev/ubdb."""
 MODULES = Path("/usr/lib/uml/modules")
 SHARED = Path("/dev/shm")
 """A file system in memory, where there is one."""
 LONGEST_S = 1500.0
+_WIDE_REGISTERS = Path(__file__).with_name("wide_registers.cc")
 UNIT = """\
 [Unit]
 After=multi-user.target
@@ -62,7 +65,12 @@ class UserModeDebian:
         with console.open("wb") as out:
             guest = subprocess.Popen(
                 kernel, stdin=subprocess.DEVNULL, stdout=out, stderr=out, cwd=self._folder, start_new_session=True,
-                env={**os.environ, "HOME": str(self._folder), "TMPDIR": str(self._memory())},
+                env={
+                    **os.environ,
+                    "HOME": str(self._folder),
+                    "TMPDIR": str(self._memory()),
+                    "LD_PRELOAD": str(preload(_WIDE_REGISTERS)),
+                },
             )  # fmt: skip
             try:
                 status = guest.wait(LONGEST_S)

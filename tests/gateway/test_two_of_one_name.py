@@ -50,6 +50,18 @@ def healthy() -> HealthChecked:
     return HealthChecked(Health(60.0, 30, 30, NcState.READY, None, (), StoreHealth()))
 
 
+def wait_until_known(where: str) -> None:
+    """Until the router has heard of a gateway."""
+    until_s = time.monotonic() + LIMIT_S
+    while True:
+        try:
+            with Machine(connect=where):
+                return
+        except MachineError:
+            if time.monotonic() > until_s:
+                raise
+
+
 def refused(ask: Callable[[], object]) -> None:
     """Once the router knows both: an answer of one alone is right until then."""
     until_s = time.monotonic() + LIMIT_S
@@ -96,6 +108,7 @@ async def test_what_two_gateways_of_one_name_say_is_not_mixed(tmp_path: Path) ->
                 for one in (first, second):
                     one.take_commands(obey)
                     one.publish(healthy())
+                await asyncio.to_thread(wait_until_known, where)
                 await asyncio.to_thread(ask, where)
                 assert obeyed == [], "neither was commanded"
             await asyncio.to_thread(ask_one, where)
@@ -119,6 +132,7 @@ async def test_a_follower_is_told_of_a_second_gateway_that_begins_later_and_not_
         async with gateway(where, "a") as first:
             first.publish(healthy())
             first.publish(event("the first"))
+            await asyncio.to_thread(wait_until_known, where)
             following = asyncio.create_task(asyncio.to_thread(follow, where))
             assert await asyncio.to_thread(heard.get, timeout=LIMIT_S) == "a"
         async with gateway(where, "b") as again:
