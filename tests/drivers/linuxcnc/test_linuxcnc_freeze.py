@@ -95,6 +95,6 @@ async def test_the_watchdog_takes_the_offsets_to_zero_in_the_middle_of_a_cycle_t
         async def gone() -> bool:
             return [await bench.pin(f"talc-{axis}-in-force") for axis in "xy"] == [0.0, 0.0]
 
-        await until(gone)
+        await until(gone, 60.0)
         assert await bench.pin("talc-request") == await bench.pin("talc-answers") == 5.0
         await bench.operator.ask("thaw", "talc_agent.py")
