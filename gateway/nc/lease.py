@@ -10,9 +10,11 @@ from gateway.config import Compensation
 from gateway.nc.settings import Identity
 from gateway.nc.standing import HEARD_AGAIN, NOT_ANSWERED, NOT_RECEIVED
 from gateway.nc.states import RIGHTS, Reply, Right, after
-from gateway.polling import Notice, Notify
+from gateway.polling import Notice, Notify, Problems
 
 log = logging.getLogger(__name__)
+
+_WATCHDOG = "watchdog of NC"
 
 
 class Lease:
@@ -22,7 +24,8 @@ class Lease:
     ----------
     identity: numbers of this gateway's run and of the one before it
     settings: mode, watchdog_s, slew_um_per_s and when_stale are used
-    notify: called with every problem as it begins and as it ends
+    problems: told whether the control's watchdog is active
+    notify: called with what happens to the offsets
     """
 
     def __init__(
@@ -31,15 +34,15 @@ class Lease:
         clock: ServiceClock,
         identity: Identity,
         settings: Compensation,
+        problems: Problems,
         notify: Notify,
     ) -> None:
-        self._nc, self._clock, self._notify = nc, clock, notify
+        self._nc, self._clock, self._problems, self._notify = nc, clock, problems, notify
         self._owner, self._predecessor = identity.owner, identity.predecessor
         ramp_um_per_s = settings.slew_um_per_s if settings.when_stale == "zero" else 0.0
         self._terms = WatchdogTerms(settings.watchdog_s, ramp_um_per_s, settings.slew_um_per_s)
         self._right = Right.UNCLAIMED if settings.mode == "compensate" else Right.NONE
         self._heard_before: bool | None = None
-        self._unheard_told = False
         self._beat_s = -math.inf
 
     @property
@@ -70,19 +73,13 @@ class Lease:
         heard = await self._nc.heartbeat(self._owner)
         self._beat_s = began  # not now: this process may have been suspended since the control received it
         self._right = after(RIGHTS, self._right, Reply.HEARD if heard else Reply.UNHEARD)
-        if heard and self._unheard_told:
-            self._tell_watchdog(HEARD_AGAIN, ended=True)
-        elif not heard and self._heard_before:
-            self._tell_watchdog(NOT_RECEIVED)
-        elif not heard and self._heard_before is False and not self._unheard_told:  # the first may be too early
-            self._tell_watchdog(f"{NOT_ANSWERED}: no offset is written. Has its program been started since power-on?")
+        if heard:
+            self._problems.clear(_WATCHDOG, HEARD_AGAIN)
+        elif self._heard_before is not None:  # the first may be too early
+            never = f"{NOT_ANSWERED}: no offset is written. Has its program been started since power-on?"
+            self._problems.report(_WATCHDOG, "unheard", NOT_RECEIVED if self._heard_before else never)
         self._heard_before = heard
         return heard
-
-    def _tell_watchdog(self, text: str, *, ended: bool = False) -> None:
-        self._unheard_told = not ended
-        log.warning("%s", text)
-        self._notify(Notice("watchdog of NC", text, ended=ended))
 
     def check_fresh(self) -> None:
         """Raises NoAnswer if this process was suspended since its beat: the control may have moved the offsets."""

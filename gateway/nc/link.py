@@ -25,7 +25,7 @@ from gateway.nc.states import STATES, Condition, LinkState, Source, after
 from gateway.nc.target import Target
 from gateway.nc.unmodelled import LastMeasured
 from gateway.nc.writer import OffsetWriter
-from gateway.polling import Notice, Periodic
+from gateway.polling import Periodic, Problems
 from gateway.probing import Held, NotBegun, Outcome, Prober, probe_of, to_its_end
 from talc.frame import Decision, FloatArray, Why
 from talc.names import THERMAL_ERRORS
@@ -60,18 +60,17 @@ class NcLink:
         self._state = LinkState.AWAY
         nc = contained_control(nc)
         self._follows = nc if isinstance(nc, FollowsErrors) else None
-        self._shift_alone = False
         self._probe = probe_of(settings.probing)
         self._form = form_of(nc, self._probe.radius_m, compensation.bound_um)
+        self._problems = Problems(clock, settings.period_s, listeners.notify, log)
         self._session = Session(
             nc,
-            clock,
             period_s=settings.period_s,
             frozen_after_s=compensation.frozen_after_s,
-            notify=listeners.notify,
+            problems=self._problems,
         )
-        self._pace = NcPace(settings.period_s, listeners.notify)
-        self._lease = Lease(nc, clock, settings.identity, compensation, listeners.notify)
+        self._pace = NcPace(settings.period_s, self._problems)
+        self._lease = Lease(nc, clock, settings.identity, compensation, self._problems, listeners.notify)
         self._writer = OffsetWriter(
             self._form,
             self._lease,
@@ -248,16 +247,11 @@ class NcLink:
         nc = self._follows
         if nc is None or not self._lease.armed:
             return
-        alone = nc.error_reach_mm is None and nc.slopes is None
-        if alone is not self._shift_alone:
-            self._shift_alone = alone
-            text = (
-                "the control has no program for the nine errors: it gets one shift per period"
-                if alone
-                else "the control follows its axes by itself again"
-            )
-            log.warning("NC: %s", text)
-            self._listeners.notify(Notice("form of NC", f"NC: {text}", ended=not alone))
+        if nc.error_reach_mm is None and nc.slopes is None:
+            text = "NC: the control has no program for the nine errors: it gets one shift per period"
+            self._problems.report("form of NC", "shift", text)
+        else:
+            self._problems.clear("form of NC", "NC: the control follows its axes by itself again")
 
     async def _beat(self) -> bool:
         """Whether offsets may be written."""

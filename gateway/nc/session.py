@@ -5,15 +5,14 @@ from dataclasses import replace
 
 from drivers.base import ConnectError, DriverError, NoAnswer, Quality
 from drivers.nc import NcSnapshot, NumericalControl
-from gateway.clock import ServiceClock
 from gateway.nc.motion import Motion
 from gateway.nc.standing import CONNECTED_AGAIN, NOT_CONNECTED
-from gateway.polling import Breaker, Notice, Notify, Problems, UnexpectedError
+from gateway.polling import Breaker, Problems, UnexpectedError
 
 log = logging.getLogger(__name__)
 
 _LONGEST_RETRY_PERIODS = 30
-_SUBJECT, _VALUES = "NC", "values of NC"
+_SUBJECT, _VALUES, _AXES = "NC", "values of NC", "axes of NC"
 
 
 class Session:
@@ -24,21 +23,19 @@ class Session:
     nc: the driver; nothing is opened before `connect`
     period_s: time between two snapshots
     frozen_after_s: see Motion
-    notify: called with every problem as it begins and as it ends
+    problems: told of each as it begins and as it ends
     """
 
     def __init__(
         self,
         nc: NumericalControl,
-        clock: ServiceClock,
         *,
         period_s: float,
         frozen_after_s: float,
-        notify: Notify,
+        problems: Problems,
     ) -> None:
-        self._nc, self._notify = nc, notify
+        self._nc, self._problems = nc, problems
         self._breaker = Breaker(period_s, period_s * _LONGEST_RETRY_PERIODS)
-        self._problems = Problems(clock, period_s, notify, log)
         self._motion = Motion(frozen_after_s)
         self._latest: NcSnapshot | None = None
         self._tried = False
@@ -93,11 +90,10 @@ class Session:
 
     def _judged(self, snapshot: NcSnapshot) -> NcSnapshot:
         frozen = self._motion.frozen(snapshot)
-        was = self._latest is not None and self._latest.quality is Quality.STALE
-        if bool(frozen) is not was:
-            axes = f"{', '.join(frozen)} report a speed and do not move" if frozen else "the axes move again"
-            log.warning("NC: %s", axes)
-            self._notify(Notice("axes of NC", f"NC: {axes}", ended=not frozen))
+        if frozen:
+            self._problems.report(_AXES, "frozen", f"NC: {', '.join(frozen)} report a speed and do not move")
+        else:
+            self._problems.clear(_AXES, "NC: the axes move again")
         return replace(snapshot, quality=Quality.STALE) if frozen else snapshot
 
     def _tell_not_known(self, snapshot: NcSnapshot) -> None:

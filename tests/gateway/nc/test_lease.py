@@ -1,5 +1,6 @@
 """The right to write: when it is claimed, confirmed, told, lost and given up."""
 
+import logging
 from typing import Any, cast
 
 import pytest
@@ -10,7 +11,7 @@ from gateway.config import Compensation
 from gateway.nc import Identity
 from gateway.nc.lease import Lease
 from gateway.nc.states import Right
-from gateway.polling import Notice
+from gateway.polling import Notice, Problems
 from tests.benches.stepped_clock import SteppedClock
 
 SILENT, EAR = "NC: its watchdog does not answer the heartbeats", "NC: its watchdog did not receive the heartbeat"
@@ -43,9 +44,13 @@ class LeaseBench:
         self.control, self.notices = Claimed(self.clock), list[Notice]()
         given = {"mode": "compensate", "watchdog_s": 4.0, "slew_um_per_s": 2.0} | settings
         self.lease = Lease(
-            cast("NumericalControl", self.control), self.clock, Identity(7, 6), Compensation(**given),
+            cast("NumericalControl", self.control),
+            self.clock,
+            Identity(7, 6),
+            Compensation(**given),
+            Problems(self.clock, 1.0, self.notices.append, logging.getLogger(__name__)),
             self.notices.append,
-        )  # fmt: skip
+        )
 
     async def beats(self, *heard: bool) -> list[str]:
         """What is reported of a series of heartbeats, after the claim."""

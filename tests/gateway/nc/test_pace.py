@@ -1,14 +1,21 @@
 """A control that is too slow is reported once, and once more when it is quick again."""
 
+import logging
+
 from gateway.nc.pace import NcPace
-from gateway.polling import Notice
+from gateway.polling import Notice, Problems
+from tests.benches.stepped_clock import SteppedClock
+
+PERIOD_S = 0.5
 
 
 def told(*skipped: int) -> list[Notice]:
     """What a series of periods reports."""
     notices: list[Notice] = []
-    pace = NcPace(0.5, notices.append)
+    clock = SteppedClock()
+    pace = NcPace(PERIOD_S, Problems(clock, PERIOD_S, notices.append, logging.getLogger(__name__)))
     for each in skipped:
+        clock.spend(PERIOD_S)
         pace.worked(each)
     return notices
 
