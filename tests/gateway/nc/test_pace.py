@@ -49,5 +49,13 @@ def test_it_may_begin_again() -> None:
     assert [notice.ended for notice in told(*[1] * 5, *[0] * 5, *[1] * 5)] == [False, True, False]
 
 
+def test_one_that_is_slow_again_and_again_is_intermittent_until_it_has_been_quick_for_a_minute() -> None:
+    flapping = ([1] * 5 + [0] * 5) * 6
+    notices = told(*flapping, *[0] * round(60.0 / PERIOD_S))
+    assert [notice.ended for notice in notices] == [False, True] * 4
+    assert "it is intermittent" in notices[6].text
+    assert len(told(*flapping)) == 7, "until then nothing more"
+
+
 def test_a_quick_control_is_never_reported() -> None:
     assert told(*[0] * 20) == []
