@@ -7,7 +7,7 @@ from drivers.base import ConnectError, DriverError, NoAnswer, Quality
 from drivers.nc import NcSnapshot, NumericalControl
 from gateway.clock import ServiceClock
 from gateway.nc.motion import Motion
-from gateway.nc.standing import CONNECTED_AGAIN, NOT_CONNECTED
+from gateway.nc.problems import CONNECTED_AGAIN, NOT_CONNECTED
 from gateway.polling import Breaker, Notice, Notify, Problems, UnexpectedError
 
 log = logging.getLogger(__name__)
