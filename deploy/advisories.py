@@ -1,4 +1,4 @@
-"""Asks for the known vulnerabilities of what locks install, and says of what nothing could be learnt.
+"""Asks for the known vulnerabilities of what locks install, and names what could not be checked.
 
 python deploy/advisories.py LOCK... [--index URL] [--longest SECONDS]
 

@@ -1,4 +1,6 @@
-"""Drivers, which read one device or control each. They do not know TALC or the gateway, and never retry or schedule.
+"""Drivers, which read one device or control each. They do not know TALC or the gateway.
+
+They have no schedule: the gateway decides when a device is read, and when one that failed is read again.
 
 Others use the modules and families named here. None is imported: each loads the libraries of its own protocol.
 """

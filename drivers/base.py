@@ -1,4 +1,8 @@
-"""The interface of drivers and buses: construct (validates, no network), connect, read, close. They never retry."""
+"""The interface of drivers and buses: construct (validates, no network), connect, read, close.
+
+Within one read a driver may wait, ask again or reopen its connection, as far as the bus's timeout and `limit` allow.
+Whoever calls it decides when a device that failed is read again (gateway/acquisition).
+"""
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager

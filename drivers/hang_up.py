@@ -5,7 +5,7 @@ from contextlib import suppress
 
 
 class HangUp:
-    """Of one connection. `now` may be called from any thread, also before there is a connection."""
+    """Hangs up one connection. `now` may be called from any thread, also before there is a connection."""
 
     def __init__(self) -> None:
         self.done = False

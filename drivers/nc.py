@@ -160,7 +160,8 @@ class NotSendable(ValueError):
 
 
 class NumericalControl(Protocol):
-    """Any control. Raises drivers.base.DriverError; never retries. Every number is finite except a cycle's results."""
+    """Any control. Raises drivers.base.DriverError; a call that failed is not repeated. Every number is finite except a
+    cycle's results."""
 
     async def connect(self) -> None: ...
 

@@ -53,7 +53,7 @@ def shown(value: object) -> str:
 
 
 def toml_data(text: str) -> dict[str, object]:
-    """The data of a TOML file. Raises ValueError: it is none, or no program can show what stands in it."""
+    """The data of a TOML file. Raises ValueError if the text is not TOML, or has values that cannot be shown."""
     try:
         data = tomllib.loads(text)
         repr(data)  # an integer of thousands of digits cannot be written

@@ -22,10 +22,10 @@ def total(one: float, other: float) -> float:
 
 @dataclass(slots=True)
 class ReadingMaker:
-    """Adds times and sequence numbers to the values that one driver reads."""
+    """Makes readings of the values that one driver reads: adds units, times and qualities."""
 
     units: Mapping[str, str]
-    """Of each channel."""
+    """Unit of each channel."""
     clock: Clock
 
     def make(self, values: Mapping[str, float | Fault], ages_s: Mapping[str, float] | None = None) -> list[Reading]:

@@ -14,9 +14,9 @@ _URL = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*://")
 _REMOTE = re.compile(r"(?:rfc2217|socket)://(?:\[[0-9A-Fa-f:.]+\]|[A-Za-z0-9._-]+):(?P<port>\d{1,5})/?")
 _NAME = re.compile(r"[\w.-]+")
 OTHER_ENCODING = "cp1252"
-"""Of a file that a profile refers to (DBC, EDS)."""
+"""The other encoding of a file that a profile refers to (DBC, EDS)."""
 LARGEST = 1e9
-"""Of a number without a limit of its own: 30 years in seconds."""
+"""Limit of a number that has none of its own: 30 years in seconds."""
 WRONG = "wrong"
 """Type of the errors that `wrong` makes."""
 

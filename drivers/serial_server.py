@@ -49,8 +49,9 @@ class _DeviceServerPort(rfc2217.Serial):
             notice_dead_peer(self._socket)
 
     def _telnet_read_loop(self) -> None:
-        """Of pyserial's thread. What no server should send, such as the end of a subnegotiation that has not begun,
-        is an error there, and so is its leaving during an answer. It ends the connection, and who uses it hears so.
+        """The read loop of pyserial's thread. What no server should send, such as the end of a subnegotiation that has
+        not begun, is an error there, and so is its leaving during an answer. It ends the connection, and who uses it
+        hears so.
         """
         with suppress(TypeError, OSError):
             super()._telnet_read_loop()  # type: ignore[misc]

@@ -15,7 +15,7 @@ class UrlServer(Section):
     """A server with TLS, or without it on this computer."""
 
     schemes: ClassVar[tuple[str, str]]
-    """Of a URL with TLS, and without."""
+    """Schemes of a URL with TLS, and without."""
     default_ports: ClassVar[tuple[int, int]]
     """With TLS, and without."""
 

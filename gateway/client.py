@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 ANSWER_LIMIT_S = 10.0
 _MOST_WAITING = 20_000
 _NAME = re.compile(r"[A-Za-z0-9_-]+(/[A-Za-z0-9_-]+)*")
-"""Of a prefix or a machine: no wildcard, and nothing that a key may not contain."""
+"""Name of a prefix or a machine: no wildcard, and nothing that a key may not contain."""
 _ANYONE = Access()
 
 
@@ -108,7 +108,7 @@ class Machine:
 
     @property
     def name(self) -> str:
-        """Of the machine. Raises MachineError before it is entered without a name."""
+        """The machine's name. Raises MachineError before it is entered without a name."""
         if self._name is None:
             raise MachineError("not connected: use it as `with Machine(...) as machine:`")
         return self._name

@@ -66,7 +66,7 @@ class Refusals:
 
 @dataclass(frozen=True, slots=True)
 class StandingOrder:
-    """Of a person, until a person ends it; a restart does not."""
+    """A person's order that lasts until a person ends it; a restart does not end it."""
 
     by: str
     since: datetime

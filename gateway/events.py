@@ -100,7 +100,7 @@ class SensorsJudged:
     k: int
     """Grid index of the last frame of the window."""
     since_k: tuple[int, ...] = ()
-    """Of each finding: `k` of the first judgement of this run since which it has been found."""
+    """For each finding, `k` of the first judgement of this run since which it has been found."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,7 +139,7 @@ class Health:
     channels: int
     """Channels of the configuration."""
     channels_good: int
-    """Of these, how many have a good value now."""
+    """How many of these channels have a good value now."""
     nc: NcState
     clock_synchronised: bool | None
     """Whether the computer's clock is kept by a time server; None: unknown, or the clock is simulated."""

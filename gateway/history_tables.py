@@ -71,7 +71,7 @@ def asked_s(begin: datetime, every_s: float) -> int | None:
 
 
 def as_read(pages: Iterable[HistoryPage], channels: Sequence[str] | None) -> TimeTable:
-    """Of each time at which a channel was read."""
+    """One row for each time at which a channel was read."""
     columns = _ChannelColumns(channels)
     parts = [part for page in pages for part in columns.good(page)]
     different = [_different(part.time) for part in parts]
@@ -96,7 +96,7 @@ def _different(times: _Array) -> tuple[_Array, _Places]:
 def interval_means(
     pages: Iterable[HistoryPage], channels: Sequence[str] | None, begin_s: float, end_s: float, every_s: float
 ) -> TimeTable:
-    """Of each interval; holds one page at a time."""
+    """The means of each interval; holds one page at a time."""
     if not every_s > 0:
         raise ValueError(f"every_s = {every_s!r}: expected more than 0")
     times = np.arange(begin_s, end_s, every_s)

@@ -14,7 +14,7 @@ from pathlib import Path
 GATEWAY, LEARNING = "gateway", "learning"
 """Names of the two groups, below the service's."""
 WEIGHT = 10
-"""Of `learning`; the gateway's is the kernel's default, 100."""
+"""Weight of the group `learning`; the gateway's is the kernel's default, 100."""
 
 _GROUPS, _OWN = Path("/sys/fs/cgroup"), Path("/proc/self/cgroup")
 _DELEGATED = "user.delegate"

@@ -106,4 +106,4 @@ def hash_printed_by(command: str) -> AfterValidator:
 
 
 UserName = Annotated[str, matching(r"[^:\x00-\x1f]+", "a name without a colon")]
-"""Of whom a password hash is kept."""
+"""The name of a user whose password hash is kept."""

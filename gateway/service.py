@@ -65,7 +65,7 @@ _LOADS = frozenset({"1/min", "mm/s", "m/s", "%", "W", "kW", "A", "Nm"})
 
 
 async def _nothing_to_wait_for() -> None:
-    """Of a service without a store."""
+    """Waits for nothing, in a service without a store."""
 
 
 class Service:

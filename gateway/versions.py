@@ -7,7 +7,7 @@ _NUMERICS = ("talc-gateway", "numpy", "scipy", "osqp")
 
 
 def versions(*more: str) -> str:
-    """Of Python, of this and of the numerics, and of `more` distributions."""
+    """Versions of Python, of this program, of the numerics and of `more` distributions."""
     return ", ".join(
         [f"python {platform.python_version()}", *(f"{name} {version(name)}" for name in (*_NUMERICS, *more))]
     )

@@ -19,7 +19,7 @@ HISTORY_STEPS: Final = 288
 _HELD_STEPS: Final = 12
 """An unknown load is as it was for an hour, then zero: mostly, the control is off."""
 _PENALTY: Final = 0.01
-"""Of features with standard deviation 1."""
+"""Penalty of features with standard deviation 1."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,7 +43,7 @@ class LoadScale:
 
 
 def scale_of(names: Sequence[str], loads: FloatArray, known: BoolArray) -> LoadScale | None:
-    """Of the loads that changed within rows (T, L). None: none did."""
+    """The scale of the loads that changed within rows (T, L). None: no load changed."""
     moved = [i for i in range(len(names)) if known[:, i].any() and np.ptp(loads[known[:, i], i]) > 0.0]
     if not moved:
         return None

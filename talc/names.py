@@ -19,7 +19,7 @@ TINY_UM: Final = 0.25
 LEAST_NAMED: Final = 0.05
 """In an error's unit: an input that moves it by less would be shown as zero, and is not named."""
 LEAST_SHARE_NAMED: Final = 0.05
-"""Of an expert that is named."""
+"""Smallest share of an expert that is named."""
 MOST_NAMED: Final = 4
 """Inputs that are named as moving an error, the largest first."""
 
@@ -39,7 +39,7 @@ _WORD = re.compile(r"[^0-9A-Za-z]+|_")
 _GEOMETRIC = re.compile(r"E[XYZABCR]0[A-Z]")
 _ERROR_WORDS = {"error", "errors", "deviation", "deviations", "drift", "displacement", "fehler"}
 _ERROR_ENDINGS = ("abweichung", "abweichungen", "verlagerung", "verlagerungen", "verschiebung", "verschiebungen")
-"""Of German words, which are put together."""
+"""Endings of German words, which are put together."""
 _AXIS = re.compile(r"[xyzabc]?")
 
 

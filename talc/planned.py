@@ -22,7 +22,7 @@ _PARTS: Final = 4
 _LEAST_FOLLOWED: Final = 0.9
 """An input follows loads if they reduce its residual on left-out rows to at most this share."""
 _FARTHEST: Final = 1.2
-"""Of the largest load that was learnt: beyond this multiple of it nothing is foreseen."""
+"""Beyond this multiple of the largest load that was learnt nothing is foreseen."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

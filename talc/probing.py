@@ -106,9 +106,9 @@ class PoseReport:
     """What a set of poses can determine."""
 
     rank: int
-    """Of 9."""
+    """Rank of the equations, at most 9."""
     condition: float
-    """Of the scaled equations (errors in µm, angles as arcs at the sphere); infinite below rank 9."""
+    """Condition number of the scaled equations (errors in µm, angles as arcs at the sphere); infinite below rank 9."""
     sigma: FloatArray
     """(9,) standard uncertainty of each error, µm and µm/m; infinite where the poses do not determine it."""
     inseparable: tuple[str, ...]

@@ -29,7 +29,7 @@ class Fitted:
     """Positions among the offered inputs."""
     parameters: Coefficients
     residual: FloatArray
-    """Of the free run, over the measured rows that it reaches."""
+    """Residual of the free run, over the measured rows that it reaches."""
     unseen: FloatArray
     """The same on rows that the fit has not seen, the last ones; otherwise like `residual`."""
     criterion: float

@@ -26,7 +26,8 @@ from talc.group_lasso import GroupLasso
 from talc.output_error import Design
 
 BLOCKS = 6
-"""Of 4 h on the first day. Fewer blocks say less; more let a fit see the neighbourhood of each block."""
+"""Number of blocks: of 4 h each on the first day. Fewer blocks say less; more let a fit see the neighbourhood of each
+block."""
 RIDGE = 1e-4
 """Relative to unit-variance columns; tames near-equal temperatures without affecting a good fit."""
 _PENALTIES = np.geomspace(0.6, 2e-3, 10)
@@ -44,7 +45,7 @@ class Choice:
 
     poles: tuple[float, ...]
     coefficients: tuple[int, ...]
-    """Of each offered input; 0: not chosen."""
+    """For each offered input; 0: not chosen."""
     criterion: float
 
 

@@ -189,7 +189,7 @@ class _JudgedWindow:
 def _exchange(
     model: SensorModel, view: View, precision: FloatArray, x: FloatArray, features: FloatArray, count: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Of rows (T, m) with features (T, F), worth `count`, (m, m) each: log-likelihood ratio of i and j exchanged,
+    """From rows (T, m) with features (T, F), worth `count`, (m, m) each: log-likelihood ratio of i and j exchanged,
     Student's, -inf where i >= j; and the squared distance from the rest that the exchange leaves."""
     as_it_is, exchanged = np.zeros((2, *precision.shape))
     m = len(precision)

@@ -142,7 +142,8 @@ def learn(
 def _learnt(
     names: tuple[str, ...], x: FloatArray, features: FloatArray, good: BoolArray, settings: SensorCheckSettings
 ) -> tuple[SensorModel | None, FloatArray]:
-    """Of rows (T, m) with features (T, F); and (m,) mean squares of each input's residual in left-out blocks, K²."""
+    """The model learnt from rows (T, m) with features (T, F); and (m,) mean squares of each input's residual in
+    left-out blocks, K²."""
     n, m = settings.window_steps, len(names)
     blocks = [slice(s, s + n) for s in range(len(x) % n, len(x), n) if good[s : s + n].mean() >= _LEAST_OF_BLOCK]
     if len(blocks) < _LEAST_BLOCKS or m < 3:

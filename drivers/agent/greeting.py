@@ -26,7 +26,7 @@ class Capability(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class SlopeTravel:
-    """Of an agent that takes slopes, in the coordinates of the tip's position."""
+    """Travel of an agent that takes slopes, in the coordinates of the tip's position."""
 
     pairs: frozenset[tuple[int, int]]
     """(shifted axis, axis whose position counts); X, Y, Z are 0, 1, 2."""

@@ -17,7 +17,7 @@ def json_object(answer: Json, what: str, device: str) -> dict[str, Json]:
 
 
 def finite_number(value: Json, what: str, device: str) -> float:
-    """A finite number; a truth value is none."""
+    """A finite number; a truth value is not a number."""
     with suppress(OverflowError):  # JSON's integers may be longer than any float
         if not isinstance(value, bool) and isinstance(value, (int, float)) and math.isfinite(value):
             return float(value)

@@ -16,7 +16,7 @@ class AgentValue(LinearValue):
     """One channel: value = number * scale + offset."""
 
     name: ValueName
-    """Of the value, as the control has it; on LinuxCNC the name of a HAL pin, signal or parameter."""
+    """Name of the value, as the control has it; on LinuxCNC the name of a HAL pin, signal or parameter."""
     valid: ValueName | None = None
     """A value that is TRUE (not 0) while this one is right; otherwise it is a `sensor_fault`."""
     error: ValueName | None = None

@@ -14,7 +14,7 @@ Settled = Callable[[Callable[[], Awaitable[Sequence[float]]], Sequence[float]], 
 
 
 class AgentSlopes:
-    """Of one connected agent.
+    """The slopes of one connected agent.
 
     owner: the number of the last heartbeat. settled: called after each write.
     """

@@ -16,7 +16,7 @@ CAN_BITRATES: Final[tuple[Bitrate, ...]] = get_args(Bitrate)
 
 
 _SYSTEM_NAME = re.compile(r"[^\s/:]{1,15}")
-"""Of a network interface on Linux."""
+"""Name of a network interface on Linux."""
 
 
 def is_multicast_group(text: str) -> bool:

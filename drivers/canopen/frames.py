@@ -14,7 +14,7 @@ _SDO_ANSWERS = range(0x581, 0x600)
 _SDO_BYTES = 8
 _KIND, _SEGMENT, _BEGINS, _ABORT = 0xE0, 0x00, 0x40, 0x80
 _AT_ONCE, _TOGGLE = 0x02, 0x10
-"""Of the first byte of an SDO answer: all of the number is in this frame; changes from segment to segment."""
+"""Bits of the first byte of an SDO answer: all of the number is in this frame; changes from segment to segment."""
 
 
 def pass_on(network: Any, message: can.Message) -> None:

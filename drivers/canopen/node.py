@@ -98,7 +98,8 @@ class NodeReader:
         return self._heartbeat.silent_s(monotonic()) is not None
 
     def ages_s(self, channels: Mapping[str, Sequence[CanObject]]) -> dict[str, float]:
-        """Of each channel: since the oldest of its objects in the latest read came; 0 of those that were asked for."""
+        """By channel, the time since the oldest of its objects in the latest read came; 0 for those that were asked
+        for."""
         now_s, came_s = monotonic(), self._came_s
         return {name: max(now_s - came_s.get(place, now_s) for place in places) for name, places in channels.items()}
 

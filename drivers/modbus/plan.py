@@ -93,7 +93,7 @@ class ReadPlan:
         )
 
     def needed(self, words: Words) -> Words:
-        """Of the words that the requests have read, those of the places."""
+        """Those words of the places that the requests have read."""
         return {
             (function, address): words[function, address]
             for function, start, width in self._places

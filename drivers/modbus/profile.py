@@ -66,7 +66,7 @@ class ChannelBlock(Scaled, Judged):
     stride: int | None = Field(default=None, ge=1, le=1000)
     """Distance from one channel to the next, in registers, or in bits for type `bit`; by default there is no gap."""
     bit: int | None = Field(default=None, ge=0, lt=REGISTER_BITS)
-    """Of type `bit` in registers: the first channel's bit, 0 is the lowest. Channels go on in the next register."""
+    """For type `bit` in registers: the first channel's bit, 0 is the lowest. Channels go on in the next register."""
     unit: Unit = ""
     """Unit of the block's channels; by default that of the profile."""
 

@@ -19,7 +19,8 @@ if TYPE_CHECKING:
 REFUSED_HINT = "check the broker's rules"
 ASK_REFUSED_AGAIN_S = 60.0
 MOST_TOPICS = 10_000
-"""Of which messages are kept: a wildcard, or a broker that sends what nobody asked for, must not fill the memory."""
+"""Most topics whose messages are kept: a wildcard, or a broker that sends what nobody asked for, must not fill the
+memory."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,7 +16,7 @@ from drivers.section import NotEmpty, Positive, matching
 TimeUnit = Literal["s", "ms", "us", "ns"]
 _PER_SECOND: dict[TimeUnit, float] = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}
 MOST_BYTES = 65_536
-"""Of a payload."""
+"""Largest size of a payload."""
 
 
 class MqttTopic(LinearValue):

@@ -29,7 +29,7 @@ PROGRAMS = {
     "OPTIONAL_STOP": ProgramState.INTERRUPTED,
 }
 STOPS = ("ARMED", "TRIGGERED")
-"""Of an emergency stop."""
+"""States of an emergency stop."""
 
 
 class MtConnectControl(OnlyRead):

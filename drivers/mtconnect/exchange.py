@@ -9,7 +9,7 @@ from drivers.hang_up import HangUp
 from drivers.mtconnect.document import AgentError, elements
 
 MOST_BYTES = 8_000_000
-"""Of one answer."""
+"""Largest size of one answer."""
 
 
 async def ask_agent(url: str, machine: str, request: str, timeout_s: float) -> bytes:

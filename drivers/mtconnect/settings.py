@@ -40,7 +40,7 @@ class MtConnectSettings(Section):
     """An MTConnect agent and the ids of its data items, from the answer to its request `/probe`."""
 
     url: AgentUrl
-    """Of the agent, such as `http://192.168.0.30:5000`."""
+    """Address of the agent, such as `http://192.168.0.30:5000`."""
     machine: MachineOfAgent = ""
     """Name or uuid of the machine, if the agent has several; empty: all are read."""
     positions: Annotated[Mapping[str, ItemId], AfterValidator(_all_axes)]

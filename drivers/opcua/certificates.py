@@ -11,7 +11,7 @@ from cryptography.hazmat.primitives.serialization import load_der_private_key, l
 from drivers.base import SetupError
 
 LEAST_BITS, MOST_BITS = 2048, 4096
-"""Of RSA keys (OPC UA Part 7, Basic256Sha256)."""
+"""Smallest and largest size of RSA keys (OPC UA Part 7, Basic256Sha256)."""
 
 
 def valid_certificate(path: Path | None, name: str, device: str) -> x509.Certificate:

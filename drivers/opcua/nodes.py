@@ -108,10 +108,11 @@ class NodeValue:
 
 
 NO_NAMESPACE: Final = NodeValue(None, 0x8033_0000, "BadNodeIdInvalid")
-"""Of a node in a namespace that the server does not have."""
+"""The value of a node in a namespace that the server does not have."""
 _CODE, _SEVERITY, _UNCERTAIN = 0xFFFF_0000, 0xC000_0000, 0x4000_0000
 _DETAILS, _LIMITS = 0x0F00, {0x0500: "low", 0x0600: "high"}
-"""Of a value: that it stands at the end of what its source can measure (Part 4, 7.39, LimitBits)."""
+"""Bits of a status that say that the value stands at the end of what its source can measure (Part 4, 7.39,
+LimitBits)."""
 _UNKNOWN = (0x8034_0000, 0x8033_0000, 0x8035_0000)
 """BadNodeIdUnknown, BadNodeIdInvalid, BadAttributeIdInvalid."""
 _QUALITIES: Mapping[int, Quality] = {

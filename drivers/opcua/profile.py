@@ -22,7 +22,7 @@ class OpcUaNode(LinearValue):
     """Which element of an array, counted from 0; None: the node holds one number. With `type`: the number's first
     byte, by default 0."""
     type: ByteNumber | None = None
-    """Of a node that holds bytes, such as the process data of an IO-Link device: how they hold the number, the most
+    """For a node that holds bytes, such as the process data of an IO-Link device: how they hold the number, the most
     significant byte first. None: the node holds numbers."""
     shift: int = Field(default=0, ge=0, le=63)
     """How many of the lowest bits of an integer with `type` mean something else; they are left out."""

@@ -33,7 +33,7 @@ class Subscription:
         self._values: dict[NodeId, DataValue] = {}
         self._subscription: subscription.Subscription | None = None
         self._number: int | None = None
-        """Of the server's subscription that the values come from."""
+        """Number of the server's subscription that the values come from."""
 
     async def start(self) -> bool:
         """Subscribe to all nodes; False when the server offers no subscription or refuses one of the nodes."""

@@ -9,7 +9,7 @@ from gateway.agent_test.line import AgentUnderTest
 
 
 class ClauseResult(StrEnum):
-    """Of one clause."""
+    """The result of one clause."""
 
     PASSED = "passed"
     FAILED = "failed"

@@ -194,7 +194,7 @@ def excerpt(value: object) -> str:
 
 
 def is_finite_number(value: object) -> bool:
-    """Whether it is a number of JSON that fits a float; a truth value is none."""
+    """Whether it is a number of JSON that fits a float; a truth value is not a number."""
     with suppress(OverflowError):  # JSON's integers may be longer
         return not isinstance(value, bool) and isinstance(value, (int, float)) and math.isfinite(value)
     return False

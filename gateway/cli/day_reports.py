@@ -17,12 +17,12 @@ from gateway.cli.extras import missing_of
 from gateway.telemetry import ReportPage, ReportRequest
 
 _MOST_BYTES = 3_000_000
-"""Of a page, as it is forwarded."""
+"""Largest size of a page, as it is forwarded."""
 _MOST_KEPT = 8
 """Pages of about 0.3 MB each."""
 _LIMIT_S = 120.0
 _MEMORY = 512 << 20
-"""Of the process: beyond it, it ends by itself instead of exhausting the computer."""
+"""Most memory of the process: beyond it, it ends by itself instead of exhausting the computer."""
 _FRESH_S = 60.0
 """For how long the page of a day that is not over is given again."""
 _STORED_WITHIN = timedelta(minutes=30)
@@ -135,6 +135,6 @@ class DayReports:
 
 
 def _end(day: date, zone: ZoneInfo | None) -> datetime:
-    """Of a day; without a zone, its end in the last one on earth."""
+    """The end of a day; without a zone, that in the last one on earth."""
     last = day + timedelta(days=1 if zone else 2)
     return datetime.combine(last, datetime.min.time(), zone or UTC)

@@ -42,7 +42,7 @@ class Demo:
     preset: str | None
     """One of talc.presets.PRESETS; its method is `models`."""
     calibration_hours: float | None
-    """Of `models`; None: as the preset or the default has it."""
+    """Length of the phase `calibration` of `models`; None: as the preset or the default has it."""
     speed: float
     seed: int
     folder: Path

@@ -165,7 +165,7 @@ def _other_programs(config: GatewayConfig, root: Path) -> Iterator[Ailment]:
 
 
 def _serial_port(bus: object) -> str:
-    """Where a bus is a serial line, or an adapter behind one; empty: it is none."""
+    """The port of a serial line, or of an adapter behind one; empty: the bus is neither."""
     if isinstance(bus, ModbusRtuSection | MeRs485Section):
         return bus.port
     return bus.channel if isinstance(bus, CanOpenSection | CanSection) and bus.interface == "slcan" else ""

@@ -194,7 +194,7 @@ def now_text() -> str:
 
 
 def write_draft(path: Path, text: str, unit: int) -> None:
-    """Write a profile and say how to use it; a text that is none leaves no file. Raises SetupError."""
+    """Write a profile and say how to use it. Raises SetupError, and leaves no file, if the text is not a profile."""
     path.write_text(text, encoding="utf-8")
     try:
         profile = load_profile(str(path))

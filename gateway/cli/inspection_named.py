@@ -25,9 +25,9 @@ from gateway.polling import contained
 from gateway.scan import node_draft, object_draft, open_bus
 
 _MOST_BYTES = 64
-"""Of an object that holds a text."""
+"""Largest size of an object that holds a text."""
 _MOST_PLACES = 16
-"""Of the bytes of a node, at which a number may begin."""
+"""Most bytes of a node at which a number may begin."""
 _KINDS: tuple[ByteNumber, ...] = (
     "int8", "uint8", "int16", "uint16", "int32", "uint32", "int64", "uint64", "float32", "float64",
 )  # fmt: skip

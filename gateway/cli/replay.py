@@ -164,7 +164,7 @@ def _roles(recording: Recording, columns: Columns) -> str:
 
 
 def _constant(recording: Recording) -> list[str]:
-    """Of inputs that can explain nothing."""
+    """Remarks on inputs that can explain nothing."""
     known = np.isfinite(recording.inputs)
     low = np.min(recording.inputs, axis=0, initial=np.inf, where=known)
     high = np.max(recording.inputs, axis=0, initial=-np.inf, where=known)
@@ -173,7 +173,7 @@ def _constant(recording: Recording) -> list[str]:
 
 
 def _tiny(recording: Recording) -> list[str]:
-    """Of errors that are hardly in µm: they would be left alone in silence."""
+    """Remarks on errors that are hardly in µm: they would be left alone in silence."""
     lines = []
     for name, place, values in zip(recording.labels, THERMAL_ERRORS, recording.errors.T, strict=True):
         if name in recording.error_columns and ERROR_UNITS[place] == MICROMETRE:

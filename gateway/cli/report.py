@@ -241,7 +241,7 @@ def _silent(health: Mapping[str, Mapping[str, int]], channels: Sequence[str]) ->
 
 
 def own_zone(link: Path = Path("/etc/localtime")) -> tzinfo:
-    """Of this computer: `TZ`, or where Linux' link leads; both know daylight saving. Else UTC."""
+    """The time zone of this computer: `TZ`, or where Linux' link leads; both know daylight saving. Else UTC."""
     _, _, linked = str(link.resolve()).partition("/zoneinfo/")
     for name in (os.environ.get("TZ", "").removeprefix(":"), linked):
         try:

@@ -32,7 +32,7 @@ class WebCommand:
     """What to serve."""
 
     config: "GatewayConfig | None"
-    """Of a gateway on this computer; None: only what `connect` says."""
+    """Configuration of a gateway on this computer; None: only what `connect` says."""
     connect: tuple[str, ...]
     prefix: str | None
     settings: Path | None

@@ -27,7 +27,8 @@ _DEFAULTS = {
     "keepalives_count": "3",
     "tcp_user_timeout": "60000",
 }
-"""Of the connection, where the address does not say otherwise. A server that has vanished is noticed in a minute."""
+"""Parameters of the connection, where the address does not say otherwise. A server that has vanished is noticed in a
+minute."""
 _SESSION = """
     SET TIME ZONE 'UTC'; SET tcp_keepalives_idle = 30; SET tcp_keepalives_interval = 10; SET tcp_keepalives_count = 3
 """
@@ -53,7 +54,7 @@ def database_parameters(url: str) -> dict[str, Any]:
 
     Without `sslmode`, a server beyond loopback must prove by its certificate that it has the name in the address.
 
-    Raises ValueError for an address that is none, or with a password: `ps` shows it to every user of this computer.
+    Raises ValueError for an invalid address, or one with a password: `ps` shows it to every user of this computer.
     """
     try:
         given = conninfo_to_dict(url)

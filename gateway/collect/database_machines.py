@@ -34,7 +34,7 @@ _Connect = Callable[[], AbstractContextManager[DatabaseConnection]]
 def machines_in_database(url: str, password_file: Path | None = None) -> list[CollectedMachine]:
     """Every machine of a database of `talc-gateway collect`.
 
-    Raises ValueError for an address that is none, or that holds a password; CollectError if the database cannot be
+    Raises ValueError for an address that is invalid or holds a password; CollectError if the database cannot be
     reached, or holds no run of a machine that can be read.
     """
     read = partial(_reading, database_parameters(url), password_file)

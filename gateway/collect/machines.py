@@ -37,7 +37,7 @@ class CollectedMachine:
     name: str
     kind: str | None
     inputs: tuple[str, ...]
-    """Of its latest run; `step_s` and `talc` likewise."""
+    """Inputs of its latest run; `step_s` and `talc` likewise."""
     step_s: float
     talc: TalcSettings
     """Without the prior that it began with."""
@@ -46,8 +46,8 @@ class CollectedMachine:
     Raises CollectError for what cannot be read."""
 
     def frames(self) -> Iterator[Frame]:
-        """Of every step, oldest first, with the inputs of the latest run. Raises CollectError for what cannot be
-        read."""
+        """The frames of every step, oldest first, with the inputs of the latest run. Raises CollectError for what
+        cannot be read."""
         for table in self.days(self._columns):
             yield from self._frames(table)
 
@@ -56,7 +56,7 @@ class CollectedMachine:
         return ["k", "time", "pause_unknown", *_ERRORS, *_SIGMA, *(f"input_{name}" for name in self.inputs)]
 
     def _frames(self, table: pa.Table) -> Iterator[Frame]:
-        """Of a day. A grid of another step has other indices for the same times, and those are left out."""
+        """The frames of a day. A grid of another step has other indices for the same times, and those are left out."""
         k, time_us = table["k"].to_numpy(), table["time"].cast(pa.int64()).to_numpy()
         own = np.abs(k * (self.step_s * 1e6) - time_us) <= _TIME_OFF_US
         _, first = np.unique(k[own], return_index=True)
@@ -103,7 +103,7 @@ def machine_of(
     runs: rows of the table `runs` with RUN_COLUMNS
     places: how far that table is collected, the latest epoch last
 
-    Raises ValueError if there is no run, or if it is none of this program.
+    Raises ValueError if there is no run, or if this program cannot read it.
     """
     latest = [max((r for r in runs if r["epoch"] == epoch), key=_number, default=None) for epoch, _ in places]
     run = next((r for r in reversed(latest) if r is not None), None)

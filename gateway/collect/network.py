@@ -51,7 +51,7 @@ class SiteNetwork:
 
     def ask(self, machine: str, after: Mapping[str, TablePlace | None], limit: int) -> StoredRows:
         """The rows of a gateway that follow these places. Raises OSError when it does not answer, or says why not;
-        ValueError for an answer that is none."""
+        ValueError for an invalid answer."""
         places = ",".join(
             table if place is None else f"{table}:{place[0]}:{place[1]}" for table, place in after.items()
         )

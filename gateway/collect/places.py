@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 def site_at(where: str, password_file: Path | None = None) -> "SiteFolder | SiteDatabase":
     """To be entered. A database needs psycopg.
 
-    Raises ValueError for an address that is none, or that holds a password.
+    Raises ValueError for an address that is invalid or holds a password.
     """
     if "://" not in where:
         return SiteFolder(Path(where))

@@ -10,20 +10,20 @@ from msgspec import Struct
 from gateway.telemetry import keys
 
 _MOST_EPOCHS = 100
-"""Of a table, of which the end is remembered: a backup of the gateway's store may be put back."""
+"""How many epochs of a table have their end remembered: a backup of the gateway's store may be put back."""
 TablePlace = tuple[str, int]
 """An epoch, and the number of the last row of it."""
 
 
 class CollectProgress(Struct, frozen=True):
-    """Of one machine."""
+    """How far one machine is collected."""
 
     batch: int = 0
     """Number of the last batch."""
     places: Mapping[str, tuple[TablePlace, ...]] = {}
     """By table: the latest last."""
     moves: tuple[tuple[str, str], ...] = ()
-    """Of the last batch: files as they were written, and where they belong, both below the site's folder."""
+    """Moves of the last batch: files as they were written, and where they belong, both below the site's folder."""
 
     def place(self, table: str, back: int = 0) -> TablePlace | None:
         """Where the next query continues, or how far an epoch before it is collected; None: at the beginning.

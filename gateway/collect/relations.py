@@ -22,7 +22,7 @@ _KEY = ("machine", "epoch", "row")
 _KEYS = {"gaps": ("machine", "table", "epoch", "upto")}
 """What makes a row the only one; a hypertable needs its time in it."""
 _MOST_COLUMNS, _MOST_BYTES = 800, 63
-"""Of a table: a row with more numbers does not fit into a page of PostgreSQL. And of a column's name."""
+"""Most columns of a table: a row with more numbers does not fit into a page of PostgreSQL. Longest name of a column."""
 _AT_ONCE = 2000
 """Rows of a statement, as lists of Python objects take memory."""
 _CHUNK = "7 days"
@@ -42,7 +42,7 @@ class SiteRelations:
         """
         names = rows.column_names
         if len({*names, _MACHINE, OTHER}) != len(names) + 2:
-            raise ValueError(f"{table}: a column is there twice, or is named {_MACHINE} or {OTHER}")
+            raise ValueError(f"{table}: a column occurs twice, or is named {_MACHINE} or {OTHER}")
         time = time_column(rows)
         types = {name: _TYPES[rows.schema.field(name).type] for name in names}
         known = self._known(connection, table, types, time)

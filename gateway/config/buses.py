@@ -64,8 +64,10 @@ class CanOpenSection(CanOpenSettings, Polled):
 
 
 class CanSection(CanSettings, Polled):
-    """Devices on a CAN bus that send without being asked, described by a DBC file. `timeout_s`: how old a frame may be,
-    at most three times `period_s`."""
+    """Devices on a CAN bus that send without being asked, described by a DBC file.
+
+    `timeout_s`: how old a frame may be, at most three times `period_s`.
+    """
 
     kind: Literal["can"]
     """`can`."""

@@ -19,6 +19,6 @@ ProfileName = Annotated[str, AfterValidator(_profile_beside_the_file)]
 """A profile's name, or the path of a user's own profile."""
 
 NAME_FORM: Final = r"[A-Za-z][A-Za-z0-9_]{0,63}"
-"""Of machines, buses, devices and channels."""
+"""The form of the names of machines, buses, devices and channels."""
 Name = Annotated[str, matching(NAME_FORM, "a letter, then letters, digits and _, at most 64")]
 """Becomes part of a key, so slash, star, dot and blank are not allowed."""

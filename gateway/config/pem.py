@@ -8,7 +8,7 @@ from cryptography.hazmat.primitives.serialization import Encoding, PublicFormat,
 
 
 def certificates(path: Path) -> list[x509.Certificate]:
-    """Of a PEM file, at least one. Raises OSError, ValueError."""
+    """The certificates of a PEM file, at least one. Raises OSError, ValueError."""
     try:
         return x509.load_pem_x509_certificates(path.read_bytes())
     except ValueError:
@@ -16,7 +16,7 @@ def certificates(path: Path) -> list[x509.Certificate]:
 
 
 def public_key(path: Path) -> bytes:
-    """Of a private key in PEM. Raises OSError, ValueError."""
+    """The public key of a private key in PEM. Raises OSError, ValueError."""
     try:
         key = load_pem_private_key(path.read_bytes(), None)
     except (ValueError, TypeError):  # TypeError: it needs a password, which nobody gives when the gateway starts

@@ -35,7 +35,7 @@ from gateway.config.telemetry_rules import telemetry_cautions, telemetry_problem
 from talc.probing import check_poses
 
 _SLOPE_UM_PER_MM = 0.1
-"""Of a table that has grown by 12 µm at 120 mm, or an axis tilted by 100 µm/m: usual on a warm machine."""
+"""Slope of a table that has grown by 12 µm at 120 mm, or an axis tilted by 100 µm/m: usual on a warm machine."""
 _MOST_CHANNELS = 1000
 """A database numbers 2047, in its life and each unit of a channel anew."""
 _MUCH_MEMORY = 300e6

@@ -84,8 +84,10 @@ class State(Section):
 
 
 class PlannedLoad(Section):
-    """One load that a person may plan, such as a warm-up or a job. The forecast then also says how the
-    errors change if this load runs from now on, and the page shows it."""
+    """One load that a person may plan, such as a warm-up or a job.
+
+    The forecast then also says how the errors change if this load runs from now on, and the page shows it.
+    """
 
     name: Annotated[str, Field(min_length=1, max_length=40)]
     """What the page calls it, such as `warm-up` or `roughing, 8 h`."""

@@ -13,10 +13,11 @@ from talc.frame import BoolArray, FloatArray, Frame, Measurement
 
 _BELIEVED_S = 366 * 86400.0
 _RECENT = 0.35
-"""Of a step, in which a part ends that counts as recent: long enough to average noise, and so short that a mean hardly
-lags behind. Of ten parts these are the latest four."""
+"""Share of a step in which a part must end to count as recent: long enough to average noise, and so short that a mean
+hardly lags behind. Of ten parts these are the latest four."""
 _FEWEST = 0.2
-"""Of a step's readings: if fewer are recent, the input is failing, and its last readings are those most often wrong."""
+"""Share of a step's readings: if fewer are recent, the input is failing, and its last readings are those most often
+wrong."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,7 +131,7 @@ class GridSampler:
         self._samples: list[tuple[int, float, float]] = []
         """(input, monotonic seconds, value) not yet in a part."""
         self._parts: list[_Sums] = []
-        """Of the last step."""
+        """The parts of the last step."""
         self._framed_s = -math.inf
         """The instant of the last frame."""
 

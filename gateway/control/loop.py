@@ -1,5 +1,6 @@
-"""The grid loop: once per step it makes a frame, lets the controller decide, and carries out the decision. Between two
-steps the correction follows the inputs.
+"""The grid loop, which makes a frame once per step, lets the controller decide, and carries out the decision.
+
+Between two steps the correction follows the inputs.
 """
 
 import asyncio
@@ -18,7 +19,7 @@ from talc.frame import Decision, FloatArray, Frame
 log = logging.getLogger(__name__)
 
 _PARTS = 10
-"""Of a step, after each of which the correction is renewed."""
+"""Parts of a step; after each of them the correction is renewed."""
 
 
 class GridLoop:

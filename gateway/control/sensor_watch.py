@@ -35,7 +35,7 @@ Learn = Callable[
 
 
 @dataclass(slots=True)
-class _StandingFinding:
+class _KnownFinding:
     """A finding that still holds."""
 
     finding: Finding
@@ -104,7 +104,7 @@ class SensorWatch:
         self._problems = Problems(clock, _JUDGE_EVERY_S, self._noticed, log)
         self._judged = self._quiet = 0
         """Number of judgements, and of those without a finding since the last one with a finding."""
-        self._findings: list[_StandingFinding] = []
+        self._findings: list[_KnownFinding] = []
         self._suspect_since_k = None if before is None else before.suspect_since_k
         self._due = asyncio.Event()
         if before is not None:
@@ -175,25 +175,25 @@ class SensorWatch:
         return True
 
     def _since(self, finding: Finding, k: int) -> int:
-        standing = self._standing(finding)
-        return k if standing is None else standing.first_k
+        known = self._known(finding)
+        return k if known is None else known.first_k
 
-    def _standing(self, finding: Finding) -> _StandingFinding | None:
-        return next((standing for standing in self._findings if standing.is_about(finding)), None)
+    def _known(self, finding: Finding) -> _KnownFinding | None:
+        return next((known for known in self._findings if known.is_about(finding)), None)
 
     def _compare(self, findings: Sequence[Finding], k: int) -> None:
         """Counts judgements, not time: a weekend at rest, which is not judged, ends no finding."""
         self._judged += 1
         window = math.ceil(self._settings.window_steps / _JUDGE_EVERY_STEPS)
         for finding in findings:
-            standing = self._standing(finding)
-            if standing is None:
-                self._findings.append(standing := _StandingFinding(finding, self._judged, self._judged, k))
-            standing.finding, standing.last = finding, self._judged
+            known = self._known(finding)
+            if known is None:
+                self._findings.append(known := _KnownFinding(finding, self._judged, self._judged, k))
+            known.finding, known.last = finding, self._judged
             # While the window contains the beginning or end of an exchange, the exchange looks like an offset.
             wait = window if finding.kind == "offset" else window // 2
-            if not standing.told and self._judged - standing.first >= wait:
-                standing.told = True
+            if not known.told and self._judged - known.first >= wait:
+                known.told = True
                 self._tell(finding, k)
         self._findings = [s for s in self._findings if self._judged - s.last < (window if s.told else 1)]
         self._quiet = 0 if findings else self._quiet + 1

@@ -156,7 +156,7 @@ class MachineSeen:
     forecast: ForecastMessage | None = None
     sensors: SensorsMessage | None = None
     step_s: float | None = None
-    """Of the grid, from the time and index of two decisions."""
+    """Step of the grid, from the time and index of two decisions."""
     readings: dict[str, ReadingMessage] = field(default_factory=dict)
     estimates: deque[Estimated] = field(default_factory=lambda: deque(maxlen=_MOST_DECISIONS))
     measurements: deque[MeasuredErrors] = field(default_factory=lambda: deque(maxlen=_MOST_MEASUREMENTS))
@@ -164,11 +164,11 @@ class MachineSeen:
     events: deque[EventMessage] = field(default_factory=lambda: deque(maxlen=_MOST_EVENTS))
     explained: deque[Explained] = field(default_factory=lambda: deque(maxlen=_MOST_EXPLAINED))
     explanations: int = 0
-    """Of all times; changes with `explained`."""
+    """How many have ever come; changes with `explained`."""
     past: int = 0
     """Changes with what the charts show."""
     _sequence: dict[str, int] = field(default_factory=dict)
-    """Of the latest message, by key."""
+    """Sequence number of the latest message, by key."""
     _newest: int = -1
     """The highest of all of this run."""
 

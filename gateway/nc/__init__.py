@@ -8,10 +8,10 @@ if TYPE_CHECKING:
     from gateway.nc.boundary import contained_control
     from gateway.nc.build import control_of
     from gateway.nc.link import NcLink
+    from gateway.nc.problems import still_wrong
     from gateway.nc.routes import ByErrors
     from gateway.nc.settings import Earlier, Identity, LinkSettings, Listeners
     from gateway.nc.slew import Offsets, Slew, Step, Write
-    from gateway.nc.standing import still_wrong
     from gateway.nc.states import NcState, Source
 else:
     __getattr__ = on_first_use(
@@ -20,10 +20,10 @@ else:
             ".boundary": ("contained_control",),
             ".build": ("control_of",),
             ".link": ("NcLink",),
+            ".problems": ("still_wrong",),
             ".routes": ("ByErrors",),
             ".settings": ("Earlier", "Identity", "LinkSettings", "Listeners"),
             ".slew": ("Offsets", "Slew", "Step", "Write"),
-            ".standing": ("still_wrong",),
             ".states": ("NcState", "Source"),
         },
     )

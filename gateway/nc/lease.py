@@ -7,8 +7,8 @@ from drivers.base import NoAnswer
 from drivers.nc import NumericalControl, WatchdogTerms
 from gateway.clock import ServiceClock
 from gateway.config import Compensation
+from gateway.nc.problems import HEARD_AGAIN, NOT_ANSWERED, NOT_RECEIVED
 from gateway.nc.settings import Identity
-from gateway.nc.standing import HEARD_AGAIN, NOT_ANSWERED, NOT_RECEIVED
 from gateway.nc.states import RIGHTS, Reply, Right, after
 from gateway.polling import Notice, Notify, Problems
 

@@ -1,5 +1,6 @@
-"""The form in which offsets go to a control: a shift for the present position, one that follows the position, or the
-nine errors themselves.
+"""The form in which offsets go to a control.
+
+It is a shift for the present position, a shift that follows the position, or the nine errors themselves.
 
 Each is a matrix of coefficients (3, n), µm, rows X, Y, Z. The first column is the shift at the reference; the others
 are the largest addition by each axis' position within its travel; or each column is the largest shift by one error. So

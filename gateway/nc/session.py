@@ -6,7 +6,7 @@ from dataclasses import replace
 from drivers.base import ConnectError, DriverError, NoAnswer, Quality
 from drivers.nc import NcSnapshot, NumericalControl
 from gateway.nc.motion import Motion
-from gateway.nc.standing import CONNECTED_AGAIN, NOT_CONNECTED
+from gateway.nc.problems import CONNECTED_AGAIN, NOT_CONNECTED
 from gateway.polling import Breaker, Problems, UnexpectedError
 
 log = logging.getLogger(__name__)

@@ -1,5 +1,6 @@
-"""The states of the link: those of its offsets and of its right to write them, as tables, the control's, and the basis
-of a target. Pure.
+"""The states of the link. Pure.
+
+Those of its offsets and of its right to write them are tables. The others are the control's, and the basis of a target.
 """
 
 from collections.abc import Mapping

@@ -10,9 +10,9 @@ from drivers.nc import NcSnapshot, NotSendable
 from gateway.clock import ServiceClock
 from gateway.config import Compensation
 from gateway.nc.lease import Lease
+from gateway.nc.problems import DISARMED
 from gateway.nc.routes import Form, differ, offsets_text, positions
 from gateway.nc.slew import Offsets, Slew, Step, Write, as_offsets
-from gateway.nc.standing import DISARMED
 from gateway.nc.states import Source
 from talc.frame import FloatArray
 

@@ -43,7 +43,7 @@ class Feed:
 
     @property
     def name(self) -> str:
-        """Of the outlet."""
+        """The outlet's name."""
         return self._settings.name
 
     @property

@@ -23,7 +23,7 @@ from gateway.outlets.outlet import OutletError, OutletMessage, OutletSettings, U
 
 _MOST_SHOWN = 300
 _MOST_BYTES = 65_536
-"""Of an answer."""
+"""Largest size of an answer."""
 
 
 class InfluxDbSettings(OutletSettings, UrlServer):

@@ -18,7 +18,7 @@ class OutletMessage:
 
     machine: str
     suffix: str
-    """Of the key, below the machine's."""
+    """The key's part below the machine's."""
     message: Published | None
     """None: the machine's gateway has appeared or disappeared."""
     payload: bytes = b""

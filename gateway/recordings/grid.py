@@ -46,9 +46,9 @@ class Recording:
     ignored: tuple[str, ...]
     """Columns that were left out."""
     sha256: str
-    """Of the file."""
+    """SHA-256 of the file."""
     origin_s: float | None = None
-    """Of the first row, on the clock of `start_utc_s`, if the file counts time without a date; None: UTC."""
+    """Time of the first row, on the clock of `start_utc_s`, if the file counts time without a date; None: UTC."""
     time_unit: str = "s"
     """In which it counts."""
     notes: tuple[str, ...] = ()

@@ -125,7 +125,7 @@ class _Lines:
         self._file, self._layout = file, layout
         self.number = 0
         self.first = 0
-        """Of the lines since this was last set to 0."""
+        """Number of the first line since this was last set to 0."""
 
     def __iter__(self) -> "_Lines":
         return self

@@ -48,11 +48,11 @@ class TimeFormat:
     """How times are written."""
 
     form: str = ""
-    """Of `strptime`, such as `%d.%m.%Y %H:%M`; `excel`: days since 1899-12-30; empty: ISO 8601, or a number."""
+    """Format of `strptime`, such as `%d.%m.%Y %H:%M`; `excel`: days since 1899-12-30; empty: ISO 8601, or a number."""
     zone: ZoneInfo | None = None
-    """Of times without one; None: UTC."""
+    """Zone of times that state none; None: UTC."""
     unit: str = ""
-    """Of plain numbers, one of TIME_UNITS; empty: what the column's name says, otherwise seconds."""
+    """Unit of plain numbers, one of TIME_UNITS; empty: what the column's name says, otherwise seconds."""
 
     def named(self, column: str) -> "TimeFormat":
         """With the unit that a column's name says, if none is given."""
@@ -98,9 +98,9 @@ class Times:
         self._problems, self._clock = problems, clock
         self._before: tuple[float, object] | None = None
         self._spacing_s = 0.0
-        """Of the last rows whose times differ."""
+        """Spacing of the last rows whose times differ."""
         self.first_s: float | None = None
-        """Of the first row; None before it."""
+        """Time of the first row; None before it."""
         self.dated = False
         """Whether any time so far is a date: not a plain number, or one that is a date since 1980 in seconds."""
 

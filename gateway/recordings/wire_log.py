@@ -42,7 +42,7 @@ class WireEvent:
     passed: PassedKind
     data: bytes = b""
     identifier: int | None = None
-    """Of a CAN frame; None: bytes of a stream."""
+    """Identifier of a CAN frame; None: bytes of a stream."""
     extended: bool = False
     note: str = ""
 

@@ -14,7 +14,7 @@ from talc.models import ModelSet
 from talc.names import ERROR_UNITS, MICROMETRE, THERMAL_ERRORS
 
 _ALIKE = 0.1
-"""Of the largest line of a chart: a smaller one has an axis of its own."""
+"""Share of the largest line of a chart: a smaller line has an axis of its own."""
 _MOST_INPUTS = 8
 """Lines in a chart of inputs that can be told apart."""
 _LONGEST_TITLE, _LONGEST_NAME = 34, 23
@@ -110,7 +110,7 @@ def spans(data: ReportData) -> tuple[ChartSpan, ...]:
 
 
 def update_times(data: ReportData) -> list[float]:
-    """Of the model updates, seconds since the first frame."""
+    """Times of the model updates, seconds since the first frame."""
     return [float((adopted.after_k - data.k[0]) * data.step_s) for adopted in data.models]
 
 
@@ -215,6 +215,6 @@ def _weights(data: ReportData) -> tuple[FloatArray, str]:
 
 
 def inputs_of_model(models: ModelSet, e: int) -> tuple[str, ...]:
-    """Of the model of one error."""
+    """Inputs of the model of one error."""
     model = models.models[e]
     return () if model is None else tuple(model.inputs)

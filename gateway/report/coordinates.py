@@ -9,7 +9,7 @@ from talc.frame import BoolArray
 from talc.kinematics import largest_offsets
 
 _LEAST_SHARE = 0.005
-"""Of the steps: what is rounded to 0 % is not told."""
+"""Least share of the steps: what is rounded to 0 % is not told."""
 _MOVE = largest_offsets((1.0, 1.0), 1.0) > 0
 """(3, 9) which errors move X, Y, Z anywhere in the travel."""
 _NOTHING = "nothing"
@@ -67,5 +67,5 @@ def _told(steps: BoolArray) -> bool:
 
 
 def _share(steps: BoolArray) -> str:
-    """Of the steps, unless it is all of them."""
+    """The share of the steps in words, unless it is all of them."""
     return "" if steps.all() else f" ({steps.mean():.0%} of the steps)"

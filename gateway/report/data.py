@@ -129,7 +129,7 @@ class ReportData:
     made: tuple[tuple[str, str], ...] = ()
     """What is needed to make the page of a recording again: names and texts."""
     zone: tzinfo = UTC
-    """Of all times that are shown."""
+    """Time zone of all times that are shown."""
     shifts: tuple[time, ...] = SHIFTS
     """When shifts begin, local time."""
     noise: FloatArray | None = None
@@ -147,13 +147,14 @@ class ReportData:
     sphere_m: tuple[float, float] | None = None
     """Radius and height of the probing sphere, where the errors are seen at the tool; None: not a five-axis run."""
     mode: str = "compensate"
-    """Of the compensation; another one writes nothing to the control."""
+    """Mode of the compensation; another one writes nothing to the control."""
     not_yet: tuple[NotYet, ...] = ()
     """Why nothing has been learnt; empty: something has."""
     health_of: str = "Readings"
     """What `channel_health` counts."""
     origin_s: float | None = None
-    """Of a recording without dates: its first row, on the clock of `start_utc_s`; times count from it. None: UTC."""
+    """Time of the first row of a recording without dates, on the clock of `start_utc_s`; times count from it. None:
+    UTC."""
 
     @property
     def time_s(self) -> FloatArray:

@@ -126,7 +126,7 @@ def summary(data: ReportData) -> Summary:
 
 
 def _recorded(data: ReportData, errors: FloatArray, estimate: FloatArray) -> tuple[SummaryRow, ...]:
-    """Of the errors that were recorded since corrections began."""
+    """Figures of the errors that were recorded since corrections began."""
     return tuple(row for row in _rows(data, errors, errors - estimate) if np.isfinite(row.e_pv))
 
 

@@ -144,9 +144,9 @@ def inputs_plot(data: ReportData) -> str:
 
 
 def picture(data: ReportData) -> bytes:
-    """Of a simulation: how far the tool is from where it should be, along Z, and how far without the gateway. PNG.
+    """A simulation's picture: how far the tool is from where it should be, along Z, and how far without the gateway.
 
-    ValueError: the truth is not known.
+    PNG. ValueError: the truth is not known.
     """
     if data.truth is None:
         raise ValueError("the picture is of a simulation, whose truth is known")

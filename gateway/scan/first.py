@@ -59,7 +59,7 @@ class MtConnectAnswers(Section):
 
 
 ControlAnswers = SinumerikAnswers | LinuxCncAnswers | MtConnectAnswers
-"""Of each kind of control that a first configuration can have."""
+"""The answers for each kind of control that a first configuration can have."""
 
 
 class Answers(Section):

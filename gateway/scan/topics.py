@@ -34,7 +34,7 @@ class SeenTime:
 
     place: str
     unit: TimeUnit | None
-    """Of a number; None: ISO 8601."""
+    """Unit of a number; None: ISO 8601."""
     age_s: float
 
 
@@ -59,7 +59,7 @@ class SeenTopic:
 
     @property
     def kind(self) -> str:
-        """Of the payload."""
+        """The kind of the payload."""
         if self.numbers and self.numbers[0].place is None:
             return "number"
         if not self.payload:
@@ -72,7 +72,7 @@ class SeenTopic:
 
 
 def seen_topics(heard: Mapping[str, TopicMessage], now: datetime) -> list[SeenTopic]:
-    """Of each topic what its latest payload may mean, by name; now: aware."""
+    """What the latest payload of each topic may mean, by name; now: aware."""
     return [_seen(topic, heard[topic], now) for topic in sorted(heard)]
 
 

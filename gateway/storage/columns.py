@@ -60,7 +60,7 @@ REASONS: Final[CellKinds] = {
 
 
 def steps(inputs: Sequence[str]) -> CellKinds:
-    """Of steps with these inputs."""
+    """Columns of steps with these inputs."""
     decided = {**_nine("predicted"), **_nine("corrected"), **_nine("sigma"), **_nine("limit")}
     return {
         "k": "whole", "time": "time", "phase": "text", **{f"input_{name}": "number" for name in inputs},
@@ -70,7 +70,7 @@ def steps(inputs: Sequence[str]) -> CellKinds:
 
 
 def step_cells(step: StoredStep, step_s: float) -> Cells:
-    """Of one step, in the order of its inputs."""
+    """Cells of one step, in the order of its inputs."""
     frame, decision = step.frame, step.decision
     values = [x if ok else None for x, ok in zip(frame.inputs.tolist(), frame.valid.tolist(), strict=True)]
     measured = _NO_ERRORS if frame.measurement is None else frame.measurement.errors.tolist()
@@ -84,24 +84,24 @@ def step_cells(step: StoredStep, step_s: float) -> Cells:
 
 
 def measurement_cells(m: StoredMeasurement) -> Cells:
-    """Of one probing cycle."""
+    """Cells of one probing cycle."""
     return m.number, m.ended, m.why, *(_NO_ERRORS if m.errors is None else m.errors.tolist()), m.reason
 
 
 def event_cells(found: tuple[datetime, int | None, Event]) -> Cells:
-    """Of one event."""
+    """Cells of one event."""
     at, k, e = found
     return at, k, e.kind.value, e.text, e.error, e.value, e.limit
 
 
 def command_cells(outcome: CommandOutcome) -> Cells:
-    """Of one command."""
+    """Cells of one command."""
     command = outcome.command
     return outcome.time, command.name.value, command.by, int(outcome.accepted), outcome.text
 
 
 def reasons_cells(time: datetime, reasons: Reasons) -> Cells:
-    """Of the learner's reasons of one step."""
+    """Cells of the learner's reasons of one step."""
     found = {e.error: e for e in reasons.errors}
     each = [found.get(name) for name in THERMAL_ERRORS]
     return (
@@ -120,13 +120,13 @@ def _known(pairs: Sequence[tuple[str, float]]) -> dict[str, float | None]:
 
 
 def run_cells(run: StoredRun) -> Cells:
-    """Of one start of the gateway."""
+    """Cells of one start of the gateway."""
     inputs = json.dumps(run.inputs)
     return run.began, run.number, run.kind, run.step_s, inputs, run.talc, run.fingerprint, run.versions
 
 
 def compensation_cells(c: StoredCompensation) -> Cells:
-    """Of one step of the compensation."""
+    """Cells of one step of the compensation."""
     return c.time, c.mode, c.source, *c.offsets_um.tolist(), int(c.written)
 
 

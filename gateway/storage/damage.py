@@ -25,10 +25,10 @@ from gateway.storage.snapshot import marks_of
 _NOT_COPIED = ("reading", "minute", "mark", "thinned", "recent_minute", "gathered", "reading_block")
 """Raw readings stay in a file that is set aside: they are many, and nothing is learnt from them."""
 _LARGEST = 1e9
-"""Of any input, error or uncertainty."""
+"""Largest magnitude of any input, error or uncertainty."""
 _LONGEST_S = 1e11
 _LAST_K = 1e13
-"""Of any grid index. It counts steps since 1970, and a step may be short: one of a second has passed 1.7e9."""
+"""Largest grid index. It counts steps since 1970, and a step may be short: one of a second has passed 1.7e9."""
 
 RawRow = tuple[Any, ...]
 
@@ -117,7 +117,7 @@ def is_whole(table: str, row: RawRow) -> bool:
 
 @cache
 def checked_columns() -> Mapping[str, Sequence[tuple[tuple[type, ...], bool]]]:
-    """Of the columns of each table that is checked and copied: what a value may be, and whether there must be one."""
+    """The columns of each table that is checked and copied: what a value may be, and whether there must be one."""
     kinds = {"INTEGER": (int,), "REAL": (int, float), "TEXT": (str,), "BLOB": (bytes,)}
     with closing(sqlite3.connect(":memory:")) as connection:
         connection.executescript(NEW)

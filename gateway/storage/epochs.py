@@ -92,7 +92,7 @@ def _start(starts: str, table: str) -> int:
 
 
 def check_epoch(row: Sequence[object]) -> None:
-    """Raises an error for a row of `epoch` that is none."""
+    """Raises an error for an invalid row of `epoch`."""
     _, name, starts = row
     for table in NUMBERS:
         _start(str(starts), table)

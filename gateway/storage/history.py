@@ -351,7 +351,7 @@ class History:
             )
 
     def sizes(self) -> list[tuple[str, int, int]]:
-        """Of each table: name, rows and bytes, with its indices; the largest first."""
+        """Name, rows and bytes of each table, with its indices; the largest first."""
         names = [n for (n,) in self._connection.execute("SELECT name FROM sqlite_master WHERE type = 'table'")]
         bytes_of = dict(
             self._connection.execute(
@@ -368,7 +368,7 @@ class History:
         return first, last
 
     def free_bytes(self) -> int:
-        """Of pages that new rows use before the file grows."""
+        """Size of the pages that new rows use before the file grows."""
         pages, size = (self._connection.execute(f"PRAGMA {n}").fetchone()[0] for n in ("freelist_count", "page_size"))
         return int(pages * size)
 

@@ -28,7 +28,7 @@ _PLACES: Final = 2048
 """More than the highest id of a channel."""
 _MINUTE_S: Final = 60
 _IdRange = tuple[str, int, int]
-"""Of a table: the first id, and the first one behind them."""
+"""Table, first id, and the first id behind them."""
 
 
 def means_page(
@@ -79,7 +79,7 @@ def _interval(after: str | None) -> int:
         return 0
     if after[:1] == "e" and after[1:].isascii() and after[1:].isdecimal() and len(after) <= 20:
         return int(after[1:])
-    raise ValueError(f"after = {after!r}: expected `next` of the page before")
+    raise ValueError(f"after = {after!r}: expected `next` of the previous page")
 
 
 def _has_means(connection: sqlite3.Connection) -> bool:

@@ -28,9 +28,9 @@ class Known:
     """Rows that the running gateway has in memory."""
 
     boot: RawRow | None = None
-    """Of this run."""
+    """The row of this run."""
     first_k: int | None = None
-    """Of this run's steps; an earlier run's that was not read when this one began counts as lost."""
+    """The first of this run's steps; an earlier run's that was not read when this one began counts as lost."""
     reference: RawRow | None = None
     """The first measurement that was used, the reference of all others; without its id."""
     standing: dict[CommandName, RawRow] = field(default_factory=dict)
@@ -213,7 +213,7 @@ def _all_that_can_be_read(source: sqlite3.Connection, table: str, names: Sequenc
 
 
 def _behind(first_after: Callable[[int], RawRow | None], low: int) -> int | None:
-    """The smallest number above `low` behind which a row can be read; None: none can."""
+    """The smallest number above `low` behind which a row can be read; None: no row can."""
     low, gap = max(low, 0), 1
     while gap < _FARTHEST:
         with suppress(*UNREADABLE):

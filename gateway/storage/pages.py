@@ -57,7 +57,7 @@ def readings_page(
 
     channels: only these; None: all
     limit: rows of a page, at least 1
-    after: `next` of the page before
+    after: `next` of the previous page
 
     Raises ValueError naming a channel that was never read or a wrong `after`, StoreError if the database cannot be
     read.
@@ -93,7 +93,7 @@ def reading_connection(path: Path) -> Iterator[sqlite3.Connection]:
 
 @dataclass(frozen=True, slots=True)
 class PageSpan:
-    """Of which times and channels rows are wanted."""
+    """The times and channels whose rows are wanted."""
 
     begin_s: float
     end_s: float
@@ -112,7 +112,7 @@ def place_of(after: str | None) -> tuple[bool, int]:
         return True, 0
     if after[:1] in ("m", "r") and after[1:].isdecimal() and len(after) <= 20 and int(after[1:]) < _LAST_ID:
         return after[0] == "m", int(after[1:])
-    raise ValueError(f"after = {after!r}: expected `next` of the page before")
+    raise ValueError(f"after = {after!r}: expected `next` of the previous page")
 
 
 def channel_ids(known: Sequence[tuple[int, str, str]], channels: Sequence[str] | None) -> tuple[int, ...] | None:

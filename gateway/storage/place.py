@@ -12,7 +12,7 @@ _PAGE_SIZE_AT, _PAGES_AT = 16, 28
 
 
 class PlaceWatch:
-    """Of a file that is open from now on.
+    """Watches the place of a file that is open from now on.
 
     Whatever is written to a file that is deleted is lost in the end. SQLite does not notice either that another program
     cuts the file: it reads the log and its memory, and its next checkpoint writes around what is missing.

@@ -44,10 +44,10 @@ class RowsPage:
     """Rows of one table after a position."""
 
     epoch: str | None
-    """Of these rows; None: this database does not know the position's epoch, and the page is empty."""
+    """Epoch of these rows; None: this database does not know the position's epoch, and the page is empty."""
     columns: CellKinds
     numbers: list[int]
-    """Of the rows, ascending."""
+    """Numbers of the rows, ascending."""
     rows: list[Cells]
     thinned: int | None
     """Rows up to this number were deleted before they were asked for, as they were old; None: none were."""
@@ -180,7 +180,7 @@ _TablePage = Callable[[sqlite3.Connection, RowSpan, int], TableRows]
 def _each(
     table: str, selected: str, kinds: CellKinds, cells: Callable[[Sequence[Any]], Cells], number: str = "id"
 ) -> _TablePage:
-    """Of a table whose rows are independent. cells: of the selected columns; number: the row's column."""
+    """The rows of a table whose rows are independent. cells: of the selected columns; number: the row's column."""
 
     def page(connection: sqlite3.Connection, span: RowSpan, limit: int) -> TableRows:
         found = _select(connection, f"SELECT {number}, {selected} FROM {table}", number, span, limit)

@@ -37,7 +37,7 @@ from talc.names import THERMAL_ERRORS
 Row = tuple[object, ...]
 
 _STEP_S = 300.0
-"""Of programs that did not store it."""
+"""Step of programs that did not store it."""
 
 STEP_COLUMNS = (
     "f.k, f.inputs, f.valid, f.errors, f.sigma, d.phase, d.predicted, d.corrected, d.sigma, d.limits,"

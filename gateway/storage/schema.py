@@ -38,7 +38,8 @@ MARK = int.from_bytes(b"TAL") << 8 | SCHEMA_VERSION
 READABLE = (3, SCHEMA_VERSION)
 """Versions that can be read without migrating them."""
 _CHECKPOINT_PAGES = 2000
-"""Of the log (8 MB): pages that are written again and again reach the database's file once in that time."""
+"""Largest size of the log (8 MB): pages that are written again and again reach the database's file once in that
+time."""
 
 ADDED = """
 CREATE TABLE IF NOT EXISTS running (id INTEGER PRIMARY KEY, boot INTEGER NOT NULL, began TEXT NOT NULL,
@@ -78,7 +79,7 @@ UNREADABLE = (sqlite3.Error, UnicodeDecodeError)
 
 
 _NO_TEXT = "Could not decode to UTF-8"
-"""Python's own message for a text that is none; it has no error code."""
+"""Python's own message for bytes that are not a text; it has no error code."""
 
 
 def connect(path: Path, patience_s: float = 10.0) -> sqlite3.Connection:
@@ -128,7 +129,7 @@ def _columns_of(connection: sqlite3.Connection, table: str) -> set[str]:
 
 @cache
 def _expected_columns() -> Mapping[str, set[str]]:
-    """Of each table."""
+    """The columns of each table."""
     with closing(sqlite3.connect(":memory:")) as connection:
         connection.executescript(NEW)
         tables = connection.execute("SELECT name FROM sqlite_master WHERE type = 'table'").fetchall()

@@ -40,7 +40,7 @@ class StoredRun:
     number: int
     began: datetime
     kind: str | None
-    """Of the machine; None: it has none."""
+    """Kind of the machine; None: it has none."""
     step_s: float
     inputs: tuple[str, ...]
     talc: str

@@ -31,7 +31,7 @@ _LOOK_EVERY_S = 10.0
 _HANGS = "the disk does not answer"
 _REPAIRS = "a damaged database is being repaired"
 _STEPS_A_LOOK = 10_000
-"""Of SQLite's machine: about a millisecond of a statement that takes long."""
+"""Steps of SQLite's machine: about a millisecond of a statement that takes long."""
 _YIELD_S = 0.05
 """How long a producer that is faster than the thread waits for it, as in a simulation that outruns the disk."""
 _GATHER_S, _MOST_GATHERED = 0.2, 1000

@@ -1,5 +1,6 @@
-"""Lets in commands of operators who prove their key, each once; anything else is refused, and a few of these are
-stored. Knows no network.
+"""Lets in commands of operators who prove their key, each once; it refuses anything else. Knows no network.
+
+A few of the refused commands are stored.
 
 A command is signed for one challenge of this run of the gateway, so it needs no clock that is right, and what somebody
 recorded or held back is of no use later or elsewhere.
@@ -33,7 +34,7 @@ Give = Callable[[Command, str], CommandOutcome]
 
 @dataclass(frozen=True, slots=True)
 class Entitled:
-    """Of one operator."""
+    """What one operator is entitled to."""
 
     key: bytes
     may: frozenset[CommandName]

@@ -37,7 +37,7 @@ class CommandSigner:
 
     @classmethod
     def of_file(cls, name: str, path: Path) -> Self:
-        """With the key in a file. Raises OSError, or ValueError if it is none."""
+        """With the key in a file. Raises OSError, or ValueError if the file holds no key."""
         try:
             return cls(name, shared_key(path))
         except ValueError as error:

@@ -185,7 +185,7 @@ class Composer:
         return self._stamps(1)[0]
 
     def _stamps(self, count: int) -> list[_Stamp]:
-        """Of messages that are published together."""
+        """Stamps of messages that are published together."""
         first, self._sequence = self._sequence + 1, self._sequence + count
         state = "simulated" if self._simulated else "system" if self.clock_known() else "unsynchronised"
         time = self._clock.utc().isoformat()

@@ -28,7 +28,7 @@ class HistoryRequest:
     """None: all."""
     limit: int
     after: str | None
-    """`next` of the page before; None: from the beginning."""
+    """`next` of the previous page; None: from the beginning."""
     every_s: int | None = None
     """Length of the intervals of which means are wanted; None: the readings as they are stored."""
     blocks: bool = False
@@ -91,7 +91,7 @@ def parse_selector(selected: str) -> HistoryRequest:
         raise ValueError(f"form = {form!r}: expected rows or blocks")
     blocks, every_s = form == "blocks", _every_s(parameters)
     if blocks and every_s is not None:
-        raise ValueError("form = 'blocks': of single readings only; leave out every")
+        raise ValueError("form = 'blocks': gives only single readings; leave out every")
     limit = limit_of(parameters, *((_MOST_IN_BLOCKS,) * 2 if blocks else (MOST_ROWS // 5, MOST_ROWS)))
     channels = tuple(name for name in parameters.get("channels", "").split(",") if name)
     return HistoryRequest(begin, end, channels or None, limit, parameters.get("after"), every_s, blocks)

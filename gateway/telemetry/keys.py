@@ -6,7 +6,8 @@ from typing import Final
 from gateway.config import NAME_FORM
 
 VERSION: Final = 1
-"""Of the key space. Keys and fields are only ever added to it; what would break a reader makes another version."""
+"""Version of the key space. Keys and fields are only ever added to it; what would break a reader makes another
+version."""
 
 READING: Final = "reading"
 FRAME: Final = "frame"

@@ -15,7 +15,7 @@ from gateway.telemetry.codec import encode
 log = logging.getLogger(__name__)
 
 MOST_ROWS = 50_000
-"""Of one page; a page has a fifth of it unless `limit` says otherwise."""
+"""Most rows of one page; a page has a fifth of that unless `limit` says otherwise."""
 _MOST_WAITING = 8
 _MOST_DIGITS = 9
 _JSON = zenoh.Encoding.APPLICATION_JSON

@@ -72,7 +72,7 @@ def session_config(settings: TelemetrySettings) -> zenoh.Config:
 
 
 def reader_config(connect: Sequence[str], access: Access) -> zenoh.Config:
-    """Of a program that only reads. Raises ValueError for endpoints that cannot be."""
+    """Configuration of a program that only reads. Raises ValueError for endpoints that cannot be."""
     values = {"mode": "client", "scouting/multicast/enabled": False, **_proof(access)}
     try:
         return _config({**values, "connect/endpoints": list(connect)})
@@ -82,8 +82,8 @@ def reader_config(connect: Sequence[str], access: Access) -> zenoh.Config:
 
 
 def page_config(settings: TelemetrySettings) -> zenoh.Config:
-    """Of a program that reads all gateways at `connect`, with what the section says of certificates and password, and
-    tries those that are absent again without end. It listens nowhere. Raises OSError."""
+    """Configuration of a program that reads all gateways at `connect`, with what the section says of certificates and
+    password, and tries those that are absent again without end. It listens nowhere. Raises OSError."""
     return _config(
         {
             "mode": "peer",

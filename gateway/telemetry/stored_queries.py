@@ -11,7 +11,7 @@ from gateway.telemetry.queries import MOST_ROWS, Answer, Replied, limit_of, para
 _KNOWN = ("after", "limit")
 _AFTER = re.compile(r"(?P<table>[a-z]{1,40})(?::(?P<epoch>[0-9a-f]{32}):(?P<number>-?[0-9]{1,19}))?")
 _LARGEST = 2**63 - 1
-"""Of SQLite."""
+"""Largest integer of SQLite."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,5 +1,6 @@
-"""The part of OPC 40501-1 that a gateway can fill, as tables: types with their published NodeIds, and one machine's
-nodes.
+"""The part of OPC 40501-1 that a gateway can fill, as tables.
+
+They hold the types with their published NodeIds, and one machine's nodes.
 
 Sources: OPC 40501-1 (MachineTool 1.02), OPC 40001-1 (Machinery), OPC 10000-100 (DI). Only types that occur are there,
 without the nodes that only describe them.
@@ -77,7 +78,7 @@ class NodeSpec:
     """One node below a machine."""
 
     space: Space
-    """Of its BrowseName."""
+    """Namespace of its BrowseName."""
     name: str
     kind: Id
     """Its type; a property's is PropertyType."""

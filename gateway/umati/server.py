@@ -28,7 +28,7 @@ log = logging.getLogger(__name__)
 EVERY_S = 1.0
 _MOST_CONNECTIONS, _MOST_SUBSCRIPTIONS = 50, 200
 _MOST_BYTES, _CHUNK_BYTES = 1 << 20, 65535
-"""Of what a client sends: it only asks."""
+"""Limits of what a client sends: it only asks."""
 _WHERE = "the OPC UA server"
 
 

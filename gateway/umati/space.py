@@ -58,7 +58,7 @@ _BUILT_IN: Final[Mapping[str, ua.VariantType]] = {
 _DATA_TYPES: Final[Mapping[str, int]] = {"DateTime": 294}
 """Where it is not the number of the built-in type: UtcTime."""
 _MOST_VARIABLES = 1000
-"""Of a machine, of what anybody who may publish can make this process keep."""
+"""Most variables of a machine, which anybody who may publish can make this process keep."""
 _READ = ua.AccessLevel.CurrentRead.mask
 
 

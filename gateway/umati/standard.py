@@ -115,7 +115,7 @@ class ServedNodes(MutableMapping[ua.NodeId, NodeData]):
 
 
 def _number(key: ua.NodeId) -> int:
-    """Of a node that can be in a pack; otherwise -1."""
+    """The number of a node that can be in a pack; otherwise -1."""
     identifier = key.Identifier
     return int(identifier) if key.NamespaceIndex == 0 and isinstance(identifier, int) else -1
 

@@ -1,5 +1,7 @@
-"""The page for operators: a subscriber that shows the state of the machines in a browser, and signs commands of users
-whose keys its settings name."""
+"""The page for operators: a subscriber that shows the state of the machines in a browser.
+
+It signs commands of users whose keys its settings name.
+"""
 
 from typing import TYPE_CHECKING
 

@@ -30,7 +30,8 @@ HEADERS: Final = {
     "cross-origin-resource-policy": "same-origin",
     "cache-control": "no-store",
 }
-"""Of every answer: nothing but this server's own files is loaded, and no script or style within a page is run."""
+"""Headers of every answer: nothing but this server's own files is loaded, and no script or style within a page is
+run."""
 _LOOPBACK_NAMES = frozenset({"localhost", "127.0.0.1", "::1"})
 _MOST_REMEMBERED = 100
 _CHECKS_AT_ONCE = 2
@@ -155,7 +156,7 @@ class Guard:
 
 
 def _host_name(host: str) -> str:
-    """Of a Host header, without its port."""
+    """The name in a Host header, without its port."""
     if host.startswith("["):
         return host[1:].partition("]")[0].lower()
     return host.partition(":")[0].lower()

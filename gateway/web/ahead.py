@@ -215,7 +215,7 @@ class Option:
     off_um: float
     """How far that may be wrong."""
     gain_um: float
-    """Of what is left now."""
+    """By how much it reduces what is left now."""
 
     @property
     def counts(self) -> bool:

@@ -16,7 +16,7 @@ from gateway.heard import SiteSeen
 from gateway.telemetry import ReportPage
 
 AskReport = Callable[[str, date, str], ReportPage]
-"""Of a machine, a local day and its time zone. Blocks. Raises OSError."""
+"""Asks for the report of a machine, a local day and its time zone. Blocks. Raises OSError."""
 _POLICY: Final = (
     "sandbox allow-scripts; default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; "
     "img-src data:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"

@@ -37,7 +37,7 @@ _BODIES = {
 """Part of the sketch to words in the names of its channels; the first that fits."""
 _BAD = frozenset({EventKind.PROBLEM, EventKind.MEASUREMENT_REJECTED, EventKind.MODEL_REJECTED})
 _NC_MARKS: dict[str, str] = {NcState.READY: "good", NcState.PROBING: "good", NcState.NONE: ""}
-"""Of the control's state; a notice at any other."""
+"""Marks of the control's states; any other is a notice."""
 _RENEW_DAYS, _URGENT_DAYS = 30, 7
 _NOTABLE = frozenset({EventKind.OPERATOR, EventKind.SENSOR_SUSPECT, EventKind.LIMIT_EXCEEDED, EventKind.COMMAND})
 

@@ -14,7 +14,7 @@ from talc.frame import FloatArray
 from talc.names import THERMAL_ERRORS
 
 MOST_POINTS = 500
-"""Of one answer: more than a chart on a panel has columns."""
+"""Most points of one answer: more than a chart on a panel has columns."""
 EARLIEST_S, LATEST_S = 946684800.0, 7258118400.0
 """2000 and 2200."""
 
@@ -44,7 +44,7 @@ def shown_past(page: CoursePage, matrix: FloatArray) -> ShownPast:
 
 
 def span(begin: str, end: str) -> tuple[datetime, datetime]:
-    """Of two texts of UTC seconds. Raises ValueError."""
+    """The times that two texts of UTC seconds give. Raises ValueError."""
     from_s, to_s = written(begin), written(end)
     if not EARLIEST_S <= from_s < to_s <= LATEST_S:
         raise ValueError(
@@ -54,7 +54,7 @@ def span(begin: str, end: str) -> tuple[datetime, datetime]:
 
 
 def written(text: str) -> float:
-    """The number of a text in an address; NaN: it is none. Python also reads 1_0 and other scripts' digits."""
+    """The number of a text in an address; NaN: it is not a number. Python also reads 1_0 and other scripts' digits."""
     return float(text) if WRITTEN_NUMBER.fullmatch(text) else math.nan
 
 

@@ -1,6 +1,8 @@
-"""The room that the page reserves for the verdict, so that another verdict moves nothing: the texts that may stand in
-each place. The browser lays all of them out, unseen, so each place is as large as the longest in this language needs at
-this width."""
+"""The room that the page reserves for the verdict, so that another verdict moves nothing.
+
+These are the texts that may stand in each place. The browser lays all of them out, unseen, so each place is as large as
+the longest in this language needs at this width.
+"""
 
 from typing import Final
 

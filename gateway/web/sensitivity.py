@@ -18,16 +18,16 @@ from talc.frame import FloatArray
 from talc.names import ERROR_UNITS, THERMAL_ERRORS
 
 MOST_ESTIMATES = 1000
-"""Of twelve weeks: one each two hours."""
+"""Most estimates of twelve weeks: one each two hours."""
 _LEAST_POINTS = 12
-"""Of a week: a day."""
+"""Fewest points of a week: a day."""
 _LEAST_MOVED_K, _LEAST_MOVED = 0.3, 0.1
 """Standard deviations within a week, below which there is no slope to be seen: of a temperature, of an error."""
 
 
 @dataclass(frozen=True, slots=True)
 class ErrorSensitivity:
-    """Of one thermal error."""
+    """How sensitive one thermal error is."""
 
     error: str
     temperature: str
@@ -53,7 +53,7 @@ class SensitivityWeeks:
 def sensitivity_by_week(page: CoursePage) -> SensitivityWeeks:
     """The slope of a straight line through the stored estimates over a temperature, week by week.
 
-    Raises ValueError for columns of different lengths, or a time that is none.
+    Raises ValueError for columns of different lengths, or a number that is not a time.
     """
     errors, _ = estimates_of(page.errors, len(page.time))
     temperatures, mondays = _columns(page), np.array([monday_of(time) for time in page.time])
@@ -69,7 +69,8 @@ def sensitivity_by_week(page: CoursePage) -> SensitivityWeeks:
 def _of_error(
     j: int, names: Sequence[str], by_week: Sequence[tuple[FloatArray, FloatArray]]
 ) -> ErrorSensitivity | None:
-    """Of the j-th error, its (r, 9) and the (r, t) temperatures of W weeks; None: its estimate hardly changed."""
+    """The sensitivity of the j-th error, from its (r, 9) and the (r, t) temperatures of W weeks; None: its estimate
+    hardly changed."""
     sums = [_sums(errors[:, j], temperatures) for errors, temperatures in by_week]
     n, tt, ee, te = (np.stack(each) for each in zip(*sums, strict=True))  # (W, t)
     with np.errstate(divide="ignore", invalid="ignore"):

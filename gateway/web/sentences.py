@@ -1,5 +1,7 @@
-"""What the page says: keys of the catalogue with the numbers, times and names in them. The browser writes them out, in
-its language and with its locale's numbers and times."""
+"""What the page says: keys of the catalogue with the numbers, times and names in them.
+
+The browser writes them out, in its language and with its locale's numbers and times.
+"""
 
 import math
 from collections.abc import Mapping

@@ -154,7 +154,7 @@ class Streams:
         return _ENCODER.encode({"tick": self._now_ms(), **shown})
 
     def _own_rows(self) -> tuple[SaidRow, ...]:
-        """Of the health of the page itself."""
+        """Rows on the health of the page itself."""
         if self._own_end is None:
             return ()
         return (certificate_row("[tls] certificate", self._own_end, datetime.now(UTC)),)

@@ -17,7 +17,7 @@ from talc.frame import FloatArray, Phase
 
 
 class Colour(StrEnum):
-    """Of the verdict; the page has a word beside each."""
+    """Colour of the verdict; the page has a word beside each."""
 
     RED = "red"
     GREY = "grey"
@@ -107,11 +107,11 @@ def judged(seen: MachineSeen, viewpoint: Viewpoint, now_s: float) -> Verdict:
 
 _WORDS = {Colour.GREEN: "word.ready", Colour.AMBER: "word.unsure", Colour.RED: "word.not_ready"}
 _HELPED = {*_WORDS.values(), "word.unknown"}
-"""Of these it is said since when, and what would help."""
+"""For these words it is said since when they hold, and what would help."""
 
 
 def _colour(near: FloatArray, far: FloatArray, tolerance_um: float) -> Colour:
-    """Of (3,) ends of the intervals of what is left."""
+    """The colour by the (3,) ends of the intervals of what is left."""
     if not np.isfinite(far).all():
         return Colour.AMBER
     if (far <= tolerance_um).all():

@@ -11,7 +11,7 @@ from gateway.web.sentences import Amount, um
 
 WEEKS = timedelta(weeks=12)
 MOST_MEASUREMENTS = 2000
-"""Of twelve weeks: one each hour. Of more, an even choice."""
+"""Most measurements of twelve weeks: one each hour. If there are more, an even choice of them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +50,7 @@ def scatter_by_week(page: CoursePage) -> list[ScatterWeek]:
 
 
 def monday_of(time_s: float) -> float:
-    """When the week of a time began: Monday, both UTC seconds. Raises ValueError for a time that is none."""
+    """When the week of a time began: Monday, both UTC seconds. Raises ValueError for a number that is not a time."""
     try:
         day = datetime.fromtimestamp(time_s, UTC).date()
     except (OverflowError, OSError) as error:

@@ -27,9 +27,9 @@ IDLE_S = 12 * 3600.0
 REST_S = 900.0
 """The machine rests for this long at first."""
 TERMS = FollowingTerms(1.0, RADIUS_MM, (150.0, 150.0, 150.0), (210.0, math.hypot(210.0, 250.0)))
-"""Of the program with which the control follows the nine errors; as gateway.toml has them."""
+"""Terms of the program with which the control follows the nine errors; as gateway.toml has them."""
 STEP_OF_WORK_S, WORK_S = 300.0, 120.0
-"""Of a program that rests often, and what of it is work."""
+"""Step of a program that rests often, and how much of it is work."""
 TRUTH_STEP_S = 60.0
 TRUTH_COLUMNS = ("utc_s", *THERMAL_ERRORS, "dx", "dy", "dz", "rx", "ry", "rz", "probing")
 """Simulated UTC; the nine errors; tool-to-workpiece deviation without (d) and with compensation (r), µm;

@@ -15,7 +15,7 @@ _SHORTEST_S = 1.0
 
 
 class _Kind(IntEnum):
-    """Of a client's packet."""
+    """Kind of a client's packet."""
 
     CONNECT = 1
     SUBSCRIBE = 8

@@ -119,7 +119,7 @@ class Scenario:
                 raise NotOfThisDeviceError(f"{change.where}: {device} cannot have this; possible: {has}")
 
     def values(self, time_s: float) -> list[float]:
-        """Of all channels at this time."""
+        """Values of all channels at this time."""
         after = bisect.bisect_right(self._times, time_s)
         if after == 0:
             return list(self._values[0])

@@ -24,7 +24,7 @@ class Passed:
     data: bytes | None
     """HANG_UP: the device closed the connection."""
     identifier: int | None = None
-    """Of a CAN frame; 29 bits have EXTENDED added."""
+    """Identifier of a CAN frame; 29 bits have EXTENDED added."""
 
 
 @dataclass(slots=True)

@@ -40,7 +40,7 @@ class Kernel(Protocol):
     def utc(self) -> datetime: ...
 
     def state(self) -> MachineState:
-        """Of the machine now."""
+        """The machine's state now."""
         ...
 
     def wake(self) -> None:

@@ -168,7 +168,7 @@ class EmulatedControl:
 
     @property
     def subscriptions(self) -> Subscriptions:
-        """Of its clients. Raises RuntimeError unless it runs."""
+        """Subscriptions of its clients. Raises RuntimeError unless it runs."""
         if self._standard is None:
             raise RuntimeError("the emulated control does not run: start it first")
         return self._standard.subscriptions

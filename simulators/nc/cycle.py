@@ -96,7 +96,7 @@ class ProbingCycle:
         self._settings = settings
         self._touch = touch
         self.next_safe_point = next_safe_point
-        """Of the program that runs now."""
+        """Next safe point of the program that runs now."""
         self._waiting: tuple[int, float] | None = None  # number, expires at
         self._due_s = math.inf
         self._pose = 0

@@ -1,5 +1,6 @@
-"""Interprets the synchronised actions of an NC program: the subset that TALC's programs use, and no more than manuals
-name as possible there.
+"""Interprets the synchronised actions of an NC program.
+
+It knows the subset that TALC's programs use, and no more than manuals name as possible there.
 
 What a synchronised action may contain: NC Programming, Programming Manual, 12/2019 (6FC5398-2EP40-0BA0), 2.15.7: the
 functions of FUNCTIONS, and the priority of operators, by which a comparison binds weaker than AND and OR. Actions run
@@ -14,7 +15,7 @@ from dataclasses import dataclass
 from typing import Final
 
 HIGHEST_ID: Final = 255
-"""Of a synchronised action; the control's own display of them has as many places."""
+"""Highest id of a synchronised action; the control's own display of them has as many places."""
 LONGEST_BLOCK: Final = 512
 """Characters."""
 FUNCTIONS: Final[Mapping[str, Callable[[float], float]]] = {
@@ -53,7 +54,7 @@ class SystemVariable:
 
     values: list[float]
     index: Mapping[str, int] | None = None
-    """Of axes; None: a number."""
+    """Index of each axis; None: a number."""
     main_run: str = "$"
     """What precedes its name in a synchronised action."""
     read_only: bool = False
@@ -86,7 +87,7 @@ class SynchronisedActions:
 
     @property
     def numbers(self) -> Sequence[int]:
-        """Of the actions that are active."""
+        """Numbers of the actions that are active."""
         return sorted(self._actions)
 
     def load(self, program: str) -> None:

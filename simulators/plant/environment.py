@@ -14,12 +14,13 @@ _DAY_S = 86400.0
 _FORGOTTEN = 10.0
 """After this many recovery times less than a millikelvin of a door's effect is left."""
 _HEIGHT_M = {"left": 1.0, "right": 1.0, "front": 1.0, "rear": 1.3, "high": 2.6, "ground": 0.0}
-"""Of each zone's air beside the machine above the hall's floor (assumed: panels' middle, portal's top)."""
+"""Height of each zone's air beside the machine above the hall's floor (assumed: panels' middle, portal's top)."""
 _DOOR_SHARE = {"left": 1.0, "right": 0.5, "front": 0.9, "rear": 0.4, "high": 0.3, "ground": 0.0}
-"""Of the drop: the door is at the front left, cold air stays low, machine and cabinet stand before the rear
-(assumed)."""
+"""Each zone's share of the drop: the door is at the front left, cold air stays low, machine and cabinet stand before
+the rear (assumed)."""
 _WORKING_S, _OPEN_S, _FALL_S = (6 * 3600.0, 20 * 3600.0), (120.0, 900.0), 180.0
-"""Of the day, between which the door is opened; for how long, least and longest; the drop's time constant (assumed)."""
+"""Times of day between which the door is opened; for how long, least and longest; the drop's time constant
+(assumed)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -262,7 +262,8 @@ class SparseOutputError(TrainedModels):
 
 
 def _check_parameters(estimator: TrainedModels) -> None:
-    """Raises ValueError: one is none of the words that it may be, or no whole number. The settings check sizes."""
+    """Raises ValueError for a parameter that is not one of its words, or not a whole number. The settings check
+    sizes."""
     for name, kind in get_type_hints(type(estimator).__init__).items():
         value = getattr(estimator, name, None)
         if get_origin(kind) is Literal and value not in get_args(kind):
@@ -305,7 +306,7 @@ def _trained(
 
 
 def _state(model: ErrorModel, inputs: tuple[str, ...], rows: FloatArray, measured: FloatArray) -> list[list[float]]:
-    """Of the model at the last row."""
+    """The model's state at the last row."""
     running = FreeRunningModel(model, [inputs.index(name) for name in model.inputs])
     running.warm_up(rows, measured)
     return running.state()

@@ -9,7 +9,7 @@ from talc.frame import IntArray
 from talc.steps import StepCounter
 
 _STEP_S = 300.0
-"""Of rows without times, if none is given: the gateway's."""
+"""Step of rows without times, if none is given: the gateway's."""
 _SHORTEST_S = 1.0
 """Median spacings below this are times in minutes, hours or days that were given as seconds."""
 

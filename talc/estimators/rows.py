@@ -27,7 +27,7 @@ class Inputs:
     values: FloatArray
     """(T, n) NaN: missing."""
     names: tuple[str, ...] | None
-    """Of the columns, if they have any."""
+    """Names of the columns, if they have any."""
     time_s: FloatArray | None
     """(T,) UTC seconds, ascending, if rows have times."""
 

@@ -2,11 +2,14 @@
 
 import asyncio
 from collections.abc import Awaitable, Callable, Sequence
+from contextlib import suppress
 from typing import TypeVar
 
 from drivers.base import Driver, NoAnswer, Reading
 
 LIMIT_S = 60.0
+MOST_REPEATS = 20
+"""Most repeats of one question. The waiting grows to a timeout of some seconds: about as many fit into LIMIT_S."""
 
 Answer = TypeVar("Answer")
 
@@ -17,17 +20,15 @@ async def answered(ask: Callable[[bool], Awaitable[Answer]]) -> Answer:
     On a serial line the driver learns from the first answer to wait no longer than 50 ms, and leaves it to who polls to
     ask again; a late answer is as good. On a busy computer another program is later now and then.
 
-    Raises TimeoutError.
+    Raises NoAnswer after MOST_REPEATS, TimeoutError after LIMIT_S.
     """
-    again = False
     async with asyncio.timeout(LIMIT_S):
-        while True:
-            try:
-                return await ask(again)
-            except NoAnswer:
-                again = True
+        for repeats in range(MOST_REPEATS):
+            with suppress(NoAnswer):
+                return await ask(repeats > 0)
+        return await ask(True)
 
 
 async def readings_of(driver: Driver) -> Sequence[Reading]:
-    """One of each channel, asked for until the device answers. Raises TimeoutError."""
+    """One of each channel, asked for until the device answers. Raises as `answered` does."""
     return await answered(lambda again: driver.read(again=again))

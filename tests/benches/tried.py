@@ -1,5 +1,6 @@
-"""Makes docs/tried.md: the programs of others that the drivers are tried against, their versions, and the tests; and
-the short table of it in README.md: `python -m tests.benches.tried`.
+"""Makes docs/tried.md and the short table of it in README.md: `python -m tests.benches.tried`.
+
+They name the programs of others that the drivers are tried against, their versions, and the tests.
 """
 
 import json

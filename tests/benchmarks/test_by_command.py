@@ -1,5 +1,7 @@
-"""`python -m benchmarks SUBJECT`, which `make bench` runs, with few machines and few hours: it makes the rows that
-docs/results.md shows, and renews that table alone."""
+"""`python -m benchmarks SUBJECT`, which `make bench` runs, with few machines and few hours.
+
+It makes the rows that docs/results.md shows, and renews that table alone.
+"""
 
 import importlib
 import re

@@ -1,5 +1,6 @@
-"""The whole service with the real LinuxCNC, which stands idle in MANUAL as an operator leaves it. Needs Debian's
-linuxcnc-uspace.
+"""The whole service with the real LinuxCNC, which stands idle in MANUAL as an operator leaves it.
+
+Needs Debian's linuxcnc-uspace.
 """
 
 import asyncio

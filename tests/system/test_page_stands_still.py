@@ -1,5 +1,7 @@
-"""Nothing on the page for operators moves: not while it is opened, nor with a measurement, another verdict, an order
-or a failure."""
+"""Nothing on the page for operators moves.
+
+It stands still while it is opened, and with a measurement, another verdict, an order or a failure.
+"""
 
 import json
 from dataclasses import dataclass

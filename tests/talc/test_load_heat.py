@@ -1,5 +1,7 @@
-"""What loads do to temperatures, and the sensor check with them, on bodies whose temperatures a matrix exponential
-gives (tests/benches/hot_bearing.py)."""
+"""What loads do to temperatures, and the sensor check with them.
+
+A matrix exponential gives the temperatures of the bodies (tests/benches/hot_bearing.py).
+"""
 
 from collections.abc import Sequence
 

@@ -1,5 +1,8 @@
-"""Planned loads: what becomes of inputs and errors, against the closed form of a lag and against a matrix exponential
-of the bodies (tests/benches/hot_bearing.py)."""
+"""Planned loads: what becomes of inputs and errors.
+
+They are compared with the closed form of a lag and with a matrix exponential of the bodies
+(tests/benches/hot_bearing.py).
+"""
 
 from functools import cache
 

@@ -1,2 +1,4 @@
-"""Adds three kinds to talc-gateway: the control `text_axes`, which is only read, the bus `text_tcp`, and the outlet
-`text_lines`."""
+"""Adds three kinds to talc-gateway.
+
+They are the control `text_axes`, which is only read, the bus `text_tcp`, and the outlet `text_lines`.
+"""

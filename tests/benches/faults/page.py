@@ -98,8 +98,8 @@ MEANING: Mapping[str, str] = {
 }
 SLOW = """## slow device
 Each device answers within `timeout_s`, but together the devices of the bus take longer than the period. Every reading
-is good, but late. An event says how many periods were missed and which device takes longest;
-`periods_missed` in the key `status` counts them. Raise `period_s` or the line's speed, or read fewer channels.
+is good, but late. An event says how many periods were missed and which device takes longest; `periods_missed` in the
+key `status` counts them. Raise `period_s` or the line's speed, or read fewer channels.
 """
 FROZEN = """## frozen value
 With `stuck_after_s` set, a channel whose number has not changed at all for that long is `stale` ("exactly 21 for

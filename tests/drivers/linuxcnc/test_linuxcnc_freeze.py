@@ -1,5 +1,6 @@
-"""What stands still in a probing cycle of the real LinuxCNC, and from when to when, in its own servo periods. The agent
-is frozen meanwhile: real time alone keeps to it. Needs Debian's linuxcnc-uspace.
+"""What stands still in a probing cycle of the real LinuxCNC, and from when to when, in its own servo periods.
+
+The agent is frozen meanwhile: real time alone keeps to it. Needs Debian's linuxcnc-uspace.
 """
 
 import asyncio

@@ -1,5 +1,6 @@
-"""How the real-time component gets onto a control: compiled there, or as the Debian package brings it. In part with
-Debian's linuxcnc-uspace-dev.
+"""How the real-time component gets onto a control: compiled there, or as the Debian package brings it.
+
+In part with Debian's linuxcnc-uspace-dev.
 """
 
 import os

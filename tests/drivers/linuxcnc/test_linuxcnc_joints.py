@@ -1,5 +1,7 @@
-"""Units and joints that the agent of deploy/nc/linuxcnc reads in the INI file: each machine is compensated at the
-right joints by the right length, or refused by name. In part in the real LinuxCNC, Debian's linuxcnc-uspace.
+"""Units and joints that the agent of deploy/nc/linuxcnc reads in the INI file.
+
+Each machine is compensated at the right joints by the right length, or refused by name. In part in the real LinuxCNC,
+Debian's linuxcnc-uspace.
 """
 
 import asyncio

@@ -1,5 +1,7 @@
-"""The probing request between driver, agent and talc_safe_point.ngc in the real LinuxCNC: where it runs, how it ends,
-and that the part program finds everything as it was. Needs Debian's linuxcnc-uspace.
+"""The probing request between driver, agent and talc_safe_point.ngc in the real LinuxCNC.
+
+The tests show where it runs, how it ends, and that the part program finds everything as it was. Needs Debian's
+linuxcnc-uspace.
 """
 
 import asyncio

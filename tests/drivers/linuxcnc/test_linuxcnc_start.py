@@ -1,5 +1,6 @@
-"""How the agent of deploy/nc/linuxcnc starts: where it listens, and which keys it takes. In part in the real LinuxCNC,
-Debian's linuxcnc-uspace.
+"""How the agent of deploy/nc/linuxcnc starts: where it listens, and which keys it takes.
+
+In part in the real LinuxCNC, Debian's linuxcnc-uspace.
 """
 
 import json

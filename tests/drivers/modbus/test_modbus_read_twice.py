@@ -1,5 +1,7 @@
-"""What is read once and scales or judges every later value: over Modbus TCP, which has no checksum, a changed byte in
-its answer is noticed."""
+"""What is read once and scales or judges every later value, over Modbus TCP, which has no checksum.
+
+A changed byte in its answer is noticed.
+"""
 
 from pathlib import Path
 

@@ -207,6 +207,7 @@ async def test_what_no_agent_should_answer_is_a_bad_answer(answer: bytes, says: 
 
 @pytest.mark.realtime
 async def test_the_largest_document_does_not_hold_up_what_else_the_gateway_does() -> None:
+    """Tolerance: the loop is never held up for more than half of the time that the document takes."""
     largest, longest_s, ended = b"<a>" + b'<b c="1"/>' * 99_000 + b"</a>", 0.0, False
 
     async def look() -> None:

@@ -1,4 +1,4 @@
-"""What every command refuses before it begins: numbers that are none, and what no option can mean."""
+"""What every command refuses before it begins: texts that are not numbers, and what no option can mean."""
 
 from collections.abc import Iterator
 

@@ -16,7 +16,7 @@ from gateway.cli.status import file_system_of, is_locked, status_of
 from gateway.commands import Command, CommandName, CommandOutcome
 from gateway.config import GatewayConfig, load
 from gateway.events import CommandGiven, ConfigurationApplied, DecisionMade, EventReported, FrameMade, ReadingsTaken
-from gateway.nc.standing import CONNECTED_AGAIN, NOT_CONNECTED
+from gateway.nc.problems import CONNECTED_AGAIN, NOT_CONNECTED
 from gateway.storage import Store
 from talc.frame import Event, EventKind, Frame
 from tests.benches.command import here

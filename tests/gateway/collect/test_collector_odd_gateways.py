@@ -1,4 +1,4 @@
-"""Gateways whose answers are none, are late, or are those of an earlier program: told, and no other machine waits."""
+"""Gateways whose answers are invalid, late or those of an earlier program: reported, and no other machine waits."""
 
 from collections.abc import Mapping
 from pathlib import Path

@@ -1,5 +1,6 @@
-"""A write that gets no answer may be held by the network and arrive later: no step larger than one period's, and the
-gateway knows its own.
+"""A write that gets no answer may be held by the network and arrive later.
+
+It makes no step larger than one period's, and the gateway knows its own.
 """
 
 import asyncio

@@ -1,5 +1,6 @@
-"""The nine errors go to a control that works out the offsets itself: their form, their slew, and the link that sends
-them.
+"""The nine errors go to a control that works out the offsets itself.
+
+The tests cover their form, their slew, and the link that sends them.
 """
 
 import asyncio

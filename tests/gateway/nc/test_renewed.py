@@ -1,5 +1,7 @@
-"""A correction that is renewed between two decisions reaches the NC as a decision does: whatever keeps a decision from
-it keeps the renewal from it, too."""
+"""A correction that is renewed between two decisions reaches the NC as a decision does.
+
+Whatever keeps a decision from the NC keeps the renewal from it, too.
+"""
 
 import asyncio
 import math

@@ -192,7 +192,7 @@ def test_a_long_time_without_readings_takes_no_pages(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("after", ["e", "r5", "e-1", "e٣", "e" + "9" * 30])
 def test_a_place_that_no_page_gave_is_refused(after: str, stored: tuple[Path, list[Sample]]) -> None:
-    with pytest.raises(ValueError, match="expected `next` of the page before"):
+    with pytest.raises(ValueError, match="expected `next` of the previous page"):
         means_page(stored[0], BEGIN, BEGIN + timedelta(days=1), None, 10, 60, after)
 
 

@@ -122,7 +122,7 @@ async def test_a_page_is_what_was_asked_for() -> None:
         ),
         (f"{DAY};every=nan", "history: every = 'nan': expected whole seconds"),
         (f"{DAY};form=columns", "history: form = 'columns': expected rows or blocks"),
-        (f"{DAY};form=blocks;every=60", "history: form = 'blocks': of single readings only; leave out every"),
+        (f"{DAY};form=blocks;every=60", "history: form = 'blocks': gives only single readings; leave out every"),
         (f"{DAY};form=blocks;limit=500001", "history: limit = '500001': expected 1 to 500000"),
         (f"{DAY};every=3601", "history: every = '3601': expected whole seconds"),
         (f"{DAY};every=86460", "history: every = '86460': expected whole seconds"),

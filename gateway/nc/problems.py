@@ -12,7 +12,7 @@ _BEGINNINGS = {CONNECTED_AGAIN: (NOT_CONNECTED,), HEARD_AGAIN: (NOT_RECEIVED, NO
 
 
 def still_wrong(texts: Iterable[str]) -> tuple[str, ...]:
-    """Of all that one run has reported, what is still wrong with the control."""
+    """What is still wrong with the control, by all texts that one run has reported."""
     found: dict[str, str] = {}
     for text in texts:
         if text.startswith("NC: ") and DISARMED in text:

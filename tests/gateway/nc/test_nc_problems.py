@@ -3,7 +3,7 @@
 import pytest
 
 from gateway.nc import still_wrong
-from gateway.nc.standing import CONNECTED_AGAIN, DISARMED, HEARD_AGAIN, NOT_ANSWERED, NOT_CONNECTED, NOT_RECEIVED
+from gateway.nc.problems import CONNECTED_AGAIN, DISARMED, HEARD_AGAIN, NOT_ANSWERED, NOT_CONNECTED, NOT_RECEIVED
 
 LOST, REFUSED = f"{NOT_CONNECTED}device nc: silent", f"{NOT_CONNECTED}device nc: refused"
 UNHEARD, NEVER_HEARD = NOT_RECEIVED, f"{NOT_ANSWERED}: no offset is written"
