@@ -27,6 +27,7 @@ from drivers.micro_epsilon import (
     MeRs485Settings,
 )
 from drivers.modbus import (
+    LAST_ADDRESS,
     ModbusOptions,
     ModbusProfile,
     ModbusRtuSettings,
@@ -43,8 +44,6 @@ from drivers.section import Section
 from drivers.tap import Tap
 
 __all__ = ["BUS_KINDS", "AnyBusSettings", "bus_from_settings", "check_device", "make_bus", "make_device"]
-
-_LAST_ADDRESS = 65535
 
 
 AnyBusSettings = (
@@ -174,7 +173,7 @@ def make_device(
         case AgentProfile(), agent.AgentBus(), NoOptions():
             return agent.AgentDevice(device_name, bus, profile, channels, clock)
         case _:
-            raise SetupError(f"{type(bus).__name__} was not made by make_bus", bus=bus.name, device=device_name)
+            raise SetupError(f"{type(bus).__name__} is no bus that was built here", bus=bus.name, device=device_name)
 
 
 def _loaded(profile: str | Profile) -> Profile:
@@ -235,10 +234,10 @@ class _SettingsCheck:
     ) -> ModbusOptions:
         where = read_settings(ModbusOptions, options, bus=self.bus, device=self.device)
         last = last_address(profile, channels, where.address_offset)
-        if last > _LAST_ADDRESS:
+        if last > LAST_ADDRESS:
             raise self._error(
                 f"address_offset = {where.address_offset}: address {last} does not exist",
-                hint=f"addresses end at {_LAST_ADDRESS}",
+                hint=f"addresses end at {LAST_ADDRESS}",
             )
         return where
 

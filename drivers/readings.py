@@ -47,3 +47,8 @@ class ReadingMaker:
             )
             readings.append(Reading(channel, number, self.units[channel], quality, measured, measured_s, detail))
         return readings
+
+    def make_aged(self, judged: Mapping[str, tuple[float | Fault, float]]) -> list[Reading]:
+        """The same of values that come with their ages, s."""
+        values = {name: value for name, (value, _) in judged.items()}
+        return self.make(values, {name: age_s for name, (_, age_s) in judged.items()})

@@ -1,8 +1,9 @@
 """The service: configuration, acquisition, control loop, storage, telemetry and command line. It holds all policy.
 
-It is a program: only the benchmarks use its rooms, by the names that each of them states. Beside the rooms stands
-what several of them share (`apart`, `commands`, `events`, `passwords`, `versions`), and what the command line runs as a
-whole (`service`, `metrics`); `client` is for programs of others.
+It is a program. `client` is for programs of others (docs/client.md). Extensions use the names of `config`, `outlets`
+and `telemetry` (docs/extensions.md), and the benchmarks those of all rooms. Beside the rooms stands what several of
+them share (`apart`, `commands`, `events`, `history_tables`, `learning_group`, `passwords`, `reading_blocks`,
+`versions`), and what the command line runs as a whole (`service`, `metrics`).
 """
 
-__all__: list[str] = []
+__all__ = ["client"]

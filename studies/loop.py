@@ -16,8 +16,6 @@ from talc.training import train
 
 POSES = np.deg2rad(np.array([[0.0, 0.0], [0.0, 90.0], [0.0, 180.0], [0.0, 270.0], [90.0, 0.0], [-90.0, 0.0]]))
 RADIUS_M, HEIGHT_M, TOUCH_UM = 0.2, 0.08, 1.0
-CYCLE_S = 120.0
-"""A probing cycle (Z22)."""
 STEP_S = 300.0
 TEMPERATURES = 29
 PAUSE = 288

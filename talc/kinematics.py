@@ -23,7 +23,7 @@ import numpy as np
 from talc.frame import FloatArray
 from talc.probing import deviation_matrix, rotation_x
 
-_MM, _UM = 1e-3, 1e-6
+_MM = 1e-3
 
 
 def tcp_offsets(errors: FloatArray, positions: FloatArray, sphere_radius_m: float) -> FloatArray:

@@ -12,7 +12,7 @@ from talc.frame import FloatArray, IntArray
 from talc.learner import CourseState, LearnerState, MixtureState
 
 _NOT_HERE = -1
-_Value = TypeVar("_Value", bound=np.generic)
+_Scalar = TypeVar("_Scalar", bound=np.generic)
 
 
 def transferred(state: ControllerState, fresh: ControllerState) -> ControllerState:
@@ -76,7 +76,7 @@ def _learner(old: LearnerState, fresh: LearnerState, was: Sequence[str], names: 
     )
 
 
-def _taken(old: NDArray[_Value], fresh: NDArray[_Value], at: IntArray) -> NDArray[_Value]:
+def _taken(old: NDArray[_Scalar], fresh: NDArray[_Scalar], at: IntArray) -> NDArray[_Scalar]:
     """(n, ...) rows of `old` where it has them, else of `fresh`."""
     there = (at >= 0).reshape(-1, *[1] * (old.ndim - 1))
     return np.where(there, old[at], fresh)

@@ -1,4 +1,7 @@
-"""A class or type name means one thing in the whole tree, with or without an underscore before it."""
+"""A class or type name means one thing in the whole tree, with or without an underscore before it.
+
+But in examples: each stands alone, and can share no class with the tree.
+"""
 
 import ast
 import re
@@ -11,14 +14,14 @@ ROOMS = ("talc", "drivers", "gateway", "simulators", "studies", "benchmarks", "d
 
 
 def types(file: Path) -> Iterator[tuple[str, str]]:
-    """Name (without underscores) and definition of each class and type alias of a module; no type variables."""
+    """Name (without underscores) and definition of each class, type alias and type variable of a module."""
     for node in ast.parse(file.read_text("utf-8")).body:
         match node:
             case ast.ClassDef(name=name):
                 yield name.lstrip("_"), f"class {file}"
             case ast.Assign(targets=[ast.Name(id=name)], value=value) if is_type_name(name.lstrip("_")):
-                if not ast.unparse(value).startswith("TypeVar("):
-                    yield name.lstrip("_"), ast.unparse(value)
+                text = ast.unparse(value)
+                yield name.lstrip("_"), "any type" if text.startswith("TypeVar(") else text
 
 
 def is_type_name(name: str) -> bool:

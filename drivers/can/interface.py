@@ -19,6 +19,7 @@ from can.interfaces.socketcan import SocketcanBus
 from can.interfaces.udp_multicast.bus import UdpMulticastBus
 from can.interfaces.udp_multicast.utils import unpack_message
 from can.interfaces.virtual import VirtualBus
+from serial import Serial
 
 from drivers.base import ConnectError
 from drivers.byte_stream import serial_port_hint
@@ -75,10 +76,16 @@ def shut(interface: can.BusABC) -> None:
     """Close it, whatever state it is in."""
     with suppress(can.CanError, OSError):  # an unplugged adapter no longer accepts commands
         interface.shutdown()
-    port = getattr(interface, "serialPortOrig", None)
+    port = serial_port(interface)
     with suppress(OSError):
         if port is not None:  # python-can leaves it open if its shutdown fails
             port.close()
+
+
+def serial_port(interface: can.BusABC) -> Serial | None:
+    """The port of a serial adapter, also behind a tap; None: it is another interface."""
+    inner = interface.inner if isinstance(interface, TappedInterface) else interface
+    return inner.serialPortOrig if isinstance(inner, slcanBus) else None
 
 
 def interface_error(

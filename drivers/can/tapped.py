@@ -13,9 +13,8 @@ class TappedInterface(MonotonicInterface):
 
     def __init__(self, inner: can.BusABC, tap: Tap, *, echoes: bool) -> None:
         """`echoes`: the inner interface receives its own frames, which did not come from the bus."""
-        self._inner, self._tap, self._echoes = inner, tap, echoes
+        self.inner, self._tap, self._echoes = inner, tap, echoes
         self._own: Counter[tuple[int, bool, bytes]] = Counter()
-        self.serialPortOrig = getattr(inner, "serialPortOrig", None)
         super().__init__(channel=inner.channel_info)
         tap.note("open")
 
@@ -24,10 +23,10 @@ class TappedInterface(MonotonicInterface):
         if self._echoes:
             self._own[key] += 1
         self._tap.frame(True, *key)
-        self._inner.send(msg, timeout)
+        self.inner.send(msg, timeout)
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
-        message = self._inner.recv(timeout)
+        message = self.inner.recv(timeout)
         if message is None or message.is_error_frame or message.is_remote_frame:
             return message, False
         key = message.arbitration_id, bool(message.is_extended_id), bytes(message.data)
@@ -40,4 +39,4 @@ class TappedInterface(MonotonicInterface):
     def shutdown(self) -> None:
         super().shutdown()
         self._tap.note("close")
-        self._inner.shutdown()
+        self.inner.shutdown()

@@ -10,12 +10,12 @@ import struct
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from drivers.base import BadAnswer, Clock, DriverError, NoAnswer, Quality, Reading, WrongDevice
+from drivers.base import BadAnswer, Clock, DriverError, NoAnswer, Reading, WrongDevice
 from drivers.byte_stream import StreamBus, TcpStream
-from drivers.faults import Fault
 from drivers.micro_epsilon.profile import MeEthernetProfile
+from drivers.micro_epsilon.scaling import distance_um
 from drivers.micro_epsilon.settings import DisplacementOptions, MeEthernetSettings
-from drivers.readings import ReadingMaker, total
+from drivers.readings import ReadingMaker
 from drivers.tap import Tap
 
 _START = b"MEAS"
@@ -110,7 +110,12 @@ class MeEthernetDevice:
     async def read(self, *, again: bool = False) -> Sequence[Reading]:  # noqa: ARG002
         """One reading per channel, in µm, from the next block."""
         block = await self._block()
-        return self._maker.make({name: self._distance(block.values[i]) for name, i in self._channels.items()})
+        return self._maker.make(
+            {
+                name: distance_um(block.values[i], self._profile.value, self._options)
+                for name, i in self._channels.items()
+            }
+        )
 
     async def close(self) -> None:
         """Nothing to close: the bus owns the connection."""
@@ -128,12 +133,6 @@ class MeEthernetDevice:
                     hint=f"channels fitted: {fitted}",
                 )
         return block
-
-    def _distance(self, raw: int) -> float | Fault:
-        fraction = raw / self._profile.value.full_scale
-        if not 0.0 <= fraction <= 1.0:
-            return Fault(Quality.OUT_OF_RANGE, f"{fraction:.3g} of the measuring range; 0 to 1 can be measured")
-        return total(fraction * self._options.range_um, -self._options.zero_um)
 
 
 def find_block(heard: bytes | bytearray) -> MeBlock | None:

@@ -13,9 +13,10 @@ from drivers.base import BadAnswer, Clock, NoAnswer, Quality, Reading
 from drivers.byte_stream import StreamBus
 from drivers.faults import Fault
 from drivers.micro_epsilon.profile import MeRs485Profile
+from drivers.micro_epsilon.scaling import distance_um
 from drivers.micro_epsilon.settings import DisplacementOptions, MeRs485Settings
 from drivers.patience import Patience
-from drivers.readings import ReadingMaker, total
+from drivers.readings import ReadingMaker
 from drivers.serial_server import pause_s, serial_stream
 from drivers.tap import Tap
 
@@ -161,10 +162,7 @@ class MeRs485Device:
             ) from error
         if not isfinite(unscaled):
             return Fault(Quality.SENSOR_FAULT, "the sensor sends no number: no target, or the probe is not connected")
-        fraction = unscaled / self._profile.value.full_scale
-        if not 0.0 <= fraction <= 1.0:
-            return Fault(Quality.OUT_OF_RANGE, f"{fraction:.3g} of the measuring range; 0 to 1 can be measured")
-        return total(fraction * self._options.range_um, -self._options.zero_um)
+        return distance_um(unscaled, self._profile.value, self._options)
 
 
 def decode_float(data: bytes) -> float:

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from drivers.modbus.profile import ModbusProfile
     from drivers.modbus.rtu import ModbusRtuBus, ModbusRtuTcpBus
     from drivers.modbus.settings import ModbusOptions, ModbusRtuSettings, ModbusRtuTcpSettings, ModbusTcpSettings
+    from drivers.modbus.tables import LAST_ADDRESS
 else:
     __getattr__ = on_first_use(
         __name__,
@@ -23,10 +24,12 @@ else:
             ".profile": ("ModbusProfile",),
             ".rtu": ("ModbusRtuBus", "ModbusRtuTcpBus"),
             ".settings": ("ModbusOptions", "ModbusRtuSettings", "ModbusRtuTcpSettings", "ModbusTcpSettings"),
+            ".tables": ("LAST_ADDRESS",),
         },
     )
 
 __all__ = [
+    "LAST_ADDRESS",
     "Block",
     "ModbusBus",
     "ModbusDevice",

@@ -11,7 +11,7 @@ from drivers.faults import CodeRule, Fault, FaultText, check_code
 from drivers.modbus.numbers import BIT_FUNCTIONS, REGISTER_BITS, REGISTER_FUNCTIONS, Order, Span, as_in_manuals
 from drivers.section import Section, wrong
 
-_LAST_ADDRESS = 65535
+LAST_ADDRESS = 65535
 
 
 def _of_registers(function: int) -> int:
@@ -27,12 +27,12 @@ def _of_bits(function: int) -> int:
 
 
 def _no_manuals_number(address: object) -> object:
-    if isinstance(address, int) and address > _LAST_ADDRESS and (meant := as_in_manuals(address)):
-        raise ValueError(f"{address}: expected at most {_LAST_ADDRESS}; {meant}")
+    if isinstance(address, int) and address > LAST_ADDRESS and (meant := as_in_manuals(address)):
+        raise ValueError(f"{address}: expected at most {LAST_ADDRESS}; {meant}")
     return address
 
 
-Address = Annotated[int, BeforeValidator(_no_manuals_number), Field(ge=0, le=_LAST_ADDRESS)]
+Address = Annotated[int, BeforeValidator(_no_manuals_number), Field(ge=0, le=LAST_ADDRESS)]
 """Address of a register or bit, counted from 0."""
 RegisterFunction = Annotated[int, AfterValidator(_of_registers)]
 BitFunction = Annotated[int, AfterValidator(_of_bits)]

@@ -36,9 +36,9 @@ class MqttDevice:
     async def read(self, *, again: bool = False) -> Sequence[Reading]:  # noqa: ARG002
         """One reading per channel, as old as its payload says. Raises ConnectError."""
         latest = await self._bus.latest(self._device, self._names)
-        judged = {name: self._judged(topic, latest.get(topic.topic)) for name, topic in self._topics.items()}
-        values = {name: value for name, (value, _) in judged.items()}
-        return self._maker.make(values, {name: age_s for name, (_, age_s) in judged.items()})
+        return self._maker.make_aged(
+            {name: self._judged(topic, latest.get(topic.topic)) for name, topic in self._topics.items()}
+        )
 
     async def close(self) -> None:
         """Nothing to close: the connection is the bus's."""

@@ -49,9 +49,7 @@ class OpcUaDevice:
         """One reading per channel; with `max_age_s` each is as old as its source timestamp says. A node that cannot be
         read affects its own channel only."""
         found, now_s = dict(zip(self._nodes, await self._ask(), strict=True)), monotonic()
-        judged = {name: self._judged(name, value, now_s) for name, value in found.items()}
-        values = {name: value for name, (value, _) in judged.items()}
-        return self._maker.make(values, {name: age_s for name, (_, age_s) in judged.items()})
+        return self._maker.make_aged({name: self._judged(name, value, now_s) for name, value in found.items()})
 
     async def close(self) -> None:
         """Nothing to close: the session is the bus's."""

@@ -18,8 +18,6 @@ VERSION: Final = 1
 """Of the program and its parameters; the control shows it while the program is active."""
 FIRST_ID: Final = 60
 """Of the static synchronised actions."""
-AC_PARAMS: Final = 28
-"""$AC_PARAM[1] to [27] are in use: MD28254 has to be at least this."""
 _IMPLAUSIBLE_UM: Final = 1_000_000
 """What would move the tool by a metre is an invalid number: nothing moves."""
 _GONE_MM: Final = 0.00005

@@ -18,7 +18,7 @@ ConfigPath = click.argument("config", type=click.Path(dir_okay=False, path_type=
 PemPath = click.Path(exists=True, dir_okay=False, path_type=Path)
 LIMIT_S = 600.0
 """How long a scan takes at most, unless the user says otherwise."""
-Command = TypeVar("Command", bound=Callable[..., object])
+Decorated = TypeVar("Decorated", bound=Callable[..., object])
 _ACCESS = (
     click.option("--authority", type=PemPath, help="Certificates of the plant's authority, for tls/… endpoints."),
     click.option("--certificate", type=PemPath, help="Your own certificate, if the gateway asks for one; needs --key."),
@@ -49,7 +49,7 @@ def read_config(path: Path) -> "GatewayConfig":
     return config
 
 
-def access_options(command: Command) -> Command:
+def access_options(command: Decorated) -> Decorated:
     """Add the options by which a reader proves who it is, and whom it believes."""
     for option in reversed(_ACCESS):
         command = option(command)

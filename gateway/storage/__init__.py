@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from gateway.storage.pages import ReadingsPage, readings_page
     from gateway.storage.readings import QUALITIES, Retention
     from gateway.storage.row_pages import RowsPage, rows_after
-    from gateway.storage.snapshot import Snapshot, SnapshotError, decode_snapshot, encode_snapshot, marks_of
+    from gateway.storage.snapshot import Snapshot, SnapshotError, decode_snapshot, marks_of
     from gateway.storage.store import Store, boot_id
     from gateway.storage.stored import StoredCompensation, StoredMeasurement, StoredRun, StoredStep
 else:
@@ -40,7 +40,7 @@ else:
             ".pages": ("ReadingsPage", "readings_page"),
             ".readings": ("QUALITIES", "Retention"),
             ".row_pages": ("RowsPage", "rows_after"),
-            ".snapshot": ("Snapshot", "SnapshotError", "decode_snapshot", "encode_snapshot", "marks_of"),
+            ".snapshot": ("Snapshot", "SnapshotError", "decode_snapshot", "marks_of"),
             ".store": ("Store", "boot_id"),
             ".stored": ("StoredCompensation", "StoredMeasurement", "StoredRun", "StoredStep"),
         },
@@ -78,7 +78,6 @@ __all__ = [
     "course_between",
     "damage_found",
     "decode_snapshot",
-    "encode_snapshot",
     "import_learnt",
     "learnt_text",
     "marks_of",

@@ -16,14 +16,14 @@ from typing import Any, Generic, TypeVar
 
 from gateway.storage.faults import StoreError
 
-Found = TypeVar("Found")
+OnDisk = TypeVar("OnDisk")
 ANSWERS_WITHIN_S = 20.0
 """Real seconds. SQLite waits 10 s for another program's lock, and says so itself."""
 _STOPS_WITHIN_S = 1.0
 """How long work that is nearly done may hold up an end."""
 
 
-class DiskWork(Generic[Found]):
+class DiskWork(Generic[OnDisk]):
     """Something that a thread finds on a disk; begins at once.
 
     Parameters
@@ -37,20 +37,20 @@ class DiskWork(Generic[Found]):
     def __init__(
         self,
         path: Path,
-        work: Callable[[], Found],
+        work: Callable[[], OnDisk],
         limit_s: float = ANSWERS_WITHIN_S,
-        unwanted: Callable[[Found], None] = lambda _: None,
+        unwanted: Callable[[OnDisk], None] = lambda _: None,
     ) -> None:
         self._path, self._work, self._limit_s, self._unwanted = path, work, limit_s, unwanted
         self._changed = threading.Condition()
         self._since_s: float | None = time.monotonic()
-        self._found: list[Found] = []
+        self._found: list[OnDisk] = []
         self._error: BaseException | None = None
         self._ended = self._abandoned = False
         self._tell: Callable[[], object] = lambda: None
         threading.Thread(target=self._run, name=f"opening {path.name}", daemon=True).start()
 
-    def wait(self) -> Found:
+    def wait(self) -> OnDisk:
         """What it found. Raises StoreError when the disk does not answer in time."""
         with self._changed:
             while not self._ended:
@@ -64,7 +64,7 @@ class DiskWork(Generic[Found]):
         self._leave()
         raise self._silent()
 
-    async def until(self, stop: asyncio.Event) -> Found | None:
+    async def until(self, stop: asyncio.Event) -> OnDisk | None:
         """What it found; None: stopped before that. Raises StoreError as `wait`.
 
         A stop, and cancelling it, still wait a second for what is nearly done.
@@ -126,7 +126,7 @@ class DiskWork(Generic[Found]):
             "there, does `dmesg` report errors of it? Mend or replace it, or give [storage] another path"
         )
 
-    def _outcome(self) -> Found:
+    def _outcome(self) -> OnDisk:
         if self._error is not None:
             raise self._error
         return self._found[0]
@@ -182,6 +182,6 @@ def long_work() -> Iterator[None]:
             current.suspend(False)
 
 
-def answered(path: Path, work: Callable[[], Found]) -> Found:
+def answered(path: Path, work: Callable[[], OnDisk]) -> OnDisk:
     """What `work` finds at the path. Raises what it raises, or StoreError when the disk does not answer in time."""
     return DiskWork(path, work).wait()

@@ -53,13 +53,6 @@ class Snapshot:
         return -1 if self.state.last_k is None else self.state.last_k
 
 
-def encode_snapshot(snapshot: Snapshot) -> bytes:
-    """The bytes of a snapshot."""
-    _, pieces = _encoded(snapshot)
-    body = b"".join(pieces)
-    return hashlib.sha256(body).digest() + body
-
-
 def put_snapshots(connection: sqlite3.Connection, statement: str, rows: Iterable[Sequence[object]]) -> None:
     """Store each piece by piece: it is megabytes, and SQLite would hold several copies of them.
 
@@ -114,7 +107,7 @@ def marks_of(data: bytes) -> str:
 
 
 def decode_snapshot(data: bytes, frames: Callable[[int, int], Frames]) -> Snapshot:
-    """The inverse of `encode_snapshot`.
+    """The snapshot of which these are the bytes (`put_snapshots`).
 
     frames: gives those from a grid index to another one, both included
 

@@ -120,12 +120,9 @@ class Store:
         self.migrated_from = make_schema(self._path) or self.migrated_from
         with closing(connect(self._path)) as connection:
             self._number = _next_boot(connection)
-            self._earlier_boot = _latest_boot(connection)
-            here = connection.execute("SELECT run, origin FROM computer").fetchone() == (
-                self._earlier_boot,
-                self._origin,
-            )
-            self._predecessor = self._earlier_boot if here and self._origin else None
+            earlier = _latest_boot(connection)
+            here = connection.execute("SELECT run, origin FROM computer").fetchone() == (earlier, self._origin)
+            self._predecessor = earlier if here and self._origin else None
             _remove_torn_step(connection)
             begin_epoch(connection)
             connection.commit()
@@ -169,15 +166,11 @@ class Store:
         self._lock.release()
 
     @property
-    def earlier_boot(self) -> str | None:
-        """The name of the run before this one; None: there was none."""
-        return self._earlier_boot
-
-    @property
     def predecessor(self) -> str | None:
-        """The same if that run was on this computer since it was switched on, so that it has certainly ended.
+        """The name of the run before this one, if it was on this computer since that was switched on: so it has ended.
 
-        In a copy of the database, the run before this one may be another computer's, and still at work.
+        None: there was none, or it may be at work. In a copy of the database, the run before this one may be another
+        computer's.
         """
         return self._predecessor
 

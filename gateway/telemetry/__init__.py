@@ -70,7 +70,6 @@ else:
                 "CommandTerms",
                 "CoursePage",
                 "HistoryBlock",
-                "HistoryBlock",
                 "HistoryPage",
                 "ReportPage",
                 "StoredColumn",

@@ -89,7 +89,7 @@ class CommandDoor:
         self._refusals = Refusals()
 
     def answer(self, asked: AskedQuery) -> Replied:
-        """A gateway.telemetry.queries.Answer."""
+        """A gateway.telemetry.queries.Answering."""
         if asked.below:
             return self._command(asked)
         challenge = self._challenges.issue(self._monotonic())

@@ -6,7 +6,7 @@ from datetime import UTC, datetime
 
 from gateway.telemetry.answers import CoursePage, HistoryPage
 from gateway.telemetry.codec import encode
-from gateway.telemetry.queries import MOST_ROWS, Answer, Replied, limit_of, parameters_of
+from gateway.telemetry.queries import MOST_ROWS, Answering, Replied, limit_of, parameters_of
 
 _MOST_ESTIMATES = 2000
 _KNOWN = ("from", "to", "channels", "limit", "after", "every", "form")
@@ -39,7 +39,7 @@ HistorySource = Callable[[HistoryRequest], HistoryPage]
 """Finds a page. Raises ValueError when the request is wrong, OSError when there is nothing to read from."""
 
 
-def history_answer(source: HistorySource) -> Answer:
+def history_answer(source: HistorySource) -> Answering:
     """What answers queries with pages of this source."""
     return lambda asked: Replied(encode(source(parse_selector(asked.parameters))))
 
@@ -62,7 +62,7 @@ CourseSource = Callable[[CourseRequest], CoursePage]
 """Finds estimates. Raises OSError when there is nothing to read from."""
 
 
-def course_answer(source: CourseSource) -> Answer:
+def course_answer(source: CourseSource) -> Answering:
     """What answers queries on `course`."""
     return lambda asked: Replied(encode(source(parse_course(asked.parameters))))
 

@@ -38,7 +38,7 @@ class Replied(NamedTuple):
     attachment: bytes | None = None
 
 
-Answer = Callable[[AskedQuery], Replied]
+Answering = Callable[[AskedQuery], Replied]
 """Raises ValueError when what was asked is wrong, OSError when there is nothing to read from."""
 
 
@@ -53,7 +53,7 @@ class Queries:
     below: whether there are keys below it, too
     """
 
-    def __init__(self, root: str, kind: str, answer: Answer | None, *, below: bool = False) -> None:
+    def __init__(self, root: str, kind: str, answer: Answering | None, *, below: bool = False) -> None:
         self.key, self._kind, self._source = f"{root}/{kind}", kind, answer
         self.declared = f"{self.key}/**" if below else self.key
         """Key expression to declare."""

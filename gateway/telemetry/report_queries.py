@@ -6,7 +6,7 @@ from datetime import date
 
 from gateway.telemetry.answers import ReportPage
 from gateway.telemetry.codec import encode
-from gateway.telemetry.queries import Answer, Replied, parameters_of
+from gateway.telemetry.queries import Answering, Replied, parameters_of
 
 _LONGEST_NAME = 64
 
@@ -24,7 +24,7 @@ ReportSource = Callable[[ReportRequest], ReportPage]
 """Makes the page. Raises ValueError when the request is wrong, OSError when it cannot be made."""
 
 
-def report_answer(source: ReportSource) -> Answer:
+def report_answer(source: ReportSource) -> Answering:
     """What answers queries with reports of this source."""
     return lambda asked: Replied(encode(source(parse_report(asked.parameters))))
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from gateway.telemetry.answers import StoredRows
 from gateway.telemetry.codec import encode
-from gateway.telemetry.queries import MOST_ROWS, Answer, Replied, limit_of, parameters_of
+from gateway.telemetry.queries import MOST_ROWS, Answering, Replied, limit_of, parameters_of
 
 _KNOWN = ("after", "limit")
 _AFTER = re.compile(r"(?P<table>[a-z]{1,40})(?::(?P<epoch>[0-9a-f]{32}):(?P<number>-?[0-9]{1,19}))?")
@@ -28,7 +28,7 @@ StoredSource = Callable[[StoredRequest], StoredRows]
 """Finds rows. Raises ValueError when the request is wrong, OSError when there is nothing to read from."""
 
 
-def stored_answer(source: StoredSource) -> Answer:
+def stored_answer(source: StoredSource) -> Answering:
     """What answers queries with rows of this source."""
     return lambda asked: Replied(encode(source(parse_stored(asked.parameters))))
 

@@ -78,7 +78,7 @@ def stream_script(events: Sequence[Passed]) -> Script:
 
 
 _SYNC, _EMERGENCY = 0x080, 0x080
-_SDO_ANSWER, _SDO_REQUEST, _HEARTBEAT = 0x580, 0x600, 0x700
+_SDO_ANSWER, _SDO_REQUEST = 0x580, 0x600
 
 
 def can_script(events: Sequence[Passed]) -> Script:

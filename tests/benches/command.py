@@ -21,7 +21,7 @@ from gateway.cli import main
 LIMIT_S = 300.0
 _COLUMNS = 100
 
-Opened = TypeVar("Opened")
+Devices = TypeVar("Devices")
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,9 +44,9 @@ def here(*arguments: str, answer: str = "", columns: int = _COLUMNS) -> Done:
 
 
 @contextmanager
-def beside(devices: AbstractAsyncContextManager[Opened]) -> Iterator[Opened]:
+def beside(devices: AbstractAsyncContextManager[Devices]) -> Iterator[Devices]:
     """Emulated devices on the event loop of another thread: a command has this one to itself."""
-    begun: Future[tuple[Opened, Callable[[], object]]] = Future()
+    begun: Future[tuple[Devices, Callable[[], object]]] = Future()
 
     async def serve() -> None:
         loop, end = asyncio.get_running_loop(), asyncio.Event()

@@ -145,7 +145,7 @@ class Life:
                     Store(
                         self._path, f"{boot} {first} {self.verdict.not_started}", self._clock, commit_s=0.01,
                         retention=Retention(samples_days=0.01, minutes_days=0.01), retry_s=0.01,
-                        hangs_after_s=self._hangs_after_s, silent_s=LIMIT_S,
+                        hangs_after_s=self._hangs_after_s, silent_s=LIMIT_S, origin="here",
                     )
                 )  # fmt: skip
                 past = past_in(store, self._config)
@@ -178,7 +178,7 @@ class Life:
         with patch("gateway.service.control_of", lambda *_: InProcess(self._nck, self._clock)):
             service = service_of(
                 self._config, self._clock, in_order([store.record, self._note, keeper.take]), past,  # type: ignore[arg-type]
-                health=lambda: store.health, identity=Identity.of(str(len(self._made)), store.earlier_boot),
+                health=lambda: store.health, identity=Identity.of(str(len(self._made)), store.predecessor),
                 on_disk=on_disk,
             )  # fmt: skip
         stop = asyncio.Event()

@@ -56,11 +56,6 @@ def busy(share: float) -> Disturb:
     return disturb
 
 
-def twice(share: float, by_s: float) -> Disturb:
-    """This share of the answers comes once more after this time."""
-    return lambda draw, frame: [(0.0, frame), *([(by_s, frame)] if draw.random() < share else [])]
-
-
 def late(share: float, by_s: float) -> Disturb:
     """This share of the answers is late; the unit answers what it is asked meanwhile."""
     return lambda draw, frame: [(by_s if draw.random() < share else 0.0, frame)]

@@ -29,7 +29,7 @@ from gateway.recordings import (
     read_wire_log,
 )
 from gateway.storage import Learnt, SnapshotError, learnt_text, parse_learnt
-from gateway.storage.snapshot import Snapshot, decode_snapshot, encode_snapshot
+from gateway.storage.snapshot import Snapshot, decode_snapshot
 from gateway.umati.settings import load_serving
 from gateway.web import load_settings
 from talc.control import Controller
@@ -38,6 +38,7 @@ from talc.learner import make_prior
 from talc.settings import TalcSettings
 from tests.benches.logger_files import INPUTS, logger_dbc, logger_profile_text
 from tests.benches.service_file import FILE
+from tests.benches.snapshot_bytes import stored_bytes
 
 ROOT = Path(__file__).parents[2]
 _TOKENS = (
@@ -293,7 +294,7 @@ def _prior(draw: random.Random, _: Path) -> None:
 
 @cache
 def _snapshot_bytes() -> bytes:
-    return encode_snapshot(Snapshot("marks", _controller().state(), None, {}, (None,) * 9))
+    return stored_bytes(Snapshot("marks", _controller().state(), None, {}, (None,) * 9))
 
 
 def _snapshot(draw: random.Random, _: Path) -> None:

@@ -109,7 +109,7 @@ class GatewayLife:
             with death.within("start"):
                 store = Store(
                     self._config.storage.path, self._name, self._clock, commit_s=0.01, retry_s=0.01,
-                    hangs_after_s=LIMIT_S, silent_s=LIMIT_S,
+                    hangs_after_s=LIMIT_S, silent_s=LIMIT_S, origin="here",
                 )  # fmt: skip
                 stack.enter_context(store)
             with death.within("rebuild"):
@@ -124,7 +124,7 @@ class GatewayLife:
                     sinks = self._note, store.record, partial(self._flush, store), keeper.take
                     service = Service(
                         self._config, self._clock, in_order(sinks), past,
-                        health=lambda: store.health, identity=Identity.of(self._name, store.earlier_boot),
+                        health=lambda: store.health, identity=Identity.of(self._name, store.predecessor),
                         on_disk=partial(self._on_disk, store),
                     )  # fmt: skip
             await self._run(service, store)

@@ -9,7 +9,6 @@ import asyncio
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from functools import partialmethod
-from typing import Any
 from unittest.mock import patch
 
 from asyncua.client.client import Client
@@ -46,7 +45,7 @@ def rare_looks() -> Iterator[None]:
 
     def stop_at_once(self: receiver.Receiver) -> None:
         self._stopping.set()
-        port: Any = getattr(self._interface, "serialPortOrig", None)
+        port = interface.serial_port(self._interface)
         if port is not None:
             port.cancel_read()
         stop(self)

@@ -71,10 +71,3 @@ async def ask_spoilt_agent(folder: Path, draw: random.Random, rounds: int) -> No
             with suppress(DriverError):
                 await nc.connect()
         await nc.close()
-
-
-GREETINGS = [
-    (["read", "status"], None),  # earlier agents named their commands
-    ({"capabilities": ["probe", "shift"]}, None),
-    ({"capabilities": ["shift", "errors"], "reach_mm": [300, 400.5]}, (300.0, 400.5)),
-]

@@ -78,7 +78,7 @@ async def serving(
             past = past_of(history, settings)
     stop = asyncio.Event()
     boot = f"{name} {bench.clock.monotonic()}"
-    with Store(settings.storage.path, boot, bench.clock, retry_s=0.2) as store:
+    with Store(settings.storage.path, boot, bench.clock, retry_s=0.2, origin="here") as store:
         store.begin(settings.canonical(), settings.fingerprint(), "")
 
         async def stored() -> None:
@@ -91,7 +91,7 @@ async def serving(
             store.record,
             past,
             health=health,
-            identity=Identity.of(boot, store.earlier_boot),
+            identity=Identity.of(boot, store.predecessor),
             on_disk=on_disk or stored,
         )
         assert service.link is not None

@@ -9,8 +9,9 @@ from can.interfaces.udp_multicast.utils import pack_message, unpack_message
 from simulators.devices.cia404_node import Nmt
 from simulators.devices.modbus_servers import crc16
 from simulators.devices.source import SensorFault
-from simulators.devices.spoil import Late, Spoil
+from simulators.devices.spoil import Spoil
 from tests.benches.faults.plant import NEIGHBOUR, SENSORS, TIMEOUT_S, VICTIM, FaultyPlant
+from tests.benches.late_answers import Late
 
 PERIOD_S = 0.4
 LONG_TIMEOUT_S = PERIOD_S / 2

@@ -18,7 +18,7 @@ from drivers.canopen.place import CanObject
 from simulators.devices import Cia404Node, SlcanAdapter
 from simulators.devices.slcan_adapter import CanFrame
 from simulators.devices.source import SensorFault
-from simulators.devices.spoil import Late
+from tests.benches.late_answers import Late
 
 pytestmark = pytest.mark.simulated_time
 

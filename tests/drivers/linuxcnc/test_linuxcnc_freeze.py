@@ -19,7 +19,7 @@ pytestmark = [pytest.mark.peer, pytest.mark.slow]
 
 WARM = np.array([2.1, 88.8, 11.3, 6.4, 21.7, 12.6, 35.0, -18.0, 24.0])
 RADIUS_MM, SAFE_Z_MM = 120.0, 180.0
-RUNNING, DONE = 2, 3
+RUNNING = 2
 SIGNALS = (
     *("talc-state", "talc-tool-z", "talc-x-cmd", "talc-y-cmd", "talc-z-cmd", "talc-a-cmd"),
     *(f"talc-{axis}-in-force" for axis in "xyz"),

@@ -12,8 +12,8 @@ from drivers.modbus.rtu import ModbusRtuTcpBus, RtuFramedBus
 from drivers.modbus.settings import ModbusRtuTcpSettings
 from simulators.devices.modbus_servers import DeviceServer
 from simulators.devices.modbus_unit import ModbusUnit
-from simulators.devices.spoil import Late
 from simulators.devices.voltage_input import VoltageInput
+from tests.benches.late_answers import Late
 from tests.benches.rtu_talk import TIMEOUT_S, TWO, registers
 
 pytestmark = pytest.mark.simulated_time

@@ -11,7 +11,6 @@ from pydantic import ValidationError
 
 from drivers.base import SetupError
 from drivers.sinumerik import ErrorTerms, OffsetRoute, SinumerikSettings, errors_program
-from drivers.sinumerik.programs import AC_PARAMS
 from drivers.sinumerik.settings import Handshake
 from simulators.nc.synchronised import ProgramAlarm
 from talc import kinematics
@@ -40,6 +39,8 @@ LARGEST = kinematics.largest_offsets(REACH_M, RADIUS_MM * 1e-3)
 SMALL = WARM / 8
 """What is reached in a few seconds."""
 WIDE = (1e4, 1e4, 1e4)
+AC_PARAMS = 28
+"""$AC_PARAM[1] to [27] are in use: MD28254 has to be at least this."""
 
 
 def random_positions(count: int, seed: int) -> Iterator[FloatArray]:

@@ -16,7 +16,6 @@ from drivers.base import Quality
 from drivers.modbus.numbers import Block
 from simulators.devices import M7015
 from simulators.devices.pta8d08 import Pta8d08
-from simulators.devices.spoil import Late
 from tests.benches.disturbed_line import (
     DISTURBED,
     PERIOD_S,
@@ -32,6 +31,7 @@ from tests.benches.disturbed_line import (
     lost,
     slow,
 )
+from tests.benches.late_answers import Late
 
 pytestmark = pytest.mark.simulated_time
 

@@ -175,7 +175,6 @@ PLACELESS = BASES + (
     "    @property\n    def place(self):\n        raise KeyError('X')\n"
     "    def bus(self, tap):\n        return None\n    def driver(self, device, bus, clock):\n        return None\n"
 )
-LOST = SOUND.replace("return ()", "raise KeyError('X')")
 
 
 @pytest.mark.parametrize(

@@ -12,11 +12,12 @@ import pytest
 from drivers.base import SetupError
 from gateway.config import parse
 from gateway.past import past_in
-from gateway.storage import Snapshot, Store, decode_snapshot, encode_snapshot
+from gateway.storage import Snapshot, Store, decode_snapshot
 from talc.control import Controller
 from talc.frame import Frame, Frames
 from talc.learner import learner_bytes
 from tests.benches.service_file import MACHINE, adam6015, m7015, rtu_bus
+from tests.benches.snapshot_bytes import stored_bytes
 from tests.benches.stepped_clock import SteppedClock
 
 INPUTS = 500
@@ -47,7 +48,7 @@ def day_and_restart() -> None:
         controller.reasons()
         controller.forecast((6, 12))
         controller.between(row, known, 0.5)
-    data = encode_snapshot(Snapshot("marks", controller.state(), None, {}, (None,) * 9))
+    data = stored_bytes(Snapshot("marks", controller.state(), None, {}, (None,) * 9))
     frames = Frames(np.arange(steps), rows, np.tile(known, (steps, 1)), np.full((steps, 9), np.nan))
     found = decode_snapshot(data, lambda _first, _last: frames)
     again = Controller.restore(found.state, settings, 300.0, None)

@@ -20,7 +20,6 @@ from tests.benches.stepped_clock import EPOCH, SteppedClock
 
 DAY_S = 86400.0
 BEGIN = EPOCH.replace(hour=6, minute=0, second=0, microsecond=0)
-CHANNELS = ("a", "b", "c")
 
 MeanValues = dict[tuple[float, str], float]
 

@@ -202,12 +202,15 @@ def test_each_run_knows_the_one_before_it_and_two_copies_claim_as_two(tmp_path: 
     path, copy = tmp_path / "a.sqlite", tmp_path / "b.sqlite"
     boots = [boot_id() for _ in range(4)]
     for boot, earlier in zip(boots[:2], [None, boots[0]], strict=True):
-        with Store(path, boot, SteppedClock()) as store:
-            assert store.earlier_boot == earlier
+        with Store(path, boot, SteppedClock(), origin="here") as store:
+            assert store.predecessor == earlier
             store.begin("{}", "", "")
     shutil.copy(path, copy)
-    with Store(path, boots[2], SteppedClock()) as original, Store(copy, boots[3], SteppedClock()) as cloned:
-        one, other = Identity.of(boots[2], original.earlier_boot), Identity.of(boots[3], cloned.earlier_boot)
+    with (
+        Store(path, boots[2], SteppedClock(), origin="here") as original,
+        Store(copy, boots[3], SteppedClock(), origin="here") as cloned,
+    ):
+        one, other = Identity.of(boots[2], original.predecessor), Identity.of(boots[3], cloned.predecessor)
     assert one.predecessor == other.predecessor == Identity.of(boots[1], None).owner
     assert len({one.owner, other.owner, one.predecessor}) == 3
 
@@ -225,7 +228,8 @@ def test_a_copy_of_what_runs_takes_nothing_over_on_another_computer(tmp_path: Pa
             source.backup(target)
         with Store(copy, "third", SteppedClock(), origin="elsewhere") as cloned:
             assert cloned.predecessor is None
-            assert cloned.earlier_boot == "second"
+        with Store(copy, "third", SteppedClock(), origin="here") as cloned:
+            assert cloned.predecessor == "second"
     with Store(path, "unnamed", SteppedClock()) as store:
         store.begin("{}", "", "")
     with Store(path, "fourth", SteppedClock()) as store:
