@@ -9,7 +9,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from gateway.cli.alive import WatchedClock, feed
-from gateway.cli.memory import give_back_large_blocks
+from gateway.cli.memory import give_back_large_blocks, spare_what_is_there
 from gateway.cli.notify import ServiceManager
 from gateway.cli.opening import opening
 from gateway.cli.record import not_recorded
@@ -60,6 +60,7 @@ def run_service(config: GatewayConfig, path: Path, record: Path | None = None, r
                 manager.ready(f"machine {running.machine.name}")
 
         def started(service: Service) -> None:
+            spare_what_is_there()
             service.take_reloads(lambda: reloading.ask(service))
             beside.append(asyncio.create_task(reloading.run(service), name="reload"))
             beside.append(asyncio.create_task(_tell_end(manager, stop, lambda: running), name="end"))
