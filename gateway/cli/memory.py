@@ -21,7 +21,8 @@ def give_back_large_blocks() -> None:
 
 
 def spare_what_is_there() -> None:
-    """Exempt what exists now from garbage collections: modules, settings and drivers last as long as the process.
+    """Exempt what exists now from garbage collections: modules and settings, nearly all of which last as long as the
+    process.
 
     With 500 channels, a full collection stopped the event loop for 30 ms, and a period of every bus was late.
     """

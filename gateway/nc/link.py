@@ -195,10 +195,10 @@ class NcLink:
         try:
             if self._state is LinkState.AWAY:
                 await self._session.connect()
-                self._tell_form()
                 await self._lease.claim()
                 await self._writer.begin()
                 self._state = after(STATES, self._state, Condition.CONNECTED)
+            self._tell_form()
             snapshot = await self._session.look()
             if not self._hold.on or self.disarmed is not None:
                 await self._prober.settle()

@@ -93,7 +93,7 @@ class Session:
         if frozen:
             self._problems.report(_AXES, "frozen", f"NC: {', '.join(frozen)} report a speed and do not move")
         else:
-            self._problems.clear(_AXES, "NC: the axes move again")
+            self._problems.clear(_AXES, "NC: no axis is frozen any more")
         return replace(snapshot, quality=Quality.STALE) if frozen else snapshot
 
     def _tell_not_known(self, snapshot: NcSnapshot) -> None:

@@ -26,7 +26,8 @@ class Periodic:
             raise ValueError(f"period_s = {period_s:g}, phase_s = {phase_s:g}: expected 0 <= phase < period")
         self._clock, self._period_s = clock, period_s
         self._due_s = first_s
-        self._shift_s = phase_s - period_s if phase_s else 0.0
+        self._phase_s = phase_s
+        """Not yet applied."""
         self.missed = 0
         """Periods that were skipped since the beginning."""
 
@@ -43,8 +44,14 @@ class Periodic:
         """
         if self._due_s is None:
             raise ValueError("no period has begun: wait for it first")
-        due_s, self._shift_s = self._due_s + self._shift_s, 0.0
-        late = max(0, math.ceil((self._clock.monotonic() - due_s) / self._period_s) - 1)
+        due_s, now_s = self._due_s, self._clock.monotonic()
+        if (
+            self._phase_s
+        ):  # the second period begins so much later than the first, or if that has passed, with the third
+            due_s, self._phase_s = due_s + self._phase_s, 0.0
+            if now_s <= due_s:
+                due_s -= self._period_s
+        late = max(0, math.ceil((now_s - due_s) / self._period_s) - 1)
         self._due_s = due_s + self._period_s * (1 + late)
         self.missed += late
         return late

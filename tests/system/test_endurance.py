@@ -123,11 +123,10 @@ async def test_a_day_of_faults_leaves_nothing_behind(tmp_path: Path, caplog: pyt
 
     early = [h for h in found if SETTLED_HOURS + 0.5 <= h.hour < SETTLED_HOURS + COMPARED_HOURS]
     late = [h for h in found if h.hour >= HOURS - COMPARED_HOURS]
-    # The median, as a commit or a training moves each for a moment; at first nearly the most, as a bus that is shut has
-    # fewer, and on a busy computer is so half of the time. What each fault would leave is far more than the difference.
+    # Nearly the most: a bus that is shut has fewer, and on a busy computer is so half of the time.
     for what in ("descriptors", "threads", "tasks"):
-        first, last = np.percentile([getattr(h, what) for h in early], 90), np.median([getattr(h, what) for h in late])
-        assert last <= first + 2, f"{what}: {first} at first, {last} at last"
+        usual = [float(np.percentile([getattr(h, what) for h in some], 90)) for some in (early, late)]
+        assert usual[1] <= usual[0] + 2, f"{what}: {usual}"
     frames = (late[-1].hour - early[0].hour) * 12
     grown = float(np.median([h.traced_bytes for h in late]) - np.median([h.traced_bytes for h in early]))
     assert grown < FRAME_BYTES * frames, f"{grown:.0f} bytes in {frames:.0f} frames"

@@ -150,16 +150,29 @@ def test_a_second_start_by_hand_does_nothing_while_something_is_in_force(name: s
         "SN_CEC_TABLE_WEIGHT": [0.0] * len(CEC_TABLES),
     }
     settings[setting][2] = value
-    r = [1.0] * 100
+    marked = [0.0 if number in (90, 91, 92) else 1.0 for number in range(100)]
+    r = list(marked)
     run = MainRun([text], r, settings, "XYZAC", 0.01, 0.0)
     assert settings[setting][2] == (0.0 if own else value), "at power on it goes"
-    settings[setting][2], r[:] = value, [1.0] * 100
+    settings[setting][2], r[:] = value, marked
     if own:
         run.actions.load(text)
-        assert (settings[setting][2], r) == (value, [1.0] * 100)
+        assert (settings[setting][2], r) == (value, marked)
     else:
         with pytest.raises(ProgramAlarm, match="is there already"):
             run.actions.load(text)
+
+
+def test_by_hand_nothing_happens_to_the_offsets_of_route_r_either() -> None:
+    text = (FOLDER / "TALC_START.SPF").read_text()
+    r = [0.0] * 100
+    run = MainRun([text], r, {"SA_TEMP_COMP_ABS_VALUE": [0.0] * 3}, "XYZAC", 0.01, 0.0)
+    for number in (90, 91, 92):
+        r[number] = -0.01
+        before = list(r)
+        run.actions.load(text)
+        assert r == before
+        r[number] = 0.0
 
 
 def test_no_synchronised_action_has_two_meanings() -> None:

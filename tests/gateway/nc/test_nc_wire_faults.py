@@ -108,7 +108,7 @@ async def test_positions_that_freeze_while_the_axes_report_speed_are_used_no_lon
         np.testing.assert_allclose(at.shift(), 0.0, atol=1e-9)
         at.control.frozen = None
         await at.clock.run_until(230.0)
-        assert at.told(ended=True) == ["NC: the axes move again"]
+        assert at.told(ended=True) == ["NC: no axis is frozen any more"]
         np.testing.assert_allclose(at.shift(), [0.0, 0.0, 10.0], atol=1e-9)
 
 
