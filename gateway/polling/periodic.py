@@ -45,9 +45,8 @@ class Periodic:
         if self._due_s is None:
             raise ValueError("no period has begun: wait for it first")
         due_s, now_s = self._due_s, self._clock.monotonic()
-        if (
-            self._phase_s
-        ):  # the second period begins so much later than the first, or if that has passed, with the third
+        if self._phase_s:
+            # The second period begins so much after the first; work that lasts longer has missed no whole period.
             due_s, self._phase_s = due_s + self._phase_s, 0.0
             if now_s <= due_s:
                 due_s -= self._period_s
