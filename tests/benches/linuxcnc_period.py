@@ -1,9 +1,9 @@
 """How long the component talc_errors takes in each servo period of a real LinuxCNC whose axes move.
 
 `python -m tests.benches.linuxcnc_period [SECONDS]` prints the figures of docs/linuxcnc.md. LinuxCNC counts processor
-clocks; a period in which the computer did something else meanwhile counts in full, as there is no real-time kernel
-here. LinuxCNC's own motion controller, counted in the same periods, shows how often that happens. How long the
-component's core takes by itself, `python -m tests.benches.linuxcnc_core` shows.
+clocks; a period in which the computer did something else meanwhile counts in full. LinuxCNC's own motion controller,
+counted in the same periods, shows how often that happens. `python -m tests.benches.real_time_kernel` runs this command
+on a real-time kernel; `python -m tests.benches.linuxcnc_core` measures the component's core alone.
 """
 
 import asyncio

@@ -178,6 +178,9 @@ TABLE: dict[str, HowShown] = {
     r"python -m tests\.benches\.linuxcnc_period": RunElsewhere(
         "tests/drivers/linuxcnc/test_linuxcnc_period.py", "periods_us"
     ),
+    r"python -m tests\.benches\.real_time_kernel .*": RunElsewhere(
+        "tests/drivers/linuxcnc/test_linuxcnc_period.py", "on_real_time_kernel"
+    ),
     r"python -m tests\.benches\.linuxcnc_core": RunElsewhere(
         "tests/drivers/linuxcnc/test_linuxcnc_period.py", "core_us"
     ),
