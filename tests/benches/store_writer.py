@@ -1,5 +1,9 @@
-"""Writes steps to a store until it is killed; prints each index once it is committed. Run by test_store.py."""
+"""Writes steps to a store until it is killed; prints each index once it is committed. Run by test_store.py.
 
+It is killed before the call that changes the disk whose number it is given, on the disk of failing_disk.py.
+"""
+
+import ctypes
 import sys
 from itertools import count
 from pathlib import Path
@@ -12,6 +16,9 @@ from gateway.events import DecisionMade, FrameMade, ReadingsTaken
 from gateway.storage import Store
 from talc.frame import Decision, Frame, Phase
 
+_KILLS = -3
+"""The fault of failing_disk.cc that kills."""
+
 
 def step(k: int) -> tuple[Frame, Decision]:
     """Numbers that follow from k alone."""
@@ -22,8 +29,9 @@ def step(k: int) -> tuple[Frame, Decision]:
     return frame, decision
 
 
-def main(path: Path, first: int) -> None:
+def main(path: Path, first: int, killed_at: int) -> None:
     clock = SystemClock()
+    ctypes.CDLL(None).fail_from(killed_at, _KILLS, 0, 0)
     with Store(path, f"boot{first}", clock, commit_s=0.01) as store:
         store.begin("{}", "hash", "versions")
         for k in count(first):
@@ -41,4 +49,4 @@ def main(path: Path, first: int) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]), int(sys.argv[2]))
+    main(Path(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3]))

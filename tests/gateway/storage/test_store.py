@@ -2,14 +2,12 @@
 
 import fcntl
 import math
-import os
 import random
 import shutil
 import signal
 import sqlite3
 import subprocess
 import sys
-import time
 from contextlib import closing
 from datetime import timedelta
 from pathlib import Path
@@ -34,6 +32,7 @@ from gateway.storage import History, Store, StoreError, boot_id
 from talc.frame import Decision, Event, EventKind, Frame, Measurement, Phase, Why
 from talc.models import ModelSet
 from tests.benches.database import applied
+from tests.benches.failing_disk import on_failing_disk
 from tests.benches.stepped_clock import EPOCH, SteppedClock
 from tests.benches.store_writer import step
 from tests.benches.telemetry_examples import configuration
@@ -322,25 +321,26 @@ def test_a_row_that_the_database_refuses_is_reported_and_the_others_are_stored(t
 
 @pytest.mark.slow
 def test_killed_at_any_moment_nothing_committed_is_lost_and_nothing_is_torn(tmp_path: Path) -> None:
-    path, rng, confirmed, first = tmp_path / "g.sqlite", random.Random(7), [], 0
-    for _ in range(15):
-        writer = subprocess.Popen(
-            [sys.executable, "-m", "tests.benches.store_writer", str(path), str(first)],
+    path, rng, confirmed, first = tmp_path / "g.sqlite", random.Random(7), list[int](), 0
+    environment = on_failing_disk(tmp_path)
+    for life in range(15):
+        # Before any call that changes the disk: of the first ones it opens the database, later it writes a step.
+        call = rng.randint(1, 100 if life % 3 == 0 else 800)
+        writer = subprocess.run(
+            [sys.executable, "-m", "tests.benches.store_writer", str(path), str(first), str(call)],
             cwd=ROOT,
-            env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
+            env=environment,
             stdout=subprocess.PIPE,
             text=True,
+            check=False,
         )
-        assert writer.stdout is not None
-        with writer, writer.stdout:
-            seen = [int(writer.stdout.readline())]
-            time.sleep(rng.uniform(0.0, 0.15))  # the moment of death, not a wait for anything
-            writer.send_signal(signal.SIGKILL)
-            seen += [int(line) for line in writer.stdout if line.endswith("\n")]
+        assert writer.returncode == -signal.SIGKILL
+        seen = [int(line) for line in writer.stdout.splitlines(keepends=True) if line.endswith("\n")]
         confirmed += seen
-        first = seen[-1] + 2  # the one being written may have been committed
+        first = (seen[-1] if seen else first - 1) + 2  # the one being written may have been committed
         with closing(sqlite3.connect(path)) as connection:
             assert connection.execute("PRAGMA integrity_check").fetchone() == ("ok",)
+    assert len(confirmed) > 50, "steps were written between deaths"
     with History(path) as history:
         stored = {s.frame.k: s for s in history.steps()}
     assert set(confirmed) <= set(stored)
