@@ -48,6 +48,16 @@ class AgentBench:
     async def pin(self, name: str) -> float:
         return await self.operator.number("gets", name)
 
+    async def time_s(self) -> float:
+        """Seconds as LinuxCNC's own real-time thread counts them, which makes up for what a busy computer took."""
+        return await self.pin("talc-seconds")
+
+    async def pass_time(self, seconds: float) -> None:
+        """By LinuxCNC's own clock."""
+        end_s = await self.time_s() + seconds
+        while await self.time_s() < end_s:
+            await asyncio.sleep(0.005)
+
 
 @asynccontextmanager
 async def running(

@@ -130,7 +130,7 @@ class LinuxCncBench(NcBench):
         return AgentControl(self._bench.settings, SystemClock())
 
     async def wait(self, seconds: float) -> None:
-        await asyncio.sleep(seconds)
+        await self._bench.pass_time(seconds)
 
     async def work(self) -> None:
         await self._bench.operator.ask("mdi", "T5 M6 M3 S1200 M8")

@@ -120,6 +120,7 @@ async def test_without_a_plc_there_is_no_connection() -> None:
         await control(host).connect()
 
 
+@pytest.mark.simulated_time
 async def test_a_plc_that_says_nothing_is_silent() -> None:
     held: list[asyncio.StreamWriter] = []
     host = unused_host()

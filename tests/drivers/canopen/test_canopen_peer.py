@@ -5,6 +5,7 @@ emulated node takes part; only the adapter's ASCII protocol is ours.
 """
 
 import asyncio
+from collections import Counter
 from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager, suppress
 from math import isnan
@@ -24,6 +25,7 @@ from tests.benches.npm_peer import node_with, running
 pytestmark = pytest.mark.peer
 
 NODE = 5
+LAST_TPDO = 0x280 + NODE
 TIMEOUT_S = 20.0
 """A busy computer may take so long for an answer of another program. The node's heartbeat (1 s) and timer count as
 stale after three of their periods."""
@@ -34,6 +36,8 @@ class PeerNode:
 
     def __init__(self, process: asyncio.subprocess.Process) -> None:
         self._process = process
+        self.sent = Counter[int]()
+        """How many frames of each identifier came from it."""
 
     def on_frame(self, identifier: int, data: bytes) -> Sequence[CanFrame]:
         self.tell(f"{identifier:x} {data.hex()}")
@@ -49,6 +53,7 @@ class PeerNode:
         while line := await self._process.stdout.readline():
             identifier, _, data = line.decode().strip().partition(" ")
             adapter.send([(int(identifier, 16), bytes.fromhex(data))])
+            self.sent[int(identifier, 16)] += 1
 
 
 @pytest.fixture
@@ -102,14 +107,17 @@ async def test_values_and_status(wire: tuple[Bus, PeerNode], transfer: str) -> N
 
 
 async def test_values_that_it_sends_by_its_timer() -> None:
-    async with joined(event_ms=1000) as (bus, _):
+    async with joined(event_ms=1000) as (bus, peer):
         driver = device(bus, "timer")
         await driver.connect()
         for _ in range(3):
+            heard = peer.sent[LAST_TPDO]
             good, broken = await readings_of(driver)
             assert good.value == pytest.approx(-12.34)
             assert broken.quality is Quality.SENSOR_FAULT
-            await asyncio.sleep(1.0)  # the pace of its timer: the next values
+            async with asyncio.timeout(60.0):
+                while peer.sent[LAST_TPDO] == heard:  # its timer brings the next values
+                    await asyncio.sleep(0.01)
 
 
 async def test_its_emergency_explains_the_fault(wire: tuple[Bus, PeerNode]) -> None:

@@ -22,11 +22,6 @@ async def bench(tmp_path: Path) -> AsyncIterator[AgentBench]:
         yield it
 
 
-async def real_time_s(bench: AgentBench) -> float:
-    """Seconds as LinuxCNC's own real-time thread counts them, which makes up for what a busy computer took."""
-    return await bench.pin("talc-seconds")
-
-
 async def pass_time(bench: AgentBench, seconds: float) -> None:
     """By the clock of LinuxCNC's own real-time thread, which counts while it moves an axis from 0."""
     await bench.operator.ask("mdi", f"G53 G1 X{50.0 * seconds} F3000")
@@ -39,27 +34,35 @@ async def test_snapshot_shows_what_the_control_does(bench: AgentBench) -> None:
     assert (at_rest.mode, at_rest.program, at_rest.alarms) == (OperatingMode.MDA, ProgramState.STOPPED, ())
     assert (at_rest.tool, at_rest.probe_in_spindle) == (0, False)
     await bench.operator.ask("mdi", "T99 M6 G43 M3 S1200 M8")
-    asked = time.monotonic()
-    await bench.nc.snapshot()
-    answered = time.monotonic()
-    await bench.operator.ask("mdi", "G53 G1 X65 C450 F3000")
-    asked_again = time.monotonic()
     turning = await bench.nc.snapshot()
-    least_min, most_min = (asked_again - answered) / 60.0, (time.monotonic() - asked) / 60.0
     assert turning.tool == 99
     assert turning.probe_in_spindle
     assert (turning.states["spindle_speed"], turning.states["coolant"]) == (1200.0, 1.0)
-    # The mean since the last question, whatever the feed was at this moment: 60 mm and one turn. The agent took its two
-    # times somewhere between question and answer.
-    assert 0.98 * 60.0 / most_min < turning.states["speed_X"] < 1.02 * 60.0 / least_min
-    assert 0.98 * 1.0 / most_min < turning.states["speed_C"] < 1.02 * 1.0 / least_min
-    assert turning.states["speed_Y"] == 0.0
     await bench.operator.ask("estop")
     assert (await bench.nc.snapshot()).alarms == (1,)
 
 
+@pytest.mark.realtime
+async def test_speeds_are_the_mean_since_the_last_question(bench: AgentBench) -> None:
+    """Whatever the feed was at this moment: 60 mm and one turn. Tolerance: 2 %, and that the agent took its two times
+    somewhere between question and answer."""
+    asked = time.monotonic()
+    await bench.nc.snapshot()
+    answered = time.monotonic()
+    await bench.operator.ask("mdi", "G53 G1 X60 C360 F3000")
+    asked_again = time.monotonic()
+    turned = await bench.nc.snapshot()
+    least_min, most_min = (asked_again - answered) / 60.0, (time.monotonic() - asked) / 60.0
+    assert 0.98 * 60.0 / most_min < turned.states["speed_X"] < 1.02 * 60.0 / least_min
+    assert 0.98 * 1.0 / most_min < turned.states["speed_C"] < 1.02 * 1.0 / least_min
+    assert turned.states["speed_Y"] == 0.0
+
+
+@pytest.mark.realtime
 @pytest.mark.parametrize("part", ["milltask", "rtapi_app"])
 async def test_a_control_whose_values_stand_still_is_not_trusted(part: str, bench: AgentBench) -> None:
+    """After 2 s. Tolerance: half a second before, for what was still moving; later without a limit."""
+
     async def refused() -> bool:
         try:
             await bench.nc.snapshot()
@@ -169,7 +172,7 @@ async def test_ramp_zero_holds_and_release_acts_at_once(bench: AgentBench) -> No
     assert await bench.nc.read_compensation() == held
     assert held[0] > 0
 
-    await claimed(bench, WatchdogTerms(60.0, 1000.0))
+    await claimed(bench, WatchdogTerms(86400.0, 1000.0))  # a day of silence: the watchdog does nothing
     await bench.nc.release(8)  # not its own
     assert await bench.nc.heartbeat(7)
     await bench.nc.release(7)
@@ -177,7 +180,7 @@ async def test_ramp_zero_holds_and_release_acts_at_once(bench: AgentBench) -> No
     async def gone() -> bool:
         return await bench.nc.read_compensation() == (0.0, 0.0, 0.0)
 
-    assert await until(gone) < 30.0  # half of the silence after which the watchdog would act
+    await until(gone)
     with pytest.raises(Refused, match="belongs to gateway 0"):
         await bench.nc.heartbeat(7)
 
@@ -187,18 +190,18 @@ async def test_silence_moves_the_offsets_no_faster_than_the_control_allows_whate
         await claimed(bench, WatchdogTerms(60.0, 1000.0))
         await bench.nc.write_compensation((6.0, 0.0, 0.0))
         assert (await bench.nc.read_compensation())[0] == pytest.approx(6.0, abs=1e-3)
-        before_s = await real_time_s(bench)
+        before_s = await bench.time_s()
         await bench.nc.release(7)
 
         async def gone() -> bool:
             return await bench.nc.read_compensation() == (0.0, 0.0, 0.0)
 
         await until(gone)
-        assert await real_time_s(bench) - before_s >= 6.0 / 10.0 * 0.99
+        assert await bench.time_s() - before_s >= 6.0 / 10.0 * 0.99
 
 
 async def test_another_gateway_is_refused_while_the_first_is_alive(bench: AgentBench) -> None:
-    await claimed(bench, WatchdogTerms(60.0, 1.0))
+    await claimed(bench, WatchdogTerms(86400.0, 1.0))
     async with bench.beating(7):
         with pytest.raises(Refused, match="belongs to gateway 7"):
             await bench.nc.claim(8, WatchdogTerms(0.3, 1.0))
@@ -214,7 +217,7 @@ async def test_another_gateway_is_refused_while_the_first_is_alive(bench: AgentB
             return False
         return True
 
-    assert await until(taken_over) < 30.0
+    await until(taken_over)
     with pytest.raises(Refused, match="belongs to gateway 8"):
         await bench.nc.heartbeat(7)
 

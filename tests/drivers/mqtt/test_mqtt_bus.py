@@ -125,7 +125,7 @@ async def test_without_a_time_a_kept_message_has_an_unknown_age_and_a_new_one_is
 async def test_a_topic_that_is_silent_is_its_own_channels_fault(tmp_path: Path) -> None:
     with mosquitto(tmp_path) as broker:
         say(broker, "plant/timed", timed(20.5, 0.0), "-r")
-        bus, driver = site(broker, tmp_path, {"timed": 0, "never": 2}, 2.0)
+        bus, driver = site(broker, tmp_path, {"timed": 0, "never": 2}, 5.0)
         try:
             await bus.connect()
             await until(driver, Quality.GOOD)

@@ -18,6 +18,8 @@ from drivers.mqtt.bus import MqttBus
 from drivers.tap import Tap
 from tests.benches.stream_server import Serve, stream_server
 
+pytestmark = pytest.mark.simulated_time
+
 LIMIT_S = 120.0
 CONNECT, SUBSCRIBE, PING, GOODBYE = 1, 8, 12, 14
 """Kinds of packets (2.2.1)."""

@@ -11,6 +11,8 @@ from gateway.outlets.influxdb import InfluxDbOutlet, InfluxDbSettings
 from tests.benches.feed_talk import reading
 from tests.benches.stream_server import stream_server
 
+pytestmark = pytest.mark.simulated_time
+
 LIMIT_S = 60.0
 DEEP = b'{"message":' + b'{"a":' * 100_000
 CHUNKED = b"HTTP/1.1 200 OK\r\nTransfer-Encoding: chunked\r\n\r\n"

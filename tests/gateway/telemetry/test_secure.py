@@ -92,8 +92,11 @@ async def test_by_mutual_tls_a_reader_of_the_plant_gets_in_and_no_other(tmp_path
 
 
 @pytest.mark.slow
+@pytest.mark.realtime
 async def test_a_reader_whose_certificate_ends_while_it_is_connected_is_shut_out(tmp_path: Path) -> None:
-    site, lasts = SecureSite(tmp_path), timedelta(seconds=20)
+    """By the computer's clock, which Zenoh asks. Tolerance: 2 s before, as a certificate ends at a whole second; a
+    minute after; and it must connect within the 10 s."""
+    site, lasts = SecureSite(tmp_path), timedelta(seconds=10)
     async with publisher(site.settings()) as gateway:
         gateway.publish(told("while it is valid"))
         ends_s = time.monotonic() + lasts.total_seconds()
@@ -102,7 +105,7 @@ async def test_a_reader_whose_certificate_ends_while_it_is_connected_is_shut_out
             while payloads(session):
                 assert time.monotonic() < ends_s + LIMIT_S, "it still reads"
                 await asyncio.sleep(0.5)
-            assert time.monotonic() > ends_s - 2.0, "not before: a certificate ends at a whole second"
+            assert time.monotonic() > ends_s - 2.0
 
 
 async def test_by_tls_alone_who_believes_the_authority_gets_in(tmp_path: Path) -> None:
