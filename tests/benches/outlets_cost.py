@@ -104,7 +104,7 @@ def main(seconds: float, keys: int) -> None:
         shown = folder / "opcua.toml"
         shown.write_text('[machine.m000]\nmanufacturer = "Muster AG"\n', encoding="utf-8")
         stack.enter_context(program("tests.benches.site_parts", "router", port))
-        stack.enter_context(program("tests.benches.site_parts", "gateways", port, folder / "site", 0, 1, keys))
+        stack.enter_context(program("tests.benches.site_parts", "gateways", port, folder / "site", 0, 1, keys, 1))
         running = dict[str, subprocess.Popen[str]]()
         for title, outlets in (("publish: no message", ""), ("publish: MQTT and InfluxDB", mqtt + influx)):
             file = folder / f"outlets{len(running)}.toml"

@@ -12,7 +12,6 @@ import os
 import subprocess
 import sys
 import tempfile
-import threading
 import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
@@ -129,8 +128,30 @@ class _Delays:
             self.found.append(now_s - stamp.time.timestamp())
 
 
-def run_site(gateways: int, keys: int, seconds: float, every_s: float) -> SiteRun:
-    """Run a site for so long, or a little longer, and compare what was stored with what was kept."""
+Rows = Callable[[], int]
+Passes = Callable[[float, Rows | None], None]
+"""Lets a share of the run pass. Given what grows meanwhile; None: nothing."""
+
+
+def of_time(seconds: float) -> Passes:
+    """For a run of so many seconds."""
+    return lambda share, _: time.sleep(share * seconds)
+
+
+def of_rows(count: int) -> Passes:
+    """For a run of so many rows, however long they take. Raises TimeoutError."""
+
+    def passes(share: float, rows: Rows | None) -> None:
+        if rows is not None:
+            wanted = rows() + share * count
+            if not _wait(lambda: rows() >= wanted, 0.05):
+                raise TimeoutError(f"{rows()} rows, expected {wanted:g}")
+
+    return passes
+
+
+def run_site(gateways: int, keys: int, passes: Passes, every_s: float, read_every_s: float = 1.0) -> SiteRun:
+    """Run a site, and compare what was stored with what was kept."""
     with tempfile.TemporaryDirectory() as name, ExitStack() as stack:
         folder, port = Path(name), free_port()
         (folder / "gateways").mkdir()
@@ -141,27 +162,36 @@ def run_site(gateways: int, keys: int, seconds: float, every_s: float) -> SiteRu
         )
         counts = [(first, min(_PER_PROCESS, gateways - first)) for first in range(0, gateways, _PER_PROCESS)]
         places = [(str(port), str(folder / "gateways"), str(first), str(count)) for first, count in counts]
-        many = [_Part(("-m", parts, "gateways", *place, str(keys))) for place in places]
+        fed = (str(keys), str(read_every_s))
+        many = [_Part(("-m", parts, "gateways", *place, *fed)) for place in places]
         for part in (router, *many, collector):
             stack.callback(part.end)
             part.start()
         delays = _Delays()
         session = stack.enter_context(zenoh.open(page_config(Telemetry(listen=(), connect=(here,)))))
         subscriber = session.declare_subscriber("talc/*/reading/c0", delays.take)
-        time.sleep(seconds / 2)
+
+        def stored_rows() -> int:
+            databases = (folder / "gateways" / f"{machine(n)}.sqlite" for n in range(gateways))
+            return sum(len(rows) for database in databases for rows in _stored(database).values())
+
+        def kept_rows() -> int:
+            return _count(folder / "site")
+
+        passes(1 / 2, kept_rows)
         delays.listening = False
-        for part in (router, collector, many[0]):
+        for part, grows in ((router, stored_rows), (collector, stored_rows), (many[0], None)):
             part.stop()
-            time.sleep(seconds / 20)
+            passes(1 / 20, grows)
             part.start()
-            time.sleep(seconds / 20)
-        time.sleep(seconds / 5)
+            passes(1 / 20, kept_rows)
+        passes(1 / 5, kept_rows)
         subscriber.undeclare()
         late_s = max(_ended(part) for part in many)
         ended_s = time.monotonic()
         stored = {machine(n): _stored(folder / "gateways" / f"{machine(n)}.sqlite") for n in range(gateways)}
         total = sum(len(rows) for tables in stored.values() for rows in tables.values())
-        _wait(lambda: _count(folder / "site") >= total)
+        _wait(lambda: kept_rows() >= total)
         caught_up_s = time.monotonic() - ended_s
         for part in (router, collector):
             part.stop()
@@ -216,10 +246,12 @@ def _kept(folder: Path, table: str, name: str) -> list[tuple[str, int]]:
     return [pair for rows in found for pair in zip(rows["epoch"].to_pylist(), rows["row"].to_pylist(), strict=True)]
 
 
-def _wait(reached: Callable[[], bool]) -> None:
+def _wait(reached: Callable[[], bool], look_every_s: float = 1.0) -> bool:
+    """Whether it was reached."""
     began_s = time.monotonic()
-    while not reached() and time.monotonic() - began_s < _LIMIT_S:
-        threading.Event().wait(1.0)
+    while not (there := reached()) and time.monotonic() - began_s < _LIMIT_S:
+        time.sleep(look_every_s)
+    return there
 
 
 def main() -> None:
@@ -229,7 +261,7 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=120.0)
     parser.add_argument("--every", type=float, default=30.0)
     given = parser.parse_args()
-    found = run_site(given.gateways, given.keys, given.seconds, given.every)
+    found = run_site(given.gateways, given.keys, of_time(given.seconds), given.every)
     print(found)
     print(
         f"| {given.gateways} × {given.keys} | {found.stored} | {found.lost}, {found.doubled_or_moved} "

@@ -1,7 +1,7 @@
 """The parts of a site that run in processes of their own: a router, and many gateways that store and publish.
 
 `python -m tests.benches.site_parts router PORT`
-`python -m tests.benches.site_parts gateways PORT FOLDER FIRST COUNT KEYS`: until its standard input ends.
+`python -m tests.benches.site_parts gateways PORT FOLDER FIRST COUNT KEYS EVERY_S`: until its standard input ends.
 """
 
 import asyncio
@@ -83,7 +83,7 @@ class _SiteGateway:
         self._publisher.publish(event)
 
 
-async def _gateways(port: int, folder: Path, first: int, count: int, keys: int) -> None:
+async def _gateways(port: int, folder: Path, first: int, count: int, keys: int, every_s: float) -> None:
     sys.setswitchinterval(_SWITCH_S)
     settings = Telemetry(mode="client", listen=(), connect=(f"tcp/127.0.0.1:{port}",))
     stop = asyncio.Event()
@@ -105,12 +105,12 @@ async def _gateways(port: int, folder: Path, first: int, count: int, keys: int) 
                     stored=rows_of(path),
                 )
             )
-            running.append(_SiteGateway(store, publisher, keys, int(loop.time())))
+            running.append(_SiteGateway(store, publisher, keys, int(loop.time() / (every_s * _STEP_EVERY))))
         print("ready", flush=True)
         began_s, late_s, turn = loop.time(), 0.0, 0
         while not stop.is_set():
             for at, gateway in enumerate(running):
-                due_s = began_s + turn + at / count
+                due_s = began_s + every_s * (turn + at / count)
                 if loop.time() < due_s:
                     await asyncio.sleep(due_s - loop.time())
                 late_s = max(late_s, loop.time() - due_s)
@@ -133,7 +133,7 @@ if __name__ == "__main__":
     match sys.argv[1:]:
         case ["router", port]:
             _router(int(port))
-        case ["gateways", port, folder, first, count, keys]:
-            asyncio.run(_gateways(int(port), Path(folder), int(first), int(count), int(keys)))
+        case ["gateways", port, folder, first, count, keys, every_s]:
+            asyncio.run(_gateways(int(port), Path(folder), int(first), int(count), int(keys), float(every_s)))
         case _:
             sys.exit(__doc__)
