@@ -1,59 +1,174 @@
-"""No test waits for a time in the hope that something happens meanwhile."""
+"""No test waits for a time in the hope that something happens meanwhile, or asks how long something took.
+
+The marks `simulated_time` and `realtime` are for what is about time (tests/README.md).
+"""
 
 import ast
+from collections.abc import Iterator
 from pathlib import Path
+
+import pytest
 
 TESTS = Path(__file__).parent
 TIMES = ("pytest.mark.simulated_time", "pytest.mark.realtime")
+SLEEPS = ("asyncio.sleep", "time.sleep", "sleep", "threading.Event().wait", "Event().wait")
+CLOCKS = ("time.monotonic()", "monotonic()", "time.perf_counter()", "perf_counter()", "time.time()", "loop.time()")
+MEASURES = "it measures for so long what a program takes"
+BENCHES = {
+    "disturbed_line.py disturbed": "on simulated time",
+    "limits_probe.py used_s": "processor time, which processes share, is measured from one moment on in all of them",
+    "linuxcnc_motion.py table": "for docs/linuxcnc.md: LinuxCNC moves for a while before it is measured",
+    "linuxcnc_period.py clocks_per_us": "how fast the processor's counter counts, for a realtime test",
+    "nc_benches.py ReferenceAgentBench.wait": "on simulated time",
+    "nc_benches.py NodeOpcuaBench.wait": "a pause between two looks",
+    "nc_disturbances.py NcSite.disturb": "on simulated time; with LinuxCNC each of its servo periods is judged",
+    "nc_disturbances.py NcSite.disturb_all": "likewise",
+    "nc_disturbances.py disturbed": "on simulated time",
+    "outlets_cost.py main": MEASURES,
+    "page_browsers.py _publish": "the pace of what it measures",
+    "power_cuts.py session": "the pace of readings; the test cuts at what was written",
+    "publishing_cost.py main": MEASURES,
+    "rigs.py Rig.break_sensor": "on simulated time",
+    "rigs.py Rig.cut_wire": "on simulated time",
+    "rigs.py Rig.silence": "on simulated time",
+    "site.py of_time": "for docs/collect.md; the test lets rows pass",
+    "spoilt_answers.py read_spoilt": "on simulated time",
+    "tick_latency.py run_ticks": MEASURES,
+}
+"""Functions of benches that sleep, and why that is no luck."""
 
 
-def fixed_sleeps(text: str) -> list[int]:
-    """Lines that sleep in real time, neither between two looks at a condition nor with a comment that says why."""
-    lines, found = text.splitlines(), []
+def sleeps(text: str) -> Iterator[tuple[int, str]]:
+    """Lines that sleep in real time, not between two looks at a condition, and the function."""
+    for node, name, looking in walked(text) if any(sleep in text for sleep in SLEEPS) else ():
+        if isinstance(node, ast.Call) and not looking and node.args and ast.unparse(node.func) in SLEEPS:
+            if ast.unparse(node.args[0]) in ("0", "0.0"):
+                continue
+            yield node.lineno, name
 
-    def visit(node: ast.AST, marked: bool, looking: bool) -> None:
-        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
-            marked = marked or any(ast.unparse(mark).startswith(TIMES) for mark in node.decorator_list)
-        looking = looking or isinstance(node, ast.While) or can_end_early(node)
-        if isinstance(node, ast.Call) and ast.unparse(node.func) in ("asyncio.sleep", "time.sleep", "sleep"):
-            long = ast.unparse(node.args[0]) not in ("0", "0.0")
-            if long and not marked and not looking and "  # " not in lines[node.lineno - 1]:
-                found.append(node.lineno)
+
+def elapsed(text: str) -> Iterator[tuple[int, str]]:
+    """Lines that assert how much real time has passed, and the function. A deadline is none: it has no difference."""
+    for node, name, _ in walked(text) if any(clock in text for clock in CLOCKS) else ():
+        if isinstance(node, ast.Assert):
+            compared = [one for one in ast.walk(node.test) if isinstance(one, ast.Compare)]
+            if any(is_difference(side) for one in compared for side in (one.left, *one.comparators)):
+                yield node.lineno, name
+
+
+def is_difference(node: ast.AST) -> bool:
+    return (
+        isinstance(node, ast.BinOp)
+        and isinstance(node.op, ast.Sub)
+        and any(ast.unparse(side) in CLOCKS for side in (node.left, node.right))
+    )
+
+
+def walked(text: str) -> Iterator[tuple[ast.AST, str, bool]]:
+    """What no mark excuses: each node, the function it is in, and whether it is in a loop that looks for something."""
+
+    def visit(node: ast.AST, name: str, looking: bool) -> Iterator[tuple[ast.AST, str, bool]]:
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
+            if any(ast.unparse(mark).startswith(TIMES) for mark in node.decorator_list):
+                return
+            name = f"{name}.{node.name}".lstrip(".")
+        yield node, name, looking
         for child in ast.iter_child_nodes(node):
-            visit(child, marked, looking)
+            yield from visit(child, name, looking or looks(node))
 
     tree = ast.parse(text)
-    module = [ast.unparse(node.value) for node in tree.body if isinstance(node, ast.Assign) and is_mark(node)]
-    visit(tree, any(time in mark for mark in module for time in TIMES), False)
-    return found
+    marks = [ast.unparse(node.value) for node in tree.body if isinstance(node, ast.Assign) and is_mark(node)]
+    if not any(time in mark for mark in marks for time in TIMES):
+        yield from visit(tree, "", looking=False)
 
 
-def can_end_early(node: ast.AST) -> bool:
-    """Whether it is a loop that ends when what it waits for is there."""
-    ends = ast.Break | ast.Return
-    return isinstance(node, ast.For | ast.AsyncFor) and any(isinstance(inside, ends) for inside in ast.walk(node))
+def looks(node: ast.AST) -> bool:
+    """Whether it is a loop that ends when what it waits for is there, not when a time has passed."""
+    early = any(isinstance(inside, ast.Break | ast.Return) for inside in ast.walk(node))
+    if isinstance(node, ast.While):
+        return early or not is_only_a_deadline(node.test)
+    return isinstance(node, ast.For | ast.AsyncFor) and early
+
+
+def is_only_a_deadline(test: ast.expr) -> bool:
+    return isinstance(test, ast.Compare) and any(
+        clock in ast.unparse(side) for side in (test.left, *test.comparators) for clock in CLOCKS
+    )
 
 
 def is_mark(node: ast.Assign) -> bool:
     return ast.unparse(node.targets[0]) == "pytestmark"
 
 
-def test_what_counts_as_a_fixed_sleep() -> None:
-    assert fixed_sleeps("def test():\n    time.sleep(0.1)\n") == [2]
-    assert fixed_sleeps("async def test():\n    await asyncio.sleep(1)\n    assert done\n") == [2]
-    assert fixed_sleeps("def test():\n    while not done:\n        time.sleep(0.1)\n") == []
-    assert fixed_sleeps("def test():\n    for _ in range(3):\n        time.sleep(0.1)\n") == [3]
-    assert (
-        fixed_sleeps("def test():\n    for _ in many:\n        if done:\n            break\n        sleep(1)\n") == []
-    )
-    assert fixed_sleeps("def test():\n    time.sleep(0.1)  # its pace\n") == []
-    assert fixed_sleeps("@pytest.mark.simulated_time\nasync def test():\n    await asyncio.sleep(1)\n") == []
-    assert fixed_sleeps("pytestmark = pytest.mark.realtime\n\n\ndef test():\n    time.sleep(1)\n") == []
+def lines(found: Iterator[tuple[int, str]]) -> list[int]:
+    return [line for line, _ in found]
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("def test():\n    time.sleep(0.1)\n", [2]),
+        ("def test():\n    threading.Event().wait(0.1)\n", [2]),
+        ("async def test():\n    await asyncio.sleep(1)\n    assert done\n", [2]),
+        ("async def test():\n    await asyncio.sleep(0)\n", []),
+        ("def test():\n    while not done:\n        time.sleep(0.1)\n", []),
+        ("def test():\n    while time.monotonic() < end:\n        time.sleep(0.1)\n", [3]),
+        ("def test():\n    for _ in range(3):\n        time.sleep(0.1)\n", [3]),
+        ("def test():\n    for _ in many:\n        if done:\n            break\n        sleep(1)\n", []),
+        ("def test():\n    time.sleep(0.1)  # its pace\n", [2]),
+        ("@pytest.mark.simulated_time\nasync def test():\n    await asyncio.sleep(1)\n", []),
+        ("pytestmark = pytest.mark.realtime\n\n\ndef test():\n    time.sleep(1)\n", []),
+    ],
+)
+def test_what_counts_as_a_fixed_sleep(text: str, expected: list[int]) -> None:
+    assert lines(sleeps(text)) == expected
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("def test():\n    assert time.monotonic() - began < 1.0\n", [2]),
+        ("def test():\n    assert 0.5 < began - monotonic()\n", [2]),
+        ("def test():\n    assert time.monotonic() < end\n", []),
+        ("@pytest.mark.realtime\ndef test():\n    assert time.monotonic() - began < 1.0\n", []),
+    ],
+)
+def test_what_counts_as_a_question_how_long_it_took(text: str, expected: list[int]) -> None:
+    assert lines(elapsed(text)) == expected
 
 
 def test_no_test_sleeps_for_luck() -> None:
-    """Benches set the pace of what they emulate; here it is the tests themselves."""
-    files = {file: text for file in TESTS.rglob("test_*.py") if "sleep(" in (text := file.read_text("utf-8"))}
-    assert len(files) > 20, "the tests were found"
-    found = {str(file.relative_to(TESTS)): lines for file, text in files.items() if (lines := fixed_sleeps(text))}
+    files = {file: file.read_text("utf-8") for file in TESTS.rglob("test_*.py")}
+    assert sum("sleep(" in text for text in files.values()) > 20, "the tests were found"
+    found = {str(file.relative_to(TESTS)): where for file, text in files.items() if (where := lines(sleeps(text)))}
     assert found == {}
+
+
+def test_no_test_outside_the_marks_asks_how_long_something_took() -> None:
+    files = {file: file.read_text("utf-8") for file in TESTS.rglob("test_*.py")}
+    found = {str(file.relative_to(TESTS)): where for file, text in files.items() if (where := lines(elapsed(text)))}
+    assert found == {}
+
+
+def test_every_bench_that_sleeps_has_a_reason() -> None:
+    """A bench sets the pace of what it emulates, on the time of the test that uses it."""
+    benches = TESTS / "benches"
+    files = {str(file.relative_to(benches)): file.read_text("utf-8") for file in benches.rglob("*.py")}
+    assert {f"{file} {name}" for file, text in files.items() for _, name in sleeps(text)} == set(BENCHES)
+
+
+def test_each_test_in_real_time_states_its_tolerance() -> None:
+    found = []
+    for file in TESTS.rglob("test_*.py"):
+        if "pytest.mark.realtime" not in (text := file.read_text("utf-8")) or file == Path(__file__):
+            continue
+        tree = ast.parse(text)
+        whole = any("realtime" in ast.unparse(node.value) for node in tree.body if isinstance(node, ast.Assign))
+        for node in tree.body:
+            if not isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef) or not node.name.startswith("test_"):
+                continue
+            if whole or any("realtime" in ast.unparse(mark) for mark in node.decorator_list):
+                said = (ast.get_docstring(node) or "") + (ast.get_docstring(tree) or "") * whole
+                found.append((node.name, "Tolerance" in said))
+    assert len(found) > 10, "the tests were found"
+    assert [name for name, stated in found if not stated] == []

@@ -25,6 +25,8 @@ PACE, SLEW_UM_PER_S = 0.2, 20.0
 """The control's own slew; the gateway's is 5 µm/s."""
 _MOST_PERIODS = 2_000
 """Of one question to LinuxCNC's operator."""
+_IN_FORCE_MM, _LIMIT_S = 1e-4, 300.0
+"""What must be in force before anything is disturbed: what stands at zero cannot step."""
 _SIGNALS = ("talc-seconds", "talc-x-in-force", "talc-y-in-force", "talc-z-in-force")
 
 
@@ -65,21 +67,24 @@ async def disturbed_linuxcnc(count: int, seed: int = 1) -> LinuxCncDisturbed:
             draw = random.Random(seed)
             site = NcSite(line, section, lambda: AgentControl(settings, clock), _writes, draw, (0.1, 40.0), pace=PACE)
 
-            async def recorded() -> list[list[float]]:
-                rows: list[list[float]] = []
-                while not ended.is_set():
-                    rows += await bench.operator.ask("sample", _MOST_PERIODS, *_SIGNALS)
-                return rows
+            recorded: list[list[float]] = []
 
-            recording = asyncio.create_task(recorded())
+            async def record() -> None:
+                while not ended.is_set():
+                    recorded.extend(await bench.operator.ask("sample", _MOST_PERIODS, *_SIGNALS))
+
+            recording = asyncio.create_task(record())
             try:
                 site.start()
-                await asyncio.sleep(20.0 * PACE)
+                async with asyncio.timeout(_LIMIT_S):
+                    while not recorded or max(map(abs, recorded[-1][1:])) < _IN_FORCE_MM:
+                        await asyncio.sleep(0.1)
                 await site.disturb_all(count, KINDS, clock)
                 await site.end(stopped=True)
             finally:
                 ended.set()
-                rows = np.array(await recording)
+                await recording
+    rows = np.array(recorded)
     return LinuxCncDisturbed(rows[:, 0], rows[:, 1:] * 1e3, count, site.disarmed)
 
 

@@ -83,6 +83,8 @@ def _measure(rig: PageRig, browsers: int, seconds: int) -> None:
         cpu_s, began = _cpu_s(pid), monotonic()
         sent = _publish(gateway, readings, seconds)
         share = (_cpu_s(pid) - cpu_s) / (monotonic() - began)
+        for page in pages:
+            page.wait_for_function("(last) => window.shown.some(([text]) => text === last)", arg=sent[-1][0])
         shown = [dict(page.evaluate("window.shown")) for page in pages]
         delays = [each[text] - published for each in shown for text, published in sent if text in each]
         print("| browsers | load | first paint, median and longest | state shown | reading to pixel | CPU | memory |")

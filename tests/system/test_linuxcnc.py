@@ -1,7 +1,7 @@
 """The gateway's NC side with the real LinuxCNC, as `demo --nc linuxcnc` shows it.
 
 Its probe touches a sphere that the emulated machine moves. Needs Debian's linuxcnc-uspace. Times are LinuxCNC's, which
-keeps real time: within 0.5 s.
+keeps real time. Tolerance: 0.5 s.
 """
 
 from pathlib import Path

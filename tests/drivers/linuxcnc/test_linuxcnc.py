@@ -99,6 +99,7 @@ async def test_offsets_are_read_back_from_where_they_act(bench: AgentBench) -> N
 
 @pytest.mark.realtime
 async def test_silence_holds_the_offsets_then_takes_them_to_zero_and_a_beat_ends_the_ramp(bench: AgentBench) -> None:
+    """Tolerance: the ramp begins at most 0.1 s before 1 s of silence, and ends within 0.3 s of when it should."""
     await claimed(bench, WatchdogTerms(60.0, 20.0))
     await bench.nc.write_compensation((40.0, -10.0, 0.0))
 
@@ -133,6 +134,7 @@ async def test_silence_holds_the_offsets_then_takes_them_to_zero_and_a_beat_ends
 
 @pytest.mark.realtime
 async def test_the_offsets_go_to_zero_although_the_agent_was_killed_and_sends_no_heartbeat(bench: AgentBench) -> None:
+    """Tolerance: 0.1 s before silence and ramp are over, and 1 s after, for what a busy computer takes."""
     await claimed(bench, WatchdogTerms(60.0, 10.0))
     await bench.nc.write_compensation((5.0, 0.0, 0.0))
 
@@ -154,7 +156,7 @@ async def test_the_offsets_go_to_zero_although_the_agent_was_killed_and_sends_no
     await until(gone)
     now = time.monotonic()
     assert now - last_beat >= 0.4 + 0.5
-    assert now - killed <= 0.5 + 0.5 + 1.0  # silence, ramp, and 1 s for what a busy computer takes
+    assert now - killed <= 0.5 + 0.5 + 1.0
     assert (await bench.operator.ask("state"))["on"]  # the machine itself goes on
 
 

@@ -47,13 +47,13 @@ async def test_homed_control_turns_the_table_and_ends_by_itself(tmp_path: Path) 
 
 @pytest.mark.realtime
 async def test_compensation_moves_the_drive_slowly_and_the_control_does_not_see_it(nc: LinuxCncMachine) -> None:
+    """Tolerance: 2 %, because LinuxCNC slews by its own servo periods and not by this clock."""
     await nc.ask("mdi", "G53 G0 X5")
     began = time.monotonic()
     await nc.ask("hal", "setp", "talc-errors.ex0c", "30")
     half_way = await nc.number("gets", "talc-x-in-force")
     assert half_way <= SLEW_MM_PER_S * (time.monotonic() - began)
     await reaches(nc, "talc-x-in-force", 0.03)
-    # Tolerance: 2 %, because LinuxCNC slews by its own servo periods and not by this clock.
     assert time.monotonic() - began >= 0.03 / SLEW_MM_PER_S * 0.98, "by LinuxCNC's own real time"
     assert await nc.number("gets", "x-drive") == pytest.approx(5.03, abs=1e-6)
     assert (await nc.ask("state"))["position"][0] == pytest.approx(5.0, abs=1e-6)

@@ -202,7 +202,7 @@ async def test_table_is_drawn_on_a_terminal_until_ctrl_c(tmp_path: Path) -> None
         *(sys.executable, "-m", "gateway", "probe", str(file), "--watch"), stdout=theirs, stderr=theirs, env=environment
     )
     try:
-        async with asyncio.timeout(60.0):
+        async with asyncio.timeout(300.0):
             await drawn.wait()
             process.send_signal(SIGINT)
             assert await process.wait() == 0
