@@ -41,7 +41,7 @@ class SiteRun:
     """What came out."""
 
     stored: int
-    """Rows in all gateways' stores."""
+    """GrowingCount in all gateways' stores."""
     lost: int
     doubled_or_moved: int
     live_p50_s: float
@@ -128,8 +128,8 @@ class _Delays:
             self.found.append(now_s - stamp.time.timestamp())
 
 
-Rows = Callable[[], int]
-Passes = Callable[[float, Rows | None], None]
+GrowingCount = Callable[[], int]
+Passes = Callable[[float, GrowingCount | None], None]
 """Lets a share of the run pass. Given what grows meanwhile; None: nothing."""
 
 
@@ -141,7 +141,7 @@ def of_time(seconds: float) -> Passes:
 def of_rows(count: int) -> Passes:
     """For a run of so many rows, however long they take. Raises TimeoutError."""
 
-    def passes(share: float, rows: Rows | None) -> None:
+    def passes(share: float, rows: GrowingCount | None) -> None:
         if rows is not None:
             wanted = rows() + share * count
             if not _wait(lambda: rows() >= wanted, 0.05):

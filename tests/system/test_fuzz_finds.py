@@ -87,6 +87,11 @@ GUARDS: Mapping[str, Defect] = {
 }
 EXAMPLES = {"prior": 400, "dbc": 100, "answers": 400, "web": 1500}
 """If not 40."""
+TEN_SECONDS = {
+    "opcua": 15, "agent": 350, "modbus": 220, "can": 55,
+    "wire_log": 6_000, "recordings": 7_000, "toml": 9_000, "dbc": 7_000,
+}  # fmt: skip
+"""Examples of which a recent computer tries so many in about ten seconds of processor time."""
 
 
 @pytest.fixture(autouse=True)
@@ -108,7 +113,8 @@ def test_a_guard_that_is_missing_is_found(surface: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("surface", ["opcua", "agent", "modbus", "can", "wire_log", "recordings", "toml", "dbc"])
-def test_nothing_comes_through_in_ten_seconds_of_processor_time(surface: str) -> None:
+@pytest.mark.parametrize(("surface", "examples"), TEN_SECONDS.items())
+def test_nothing_comes_through(surface: str, examples: int) -> None:
+    """The same examples on every computer."""
     said: list[str] = []
-    assert fuzzed(surface, 10.0, None, 0, said.append), said
+    assert fuzzed(surface, 0.0, examples, 0, said.append), said
