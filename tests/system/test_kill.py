@@ -36,8 +36,8 @@ PERIOD_S, RATE_UM_PER_S, SILENCE_S, STEP_S = 0.1, 20.0, 0.6, 0.5
 BOUND_UM = (6.0, 6.0, 8.0)
 CALIBRATION = 200
 READY_S = 300.0
-MOST_MESSAGES = 120
-"""Between the moment from which a gateway may die and its death: some ten cycles."""
+MOST_MESSAGES = 80
+"""Between the moment from which a gateway may die and its death: some eight cycles."""
 TEXT = """
 [machine]
 name = "mill"
