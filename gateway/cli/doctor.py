@@ -13,6 +13,7 @@ import numpy as np
 from gateway.acquisition import NO_OTHER_MASTER, OTHER_MASTER
 from gateway.cli.doctor_files import unread_files
 from gateway.cli.doctor_power import power
+from gateway.cli.kernel_files import kernel_text
 from gateway.cli.terminal import terminal
 from gateway.clock import clock_synchronised
 from gateway.config import (
@@ -124,7 +125,7 @@ def _can(config: GatewayConfig, root: Path) -> Iterator[Ailment]:
     for bus in config.buses:
         if not isinstance(bus, CanOpenSection | CanSection) or bus.interface != "socketcan":
             continue
-        state = _read(root / "sys/class/net" / bus.channel / "operstate")
+        state = kernel_text(root / "sys/class/net" / bus.channel / "operstate")
         why = f"bus '{bus.name}' cannot be read"
         if not state:
             yield Ailment(f"there is no interface {bus.channel}", why, "is the adapter plugged in? ip -details link")
@@ -142,7 +143,7 @@ def _can(config: GatewayConfig, root: Path) -> Iterator[Ailment]:
 
 def _is_up(root: Path, interface: str) -> bool:
     """Whether somebody has switched it on (IFF_UP)."""
-    flags = _read(root / "sys/class/net" / interface / "flags")
+    flags = kernel_text(root / "sys/class/net" / interface / "flags")
     return flags.startswith("0x") and bool(int(flags, 16) & 1)
 
 
@@ -172,7 +173,7 @@ def _serial_port(bus: object) -> str:
 
 
 def _named(root: Path, processes: Iterable[str]) -> str:
-    found = ((number, _read(root / "proc" / number / "comm")) for number in sorted(processes, key=int))
+    found = ((number, kernel_text(root / "proc" / number / "comm")) for number in sorted(processes, key=int))
     return ", ".join(f"{number} ({name})" if name else number for number, name in found)
 
 
@@ -237,10 +238,3 @@ def _same(a: FloatArray, b: FloatArray) -> bool:
     if known.sum() < _DAY_STEPS // 2:
         return False
     return bool(np.ptp(a[known]) > _MOVED_K and np.max(np.abs(a[known] - b[known])) < _SAME_K)
-
-
-def _read(file: Path) -> str:
-    try:
-        return file.read_text(encoding="ascii").strip()
-    except OSError:
-        return ""

@@ -4,6 +4,8 @@ import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 
+from gateway.cli.kernel_files import kernel_text
+
 _LIMIT_S = 5.0
 _SUPPLY = (
     "adapters lose their connection, and cards their content",
@@ -42,8 +44,8 @@ def power(root: Path) -> Iterator[tuple[str, str, str]]:
         return
     files = sorted(root.glob(_THROTTLED))
     for file in files:
-        yield from _told(_number(_read(file)) or 0, "in the last seconds")
-    if not files and any(_read(sensor / "in0_lcrit_alarm") == "1" for sensor in _supply_sensors(root)):
+        yield from _told(_number(kernel_text(file)) or 0, "in the last seconds")
+    if not files and any(kernel_text(sensor / "in0_lcrit_alarm") == "1" for sensor in _supply_sensors(root)):
         what, advice = _NOW[0]
         yield f"{what} now", *advice
 
@@ -75,11 +77,4 @@ def _number(text: str) -> int | None:
 
 
 def _supply_sensors(root: Path) -> Iterator[Path]:
-    yield from (sensor for sensor in root.glob(_HWMON) if _read(sensor / "name") == "rpi_volt")
-
-
-def _read(file: Path) -> str:
-    try:
-        return file.read_text(encoding="ascii").strip()
-    except (OSError, UnicodeDecodeError):
-        return ""
+    yield from (sensor for sensor in root.glob(_HWMON) if kernel_text(sensor / "name") == "rpi_volt")

@@ -180,6 +180,7 @@ def test_a_second_program_on_a_serial_line_is_found(config: GatewayConfig, root:
     for process in ("17", "23"):
         (root / "proc" / process / "fd").mkdir(parents=True)
         (root / "proc" / process / "fd" / "5").symlink_to(tmp_path / "line")
+    write(root / "proc/17/comm", "ein Prüfer\n")
     write(root / "proc/23/comm", "minicom\n")
     assert found(config, root) == [f"bus 'rtu1': {tmp_path}/line is open in 2 processes: 17, 23 (minicom)"]
 
