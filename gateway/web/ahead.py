@@ -11,9 +11,9 @@ from datetime import datetime, timedelta
 
 import numpy as np
 
-from gateway.heard import Applied, MachineSeen, applied, believable, instant
+from gateway.heard import MachineSeen, applied, believable, instant
 from gateway.telemetry import ForecastMessage, PublishedCourse
-from gateway.web.at_tool import ToolError, half_width, moved
+from gateway.web.at_tool import ToolError, half_width, left_with, moved
 from gateway.web.sentences import Amount, Atom, Sentence, ToldName, Word, at, um
 from talc.frame import BoolArray, FloatArray
 from talc.indicators import TWO_SIDED_95
@@ -81,7 +81,7 @@ def _ahead(
     measured = _stacked([message.measured[error] for error in THERMAL_ERRORS])
     missed, sigma_missed = _columns(message.missed)
     without, half, measured_half = moved(matrix, value), half_width(matrix, sigma), half_width(matrix, measured)
-    left = _left(without, now)
+    left = left_with(without, now)
     far = np.abs(left) + half
     if now.following:
         spread = TWO_SIDED_95 * sigma_missed
@@ -102,7 +102,7 @@ def _ahead(
         measured_far=np.abs(left) + measured_half,
         waiting_half=half,
         measured_half=measured_half,
-        usual_far=np.abs(_left(moved(matrix, usual_value), now)) + half_width(matrix, usual_sigma),
+        usual_far=np.abs(left_with(moved(matrix, usual_value), now)) + half_width(matrix, usual_sigma),
     )
 
 
@@ -135,13 +135,6 @@ def _columns(courses: dict[str, PublishedCourse]) -> tuple[FloatArray, FloatArra
 def _stacked(columns: list[list[float | None]]) -> FloatArray:
     """(S, 9)"""
     return np.array([[believable(v) for v in column] for column in columns], dtype=np.float64).T
-
-
-def _left(without: FloatArray, now: Applied) -> FloatArray:
-    """(S, 3) what is left of it, if the control continues as now."""
-    if not now.following:
-        return np.asarray(without - np.array(now.offsets_um), dtype=np.float64)
-    return np.where(np.isnan(without) | np.array(now.bounded), np.nan, np.array(now.to_come_um))
 
 
 def when(coming: AheadError | None, tolerance_um: float, *, ready: bool) -> Iterator[Sentence]:

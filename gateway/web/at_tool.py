@@ -69,18 +69,18 @@ def half_width(matrix: FloatArray, sigma: FloatArray) -> FloatArray:
 def at_the_tool(matrix: FloatArray, errors: FloatArray, sigma: FloatArray, now: Applied) -> ToolError:
     """(3, 9) matrix of a place, (9,) errors and their standard uncertainties, what the control has in force."""
     without = moved(matrix, errors)
-    return ToolError(without, _left(without, now), half_width(matrix, sigma))
+    return ToolError(without, left_with(without, now), half_width(matrix, sigma))
 
 
 def course(matrix: FloatArray, estimates: Sequence[Estimated]) -> ToolError:
     """The same of n > 0 estimates, each with what was in force then."""
     without = moved(matrix, np.stack([e.errors for e in estimates]))
-    left = np.stack([_left(each, e.applied) for each, e in zip(without, estimates, strict=True)])
+    left = np.stack([left_with(each, e.applied) for each, e in zip(without, estimates, strict=True)])
     return ToolError(without, left, half_width(matrix, np.stack([e.sigma for e in estimates])))
 
 
-def _left(without: FloatArray, now: Applied) -> FloatArray:
-    """(3,)"""
+def left_with(without: FloatArray, now: Applied) -> FloatArray:
+    """(..., 3) what is left of the deviations at the tool, if the control continues as now."""
     if not now.following:
         return np.asarray(without - np.array(now.offsets_um), dtype=np.float64)
     # The control takes back the estimate at every point, apart from what the slew holds back still. How much the bound
