@@ -15,7 +15,6 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, closing, contextmanager
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
-from importlib.resources import files
 from itertools import pairwise
 from pathlib import Path
 from statistics import median
@@ -32,6 +31,7 @@ from gateway.config import GatewayConfig, load
 from gateway.events import DecisionMade, FrameMade
 from gateway.storage import Store
 from gateway.telemetry import ReadingMessage, decode, keys
+from simulators.bench import gateway_toml
 from simulators.clock import SharedClock
 from talc.control import Controller
 from talc.frame import Frame, Measurement
@@ -256,16 +256,8 @@ def emulated_machine(folder: Path) -> Iterator[dict[str, Any]]:
 
 def bench_config(folder: Path, addresses: dict[str, Any], *, nc: bool) -> Path:
     """The bench's own configuration at a real machine's rates: 1 s, the spindle's sensor 0.1 s."""
-    text = files("simulators.bench").joinpath("gateway.toml").read_text(encoding="utf-8")
-    fillings = {
-        **addresses,
-        "folder": folder,
-        "zenoh_port": _SERVICE_PORT,
-        "zenoh_connect": f'["{_LISTENER}"]',
-        "talc": "",
-    }
-    for name, value in fillings.items():
-        text = text.replace("{" + name + "}", str(value))
+    places = {"folder": folder, "zenoh_port": _SERVICE_PORT, "zenoh_connect": f'["{_LISTENER}"]', "talc": ""}
+    text = gateway_toml(addresses | places)
     before, growth, after = text.partition('name = "growth1"')
     text = before.replace("period_s = 100.0", "period_s = 1.0") + growth + after.replace("100.0", "0.1", 1)
     text = text.replace("period_s = 30.0", "period_s = 1.0").replace("poll_s = 10.0", "poll_s = 2.0")

@@ -6,13 +6,13 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from importlib.resources import files
 from pathlib import Path
 from sys import executable
 from typing import Literal
 
 from drivers.base import DriverError
 from gateway.config import GatewayConfig, load
+from simulators.bench import gateway_toml
 from simulators.clock import SharedClock
 
 _EPOCH = datetime(2026, 1, 5, 6, tzinfo=UTC)
@@ -100,17 +100,14 @@ async def _machine(demo: Demo) -> AsyncIterator[dict[str, str | int]]:
 
 def _config(demo: Demo, addresses: dict[str, str | int]) -> GatewayConfig:
     """Fill the bench's addresses into the configuration, and load it like any other."""
-    text = files("simulators.bench").joinpath("gateway.toml").read_text(encoding="utf-8")
     fillings: dict[str, str | int] = addresses | {
         "folder": str(demo.folder.resolve()),
         "zenoh_port": demo.zenoh_port,
         "zenoh_connect": json.dumps(demo.connect),
         "talc": talc_section(demo),
     }
-    for name, value in fillings.items():
-        text = text.replace("{" + name + "}", str(value))
     path = demo.folder / "gateway.toml"
-    path.write_text(text, encoding="utf-8")
+    path.write_text(gateway_toml(fillings), encoding="utf-8")
     return load(path)
 
 

@@ -1,26 +1,21 @@
 """The page's program beside a gateway that this process plays, and the memory that it takes."""
 
-import json
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-import zenoh
-
 from tests.benches.free_port import free_port
 from tests.benches.page_rig import PageRig
 from tests.benches.played_telemetry import PlayedGateway
+from tests.benches.zenoh_sessions import listening
 
 
 @contextmanager
 def played_page(rig: PageRig) -> Iterator[tuple[PlayedGateway, int]]:
     """The gateway of the machine `mill`, which has published nothing yet, and the number of the page's process."""
     port = free_port()
-    config = zenoh.Config()
-    config.insert_json5("listen/endpoints", json.dumps([f"tcp/127.0.0.1:{port}"]))
-    config.insert_json5("scouting/multicast/enabled", "false")
-    with zenoh.open(config) as session, tempfile.TemporaryDirectory() as folder:
+    with listening(port) as session, tempfile.TemporaryDirectory() as folder:
         gateway = PlayedGateway(session, "mill", "boot-1")
         settings = Path(folder) / "web.toml"
         settings.write_text("[machine.mill]\ntolerance_um = 8.0\n", encoding="utf-8")

@@ -23,6 +23,7 @@ from gateway.telemetry.history_queries import parse_course
 from gateway.telemetry.report_queries import parse_report
 from talc.names import THERMAL_ERRORS
 from tests.benches.small_run import small_run
+from tests.benches.zenoh_sessions import listening
 
 SAMPLES = Path(__file__).with_name("demo_telemetry.jsonl")
 _STATUS_S = 5.0
@@ -131,10 +132,7 @@ def _moved(message: dict[str, Any], later: timedelta) -> dict[str, Any]:
 
 def main(port: int, machine: str, what: str) -> None:
     """Until standard input ends."""
-    config = zenoh.Config()
-    config.insert_json5("listen/endpoints", json.dumps([f"tcp/127.0.0.1:{port}"]))
-    config.insert_json5("scouting/multicast/enabled", "false")
-    with zenoh.open(config) as session:
+    with listening(port) as session:
         gateway = PlayedGateway(session, machine, f"boot-{datetime.now(UTC).timestamp()}")
         print("listening", flush=True)
         samples = recorded() if what == "all" else []

@@ -23,7 +23,6 @@ from collections.abc import AsyncIterator, Callable, Coroutine, Iterator
 from contextlib import AbstractContextManager, ExitStack, asynccontextmanager, contextmanager, nullcontext, suppress
 from dataclasses import dataclass, replace
 from datetime import datetime
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
@@ -37,6 +36,7 @@ from gateway.clock import RealClock
 from gateway.config import GatewayConfig, load
 from gateway.control import sensor_watch, trainer
 from gateway.events import CompensationStepped, DecisionMade, EventReported, GatewayEvent, ReadingsTaken
+from simulators.bench import gateway_toml
 from simulators.bench.machine import TERMS
 from simulators.clock import SharedClock
 from talc.frame import EventKind, FloatArray
@@ -125,13 +125,11 @@ async def _machine_here(folder: Path, clock: SoakClock, plan: SoakPlan) -> Async
 
 def config(folder: Path, ports: dict[str, int], *, real: bool) -> GatewayConfig:
     """The bench's, for these addresses."""
-    text = files("simulators.bench").joinpath("gateway.toml").read_text(encoding="utf-8")
     fillings = {
         **ports, "rtu_port": folder / "rtu", "can_port": folder / "can", "growth_port": folder / "growth",
         "folder": folder, "zenoh_port": free_port(), "zenoh_connect": "[]", "talc": "",
     }  # fmt: skip
-    for name, value in fillings.items():
-        text = text.replace("{" + name + "}", str(value))
+    text = gateway_toml(fillings)
     for before, after in AS_ON_A_MACHINE if real else ON_SIMULATED_TIME:
         text = text.replace(before, after)
     path = folder / "gateway.toml"

@@ -7,9 +7,9 @@ import json
 import subprocess
 import sys
 from datetime import UTC, datetime
-from importlib.resources import files
 from pathlib import Path
 
+from simulators.bench import gateway_toml
 from simulators.clock import SharedClock
 
 HOURS = 24.0
@@ -39,10 +39,8 @@ def main() -> None:
     for place in addresses.values():
         if isinstance(place, str):
             Path(place).chmod(0o666)  # on a real computer the group dialout has the serial ports
-    text = files("simulators.bench").joinpath("gateway.toml").read_text(encoding="utf-8")
     fillings = {**addresses, "folder": "/var/lib/talc-gateway", "zenoh_port": 7447, "zenoh_connect": "[]", "talc": ""}
-    for name, value in fillings.items():
-        text = text.replace("{" + name + "}", str(value))
+    text = gateway_toml(fillings)
     for before, after in CHANGED.items():
         text = text.replace(before, after)
     CONFIG.write_text(text, encoding="utf-8")

@@ -10,9 +10,10 @@ import numpy as np
 from drivers.base import Clock, Quality, SystemClock
 from gateway.acquisition import Sample
 from gateway.config import Telemetry as Settings
+from gateway.events import EventReported
 from gateway.telemetry import TelemetryPublisher
-from talc.frame import Decision, Phase
-from tests.benches.telemetry_process import client
+from talc.frame import Decision, Event, EventKind, Phase
+from tests.benches.zenoh_sessions import client
 
 NOW = datetime(2026, 1, 5, 6, tzinfo=UTC)
 ROOT = "talc/mill"
@@ -31,6 +32,10 @@ def reading(value: float, quality: Quality = Quality.GOOD) -> Sample:
 def decision(k: int) -> Decision:
     nan = np.full(9, math.nan)
     return Decision(k, Phase.CALIBRATION, np.arange(9.0), nan, nan, nan, None, None, ())
+
+
+def problem(text: str) -> EventReported:
+    return EventReported(Event(EventKind.PROBLEM, text), 7)
 
 
 def last_values(port: int, last: str = "") -> dict[str, Any]:

@@ -20,7 +20,6 @@ from collections.abc import Iterator
 from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from importlib.resources import files
 from itertools import pairwise
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -31,6 +30,7 @@ import zenoh
 from benchmarks.acquisition import LONG_TRAINING, want_training
 from gateway.config import load
 from gateway.telemetry import DecisionMessage, EventMessage, decode
+from simulators.bench import gateway_toml
 from simulators.clock import SharedClock
 from talc.frame import EventKind
 from tests.benches.free_port import free_port
@@ -142,16 +142,9 @@ def _listening(here: str) -> zenoh.Config:
 
 
 def _configured(folder: Path, addresses: dict[str, object], here: str, talc: str) -> Path:
-    text = files("simulators.bench").joinpath("gateway.toml").read_text(encoding="utf-8")
-    before, mark, _ = text.partition("[talc]")
+    places = {**addresses, "folder": folder, "zenoh_port": free_port(), "zenoh_connect": f'["{here}"]'}
+    before, mark, _ = gateway_toml(places).partition("[talc]")
     assert mark
-    for name, value in {
-        **addresses,
-        "folder": folder,
-        "zenoh_port": free_port(),
-        "zenoh_connect": f'["{here}"]',
-    }.items():
-        before = before.replace("{" + name + "}", str(value))
     for old, new in _PACE.items():
         assert old in before, f"{old} is not in the bench's configuration"
         before = before.replace(old, new)

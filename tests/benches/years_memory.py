@@ -25,7 +25,6 @@ import time
 from collections.abc import Iterator
 from concurrent.futures import Executor, ProcessPoolExecutor
 from datetime import UTC, datetime, timedelta
-from importlib.resources import files
 from pathlib import Path
 from unittest.mock import patch
 
@@ -53,6 +52,7 @@ from gateway.past import SnapshotKeeper, past_in
 from gateway.storage import Store
 from gateway.telemetry import TelemetryPublisher
 from gateway.watches import HealthWatch
+from simulators.bench import gateway_toml
 from talc.frame import BoolArray, FloatArray, Frame, Measurement
 from talc.sensor_model import learn
 from tests.benches.free_port import free_port
@@ -72,11 +72,9 @@ _PLANNED = '[[planned_load]]\nname = "warm-up"\nloads = {spindle_speed = 4000.0}
 
 def _config(folder: Path, step_s: int) -> GatewayConfig:
     """The demo's; its buses are never opened."""
-    text = files("simulators.bench").joinpath("gateway.toml").read_text(encoding="utf-8")
     ports = {"rtu_port": "/nowhere/rtu", "tcp_port": 502, "can_port": "/nowhere/can", "growth_port": "/nowhere/growth"}
     fillings = {**ports, "nc_port": 4840, "zenoh_port": free_port(), "zenoh_connect": "[]", "folder": str(folder)}
-    for name, value in (fillings | {"talc": _PLANNED}).items():
-        text = text.replace("{" + name + "}", str(value))
+    text = gateway_toml(fillings | {"talc": _PLANNED})
     text = text.replace("step_s = 300.0", f"step_s = {step_s}.0")
     text = text.replace("stale_after_s = 900.0", f"stale_after_s = {3 * step_s}.0")
     (folder / "gateway.toml").write_text(text, encoding="utf-8")

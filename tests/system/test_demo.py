@@ -26,6 +26,7 @@ from gateway.telemetry import ForecastMessage, FrameMessage, decode
 from talc.frame import EventKind, FloatArray, Phase
 from tests.benches.command import here
 from tests.benches.free_port import free_port
+from tests.benches.zenoh_sessions import listening
 
 pytestmark = pytest.mark.slow(minutes=6)
 
@@ -113,10 +114,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> DemoRun:
                 planned.update(message.planned)
 
     # An ordinary subscriber that is there before the gateway, so that it can see the first frame.
-    config = zenoh.Config()
-    config.insert_json5("listen/endpoints", f'["tcp/127.0.0.1:{our_port}"]')
-    config.insert_json5("scouting/multicast/enabled", "false")
-    with zenoh.open(config) as session:
+    with listening(our_port) as session:
         subscriber = session.declare_subscriber("talc/bench/**", take)
         command = demo_command(folder, port, HOURS, "--connect", f"tcp/127.0.0.1:{our_port}")
         process = subprocess.Popen(

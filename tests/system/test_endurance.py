@@ -12,7 +12,6 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +20,7 @@ import pytest
 from gateway.cli.running import serve
 from gateway.config import GatewayConfig, load
 from gateway.storage import History
+from simulators.bench import gateway_toml
 from simulators.clock import SharedClock
 from talc.frame import EventKind, Phase
 from tests.benches.faulty_machine import FAULT_EVERY_S
@@ -72,13 +72,11 @@ async def machine(folder: Path) -> AsyncIterator[dict[str, int]]:
 
 
 def config(folder: Path, ports: dict[str, int]) -> GatewayConfig:
-    text = files("simulators.bench").joinpath("gateway.toml").read_text(encoding="utf-8")
     fillings = {
         **ports, "rtu_port": folder / "rtu", "can_port": folder / "can", "growth_port": folder / "growth",
         "folder": folder, "zenoh_port": free_port(), "zenoh_connect": "[]", "talc": TALC,
     }  # fmt: skip
-    for name, value in fillings.items():
-        text = text.replace("{" + name + "}", str(value))
+    text = gateway_toml(fillings)
     path = folder / "gateway.toml"
     for before, after in (("timeout_s = 0.5", "timeout_s = 0.1"), ("= 100.0", "= 150.0"), ("= 30.0 ", "= 60.0 ")):
         text = text.replace(before, after)

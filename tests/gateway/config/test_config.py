@@ -16,6 +16,7 @@ from pydantic import ValidationError
 from gateway.config import ConfigError, GatewayConfig, cautions, load, parse, validate
 from gateway.config.file import from_data
 from gateway.config.reference import reference
+from simulators.bench import gateway_toml
 from talc.presets import PRESETS
 
 CASES = Path(__file__).parent / "cases"
@@ -34,10 +35,7 @@ PLACES = {
 
 
 def bench() -> GatewayConfig:
-    text = BENCH.read_text(encoding="utf-8")
-    for name, value in PLACES.items():
-        text = text.replace(f"{{{name}}}", value)
-    return parse(text, BENCH)
+    return parse(gateway_toml(PLACES), BENCH)
 
 
 def valid_text() -> str:

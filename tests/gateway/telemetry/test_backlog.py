@@ -9,7 +9,7 @@ import pytest
 
 from gateway.telemetry.backlog import Backlog
 from tests.benches.free_port import free_port
-from tests.benches.telemetry_process import client
+from tests.benches.zenoh_sessions import client
 
 ROOT = Path(__file__).parents[3]
 

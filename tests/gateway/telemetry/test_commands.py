@@ -19,7 +19,7 @@ from gateway.nc import NcState
 from gateway.telemetry import CommandSigner, TelemetryPublisher, decode_refusal
 from tests.benches.free_port import free_port
 from tests.benches.telemetry_peer import ROOT
-from tests.benches.telemetry_process import client
+from tests.benches.zenoh_sessions import client
 
 NOW = datetime(2026, 3, 2, 6, tzinfo=UTC)
 

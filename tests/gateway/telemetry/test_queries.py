@@ -38,7 +38,7 @@ from gateway.telemetry import (
 from talc.frame import Event, EventKind
 from tests.benches.free_port import free_port
 from tests.benches.telemetry_peer import ROOT, last_values
-from tests.benches.telemetry_process import client
+from tests.benches.zenoh_sessions import client
 
 LIMIT_S = 60.0
 DAY = "from=2026-03-02T00:00:00Z;to=2026-03-03T00:00:00+01:00"

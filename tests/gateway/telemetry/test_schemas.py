@@ -41,7 +41,7 @@ from tests.benches.free_port import free_port
 from tests.benches.schema_faults import schema_faults
 from tests.benches.telemetry_examples import configuration
 from tests.benches.telemetry_peer import ROOT, reading
-from tests.benches.telemetry_process import client
+from tests.benches.zenoh_sessions import client
 
 SCHEMAS = {
     path.name.split(".")[0]: json.loads(path.read_text(encoding="utf-8"))

@@ -34,7 +34,7 @@ from tests.benches.service_file import adam6015
 from tests.benches.stepped_clock import SteppedClock
 from tests.benches.telemetry_examples import configuration
 from tests.benches.telemetry_peer import NAMES, NOW, decision, last_values, reading, telemetry
-from tests.benches.telemetry_process import client
+from tests.benches.zenoh_sessions import client
 
 
 class SampleInbox:
