@@ -9,9 +9,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import Browser, Page, expect, sync_playwright
+from playwright.sync_api import Browser, Page, expect
 
-from tests.benches.page_rig import CHROMIUM, LIMIT_MS
+from tests.benches.page_rig import LIMIT_MS, chromium
 from tests.benches.paper import cut_off, printed
 
 ROOT = Path(__file__).parents[1]
@@ -38,11 +38,7 @@ def type_in(page: Page, words: str) -> None:
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Browser]:
-    assert CHROMIUM.exists(), "chromium is missing: install Debian's chromium"
-    with (
-        sync_playwright() as playwright,
-        playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"]) as started,
-    ):
+    with chromium() as started:
         yield started
 
 

@@ -13,6 +13,7 @@ from pathlib import Path
 from shutil import copy, copytree, ignore_patterns
 
 from tests.benches.locked import locked
+from tests.benches.package_traces import package_traces
 from tests.benches.service_under_systemd import TriedUnit
 
 ROOT = Path(__file__).parents[2]
@@ -52,17 +53,11 @@ class Arm64Debian:
         inside = f"{mounts} && exec chroot {self.root} {path} sh -ec '{command}'"
         return subprocess.run(["unshare", "--mount", "sh", "-ec", inside], capture_output=True, text=True)
 
-    def files(self) -> set[str]:
-        """Paths that have the product's name, and lines of users and groups that do."""
-        found = {str(path) for path in self.root.glob("*/**/talc-gateway*")}
-        lines = [line for name in ("passwd", "group") for line in (self.root / "etc" / name).read_text().splitlines()]
-        return found | {line for line in lines if "talc-gateway" in line}
-
 
 def tries(machine: Arm64Debian, package: Path) -> Iterator[TriedUnit]:
     """Everything in its order."""
     copy(package, machine.root / "package.deb")
-    before, install = machine.files(), "dpkg --install /package.deb"
+    before, install = package_traces(machine.root), "dpkg --install /package.deb"
 
     def tried(what: str, command: str, wanted: str = "") -> TriedUnit:
         done = machine.run(command)
@@ -89,7 +84,7 @@ def tries(machine: Arm64Debian, package: Path) -> Iterator[TriedUnit]:
     kept = config.exists() and data.exists() and not (machine.root / "opt/talc-gateway").exists()
     yield TriedUnit("the configuration and the data after that", kept, "kept" if kept else "gone")
     yield tried("it is purged", "dpkg --purge talc-gateway")
-    left = machine.files() - before
+    left = package_traces(machine.root) - before
     yield TriedUnit("what is left of it", not left, ", ".join(sorted(left)) or "nothing")
 
 

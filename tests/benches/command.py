@@ -35,9 +35,9 @@ class Done:
     """Both, in the order in which they came; empty for a command in a separate process."""
 
 
-def here(*arguments: str, answer: str = "", columns: int = _COLUMNS) -> Done:
+def here(*arguments: object, answer: str = "", columns: int = _COLUMNS) -> Done:
     """Run in this process to its own end. `answer` is typed at its questions. Raises what it does not catch."""
-    done = CliRunner(env={"COLUMNS": str(columns)}).invoke(main, arguments, input=answer)
+    done = CliRunner(env={"COLUMNS": str(columns)}).invoke(main, [*map(str, arguments)], input=answer)
     if done.exception is not None and not isinstance(done.exception, SystemExit):
         raise done.exception
     return Done(done.exit_code, done.stdout, done.stderr, done.output)

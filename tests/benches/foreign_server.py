@@ -59,3 +59,36 @@ def foreign_server(
         yield
     finally:
         ended(process)
+
+
+class RestartableServer:
+    """A server that can be stopped and started again on its port.
+
+    Parameters
+    ----------
+    command: what starts it
+    port: on 127.0.0.1
+    log: gets what it prints
+    """
+
+    def __init__(self, command: Sequence[str], port: int, log: Path) -> None:
+        self._command, self._log, self.port = command, log, port
+        self._process: subprocess.Popen[str] | None = None
+
+    def start(self) -> None:
+        """Returns when its port accepts a connection."""
+        self._process = started(self._command, self.port, self._log)
+
+    def stop(self) -> None:
+        """Ends all connections."""
+        if self._process is not None:
+            ended(self._process)
+            self._process = None
+
+    @contextmanager
+    def running(self) -> Iterator[None]:
+        self.start()
+        try:
+            yield
+        finally:
+            self.stop()

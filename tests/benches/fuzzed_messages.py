@@ -25,7 +25,6 @@ from drivers.mtconnect.items import factors, number
 from drivers.mtconnect.suggest import suggested_items
 from gateway.collect.tables import arrow_of, by_day, check_end
 from gateway.commands import UNPROVED, Command, CommandName, CommandOutcome
-from gateway.heard import SiteSeen
 from gateway.outlets import OutletError, OutletMessage
 from gateway.outlets.influxdb import InfluxDbOutlet, InfluxDbSettings
 from gateway.outlets.line_protocol import lines
@@ -59,6 +58,7 @@ from talc.names import THERMAL_ERRORS
 from tests.benches.feed_talk import reading
 from tests.benches.fuzzed_files import Example, mutated, refused_by
 from tests.benches.heard import BEGAN
+from tests.benches.mill_page import mill_seen
 from tests.benches.mtconnect_agent import ITEMS, devices
 from tests.benches.played_telemetry import recorded
 
@@ -194,7 +194,7 @@ def _mqtt(draw: random.Random, _: Path) -> None:
 
 def _heard(draw: random.Random, _: Path) -> None:
     """Messages of a gateway: what the page shows then, and the lines that InfluxDB gets."""
-    site = SiteSeen("talc", ("mill",), lambda: BEGAN, lambda: 0.0)
+    site = mill_seen()
     for key, message in draw.sample(recorded(), 12):
         payload = _spoilt(message, draw) if draw.random() < 0.7 else json.dumps(message).encode()
         site.take(f"talc/mill/{key}", payload)
@@ -301,7 +301,7 @@ def _web(draw: random.Random, _: Path) -> None:
 
 
 async def _answered(scope: dict[str, Any]) -> int:
-    app = build_app(SiteSeen("talc", ("mill",), lambda: BEGAN, lambda: 0.0), WebSettings())
+    app = build_app(mill_seen(), WebSettings())
     found: list[int] = []
 
     async def receive() -> Mapping[str, object]:

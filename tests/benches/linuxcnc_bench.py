@@ -110,3 +110,12 @@ async def claimed(bench: AgentBench, terms: WatchdogTerms) -> None:
         return await bench.nc.heartbeat(7)
 
     await until(watched)
+
+
+async def until_mark(bench: AgentBench, mark: float) -> None:
+    """Until the part program has set its mark, analog output 9."""
+
+    async def there() -> bool:
+        return await bench.operator.number("getp", "motion.analog-out-09") == mark
+
+    await until(there)

@@ -22,7 +22,7 @@ from gateway.nc import Earlier, Identity, LinkSettings, Listeners, NcLink
 from simulators.linuxcnc.machine import HURRY
 from talc import kinematics
 from talc.frame import Decision, FloatArray, Phase
-from tests.benches.linuxcnc_bench import AgentBench, claimed, running, until
+from tests.benches.linuxcnc_bench import AgentBench, claimed, running, until_mark
 
 WARM = np.array([2.1, 88.8, 11.3, 6.4, 21.7, 12.6, 35.0, -18.0, 24.0])
 """µm and µm/m: ER0T and EZ0A of the emulated machine after four hours of work, the others of their usual size."""
@@ -55,11 +55,7 @@ async def in_motion(bench: AgentBench, folder: Path, motion: str) -> AsyncIterat
     program = _PROGRAM.format(motion=MOTIONS[motion], mark=mark, a=30 if motion.startswith("X") else 0)
     (folder / "motion.ngc").write_text(program)
     await bench.operator.ask("run", "motion.ngc")
-
-    async def there() -> bool:
-        return await bench.operator.number("getp", "motion.analog-out-09") == mark
-
-    await until(there)
+    await until_mark(bench, mark)
     try:
         yield
     finally:

@@ -7,13 +7,13 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-from tests.benches.foreign_server import ended, started
+from tests.benches.foreign_server import RestartableServer
 from tests.benches.free_port import free_port
 
 LIMIT_S = 120.0
 
 
-class Mosquitto:
+class Mosquitto(RestartableServer):
     """A broker on loopback. It keeps nothing on disk: what was retained is gone after a stop.
 
     Parameters
@@ -25,38 +25,23 @@ class Mosquitto:
     def __init__(self, folder: Path, settings: Sequence[str] | None = None) -> None:
         program = shutil.which("mosquitto", path="/usr/sbin:/usr/bin")
         assert program is not None, "mosquitto is missing: install Debian's mosquitto"
-        self.port = free_port()
-        self._config, self._log = folder / "mosquitto.conf", folder / "mosquitto.log"
-        lines = [f"listener {self.port} 127.0.0.1", "user root", "persistence false", "log_dest stderr"]
-        self._config.write_text("\n".join([*lines, *(settings or ["allow_anonymous true"])]) + "\n")
-        self._program = program
-        self._process: subprocess.Popen[str] | None = None
+        port, config = free_port(), folder / "mosquitto.conf"
+        lines = [f"listener {port} 127.0.0.1", "user root", "persistence false", "log_dest stderr"]
+        config.write_text("\n".join([*lines, *(settings or ["allow_anonymous true"])]) + "\n")
+        super().__init__([program, "-c", str(config)], port, folder / "mosquitto.log")
 
     @property
     def url(self) -> str:
         """Without TLS."""
         return f"mqtt://127.0.0.1:{self.port}"
 
-    def start(self) -> None:
-        """Returns when its port accepts a connection."""
-        self._process = started([self._program, "-c", str(self._config)], self.port, self._log)
-
-    def stop(self) -> None:
-        """Ends all connections."""
-        if self._process is not None:
-            ended(self._process)
-            self._process = None
-
 
 @contextmanager
 def mosquitto(folder: Path, settings: Sequence[str] | None = None) -> Iterator[Mosquitto]:
     """A broker that runs."""
     broker = Mosquitto(folder, settings)
-    broker.start()
-    try:
+    with broker.running():
         yield broker
-    finally:
-        broker.stop()
 
 
 def made_password(folder: Path, user: str, password: str) -> Path:

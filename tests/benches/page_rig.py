@@ -13,7 +13,7 @@ from playwright.sync_api import Browser, BrowserContext, Page, expect, sync_play
 
 from tests.benches.free_port import free_port
 
-CHROMIUM = Path("/usr/bin/chromium")
+_CHROMIUM = Path("/usr/bin/chromium")
 LIMIT_MS = 120_000.0
 """For what takes a second; on a busy computer more."""
 SCREENS = ((1400, 900), (1024, 600), (390, 844))
@@ -159,12 +159,20 @@ class PageRig:
 
 
 @contextmanager
+def chromium() -> Iterator[Browser]:
+    """Debian's, while it runs."""
+    assert _CHROMIUM.exists(), "chromium is missing: install Debian's chromium"
+    with (
+        sync_playwright() as playwright,
+        playwright.chromium.launch(executable_path=_CHROMIUM, args=["--no-sandbox"]) as started,
+    ):
+        yield started
+
+
+@contextmanager
 def page_rig() -> Iterator[PageRig]:
     """With a browser that is running."""
-    assert CHROMIUM.exists(), "chromium is missing: install Debian's chromium"
-    with sync_playwright() as playwright, ExitStack() as stack:
-        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
-        stack.callback(browser.close)
+    with chromium() as browser, ExitStack() as stack:
         yield PageRig(browser, stack)
 
 

@@ -1,12 +1,11 @@
 """ser2net, Debian's device server, for tests with marker `peer`: it puts one serial port on the network."""
 
 import shutil
-import subprocess
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from tests.benches.foreign_server import ended, started
+from tests.benches.foreign_server import RestartableServer
 from tests.benches.free_port import free_port
 
 _CONFIG = """%YAML 1.1
@@ -19,7 +18,7 @@ connection: &line
 """
 
 
-class Ser2net:
+class Ser2net(RestartableServer):
     """A device server on loopback; it can be stopped and started again on its port.
 
     Parameters
@@ -34,32 +33,18 @@ class Ser2net:
         program = shutil.which("ser2net", path="/usr/sbin:/usr/bin")
         assert program is not None, "ser2net is missing: install Debian's ser2net"
         port = free_port()
-        config, self._log = folder / "ser2net.yaml", folder / "ser2net.log"
+        config = folder / "ser2net.yaml"
         accepter = "telnet(rfc2217)" if scheme == "rfc2217" else ""
         wins = str(newest_wins).lower()
         text = _CONFIG.format(accepter=accepter, port=port, device=device, newest_wins=wins)
         config.write_text(text.replace(" ,tcp", " tcp"))
-        self._command, self._port = [program, "-n", "-u", "-d", "-c", str(config)], port
+        super().__init__([program, "-n", "-u", "-d", "-c", str(config)], port, folder / "ser2net.log")
         self.url = f"{scheme}://127.0.0.1:{port}"
-        self._process: subprocess.Popen[str] | None = None
-
-    def start(self) -> None:
-        """Returns when its port accepts a connection."""
-        self._process = started(self._command, self._port, self._log)
-
-    def stop(self) -> None:
-        """Ends all connections."""
-        if self._process is not None:
-            ended(self._process)
-            self._process = None
 
 
 @contextmanager
 def ser2net(folder: Path, device: str, scheme: str, *, newest_wins: bool = True) -> Iterator[Ser2net]:
     """A server that runs."""
     server = Ser2net(folder, device, scheme, newest_wins=newest_wins)
-    server.start()
-    try:
+    with server.running():
         yield server
-    finally:
-        server.stop()

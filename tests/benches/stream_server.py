@@ -36,3 +36,7 @@ async def stream_server(serve: Serve, limit: int = 2**16, host: str = "127.0.0.1
             writer.close()
         await asyncio.gather(*clients, *(each.wait_closed() for each in clients.values()), return_exceptions=True)
         await server.wait_closed()
+
+
+def http_answer(body: bytes, status: str = "200 OK") -> bytes:
+    return f"HTTP/1.1 {status}\r\nContent-Length: {len(body)}\r\n\r\n".encode() + body

@@ -3,8 +3,6 @@
 import asyncio
 import contextlib
 import time
-from collections.abc import AsyncIterator
-from contextlib import AsyncExitStack
 from dataclasses import replace
 from datetime import timedelta
 from math import isnan
@@ -14,15 +12,9 @@ import pytest
 
 from drivers.base import ConnectError, DriverError, NoAnswer, Quality, WrongDevice
 from drivers.build import make_bus
-from tests.benches.rigs import NEIGHBOUR, RIGS, SHARED, TIMEOUT_S, TYPED, Rig
+from tests.benches.rigs import NEIGHBOUR, SHARED, TIMEOUT_S, TYPED, Rig
 
 pytestmark = pytest.mark.simulated_time
-
-
-@pytest.fixture(params=RIGS)
-async def rig(request: pytest.FixtureRequest) -> AsyncIterator[Rig]:
-    async with AsyncExitStack() as stack:
-        yield await RIGS[request.param](stack)
 
 
 async def test_values_arrive_within_quantisation(rig: Rig) -> None:

@@ -17,7 +17,7 @@ from msgspec.structs import replace
 from drivers.base import SystemClock
 from gateway.client import Machine, MachineError
 from gateway.config import Telemetry
-from gateway.events import DecisionMade, EventReported, Health, HealthChecked, ReadingsTaken, StoreHealth
+from gateway.events import DecisionMade, Health, HealthChecked, ReadingsTaken, StoreHealth
 from gateway.nc import NcState
 from gateway.reading_blocks import READING_ROW, pack
 from gateway.telemetry import (
@@ -30,9 +30,8 @@ from gateway.telemetry import (
     ReadingMessage,
     TelemetryPublisher,
 )
-from talc.frame import Event, EventKind
 from tests.benches.free_port import free_port
-from tests.benches.telemetry_peer import decision, reading, telemetry
+from tests.benches.telemetry_peer import decision, problem, reading, telemetry
 
 PAGE = (Path(__file__).parents[2] / "docs" / "client.md").read_text(encoding="utf-8")
 LIMIT_S = 120.0
@@ -41,10 +40,6 @@ BEGIN = datetime(2026, 3, 2, tzinfo=UTC)
 
 def here(port: int) -> str:
     return f"tcp/127.0.0.1:{port}"
-
-
-def event(text: str) -> EventReported:
-    return EventReported(Event(EventKind.PROBLEM, text), 7)
 
 
 def next_text(messages: Iterator[Published]) -> str:
@@ -56,7 +51,7 @@ def next_text(messages: Iterator[Published]) -> str:
 async def test_a_follower_gets_the_last_message_and_then_each_one_once_and_in_order() -> None:
     port = free_port()
     async with telemetry(port) as publisher:
-        publisher.publish(event("before"))
+        publisher.publish(problem("before"))
         publisher.publish(ReadingsTaken([reading(20.0)]))
         with Machine(connect=here(port)) as machine:
             while not machine.latest("event"):  # the publishing thread may still be at it
@@ -64,7 +59,7 @@ async def test_a_follower_gets_the_last_message_and_then_each_one_once_and_in_or
             messages = machine.follow("event", quiet_s=LIMIT_S)
             assert next_text(messages) == "before"
             for n in range(20):
-                publisher.publish(event(f"number {n}"))
+                publisher.publish(problem(f"number {n}"))
             assert [next_text(messages) for _ in range(20)] == [f"number {n}" for n in range(20)]
             messages.close()
             assert machine.missed == 0
@@ -76,7 +71,7 @@ async def test_last_messages_are_typed_and_by_key() -> None:
         publisher.publish(ReadingsTaken([reading(20.0)]))
         publisher.publish(DecisionMade(decision(7)))
         publisher.publish(HealthChecked(Health(60.0, 30, 29, NcState.READY, None, ("an operator",), StoreHealth())))
-        publisher.publish(event("the last"))
+        publisher.publish(problem("the last"))
         with Machine("mill", connect=here(port)) as machine:
             while "event" not in (latest := machine.latest()):
                 pass

@@ -15,16 +15,17 @@ import pytest
 from gateway.config import GatewayConfig, validate
 from gateway.events import MeasurementEnded, StoreHealth
 from gateway.nc import Identity, NcLink
-from gateway.past import Past, past_of
+from gateway.past import Past
 from gateway.probing import End, Outcome
 from gateway.service import Service
-from gateway.storage import History, Store, StoreError
+from gateway.storage import Store, StoreError
 from simulators.nc import Activity, DayPart, LoadCase, MeanLoads
 from simulators.nc.nck import R_WITHDRAW
 from simulators.nc.watchdog import R_OWNER
 from talc.control import Controller
 from talc.frame import Frame, Measurement, Why
 from tests.benches.nc_link_bench import decision
+from tests.benches.restarted import restarted
 from tests.benches.wire_bench import WireBench, wire_bench
 
 pytestmark = pytest.mark.simulated_time
@@ -74,8 +75,7 @@ async def serving(
     if learnt is not None:
         settings, past = learnt[0], Past(learnt[1])
     if settings.storage.path.exists():
-        with History(settings.storage.path) as history:
-            past = past_of(history, settings)
+        past = restarted(settings)
     stop = asyncio.Event()
     boot = f"{name} {bench.clock.monotonic()}"
     with Store(settings.storage.path, boot, bench.clock, retry_s=0.2, origin="here") as store:

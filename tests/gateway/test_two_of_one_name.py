@@ -16,11 +16,11 @@ from drivers.base import SystemClock
 from gateway.client import Machine, MachineError
 from gateway.commands import Command, CommandName, CommandOutcome
 from gateway.config import Operator, Telemetry
-from gateway.events import EventReported, Health, HealthChecked, StoreHealth
+from gateway.events import Health, HealthChecked, StoreHealth
 from gateway.nc import NcState
 from gateway.telemetry import CommandSigner, HistoryPage, HistoryRequest, TelemetryPublisher
-from talc.frame import Event, EventKind
 from tests.benches.free_port import free_port
+from tests.benches.telemetry_peer import problem
 
 LIMIT_S = 60.0
 BEGIN = datetime(2026, 3, 2, tzinfo=UTC)
@@ -115,9 +115,6 @@ async def test_what_two_gateways_of_one_name_say_is_not_mixed(tmp_path: Path) ->
 
 
 async def test_a_follower_is_told_of_a_second_gateway_that_begins_later_and_not_of_a_restart() -> None:
-    def event(text: str) -> EventReported:
-        return EventReported(Event(EventKind.PROBLEM, text), 7)
-
     def follow(where: str) -> None:
         with Machine(connect=where) as machine:
             messages = machine.follow("event", quiet_s=LIMIT_S)
@@ -131,15 +128,15 @@ async def test_a_follower_is_told_of_a_second_gateway_that_begins_later_and_not_
     with router() as where:
         async with gateway(where, "a") as first:
             first.publish(healthy())
-            first.publish(event("the first"))
+            first.publish(problem("the first"))
             await asyncio.to_thread(wait_until_known, where)
             following = asyncio.create_task(asyncio.to_thread(follow, where))
             assert await asyncio.to_thread(heard.get, timeout=LIMIT_S) == "a"
         async with gateway(where, "b") as again:
             again.publish(healthy())
-            again.publish(event("the first, started again"))
+            again.publish(problem("the first, started again"))
             assert await asyncio.to_thread(heard.get, timeout=LIMIT_S) == "b"
             async with gateway(where, "c") as other:
                 other.publish(healthy())
-                other.publish(event("the other"))
+                other.publish(problem("the other"))
                 await following

@@ -17,6 +17,7 @@ import pytest
 from tests.benches.bad_packages import bad_packages
 from tests.benches.booted_debian import BootedDebian, minimal_debian
 from tests.benches.locked import locked
+from tests.benches.package_traces import package_traces
 from tests.benches.service_limits import limits
 from tests.benches.service_under_systemd import PACKAGES, SystemdPace, furnish, tries
 
@@ -81,12 +82,6 @@ class InstalledHost:
         inside += f" && mount --rbind /dev {self.root}/dev"  # the demo's machine needs pseudo-terminals
         within = f"exec chroot {self.root} sh -ec '{command}'"
         return run("unshare", "--mount", "--net", "--pid", "--fork", "sh", "-ec", f"{inside} && {within}")
-
-    def files(self) -> set[str]:
-        """Paths that have the product's name, and the product's user."""
-        found = {str(p.relative_to(self.root)) for p in self.root.glob("*/**/talc-gateway*") if "proc" not in p.parts}
-        lines = [line for name in ("passwd", "group") for line in (self.root / "etc" / name).read_text().splitlines()]
-        return found | {line for line in lines if "talc-gateway" in line}
 
 
 def check_contents(contents: Path) -> None:
@@ -183,7 +178,7 @@ def test_it_installs_runs_upgrades_and_leaves_without_a_network(package: Path, d
     copytree(package.parent, packages)
     bad_packages(contents, packages)
     machine = InstalledHost(debian)
-    before = machine.files()
+    before = package_traces(machine.root)
     install = f"dpkg --install /{PACKAGES}/{package.name}"
     machine.run(install)
     good = machine.run(f"cd /; talc-gateway check /{CONFIG}")
@@ -206,10 +201,10 @@ def test_it_installs_runs_upgrades_and_leaves_without_a_network(package: Path, d
     assert (debian / CONFIG).exists()
     assert (debian / DATA / "gateway.sqlite").exists()
     machine.run("dpkg --purge talc-gateway")
-    assert machine.files() == before
+    assert package_traces(machine.root) == before
     scripts_alone(contents, packages)
     check_partition(machine, f"dpkg --install /{PACKAGES}/scripts.deb")
-    assert machine.files() == before
+    assert package_traces(machine.root) == before
 
     assert which("systemd-nspawn"), "Debian's package systemd-container"
     pace = SystemdPace(watchdog_s=60.0, restart_s=5.0, in_force_um=60)

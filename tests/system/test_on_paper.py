@@ -6,13 +6,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from playwright.sync_api import Browser, Page, sync_playwright
+from playwright.sync_api import Browser, Page
 
 from gateway.report import ReportData, build
 from talc.frame import Event, EventKind, Why
 from talc.learner import ErrorReason, Reasons
 from talc.names import THERMAL_ERRORS
-from tests.benches.page_rig import CHROMIUM, LIMIT_MS
+from tests.benches.page_rig import LIMIT_MS, chromium
 from tests.benches.paper import cut_off, left_alone, printed, printed_texts, torn
 from tests.benches.small_run import small_run
 
@@ -47,11 +47,7 @@ def full_run() -> ReportData:
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Browser]:
-    assert CHROMIUM.exists(), "chromium is missing: install Debian's chromium"
-    with (
-        sync_playwright() as playwright,
-        playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"]) as started,
-    ):
+    with chromium() as started:
         yield started
 
 

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from playwright.sync_api import CDPSession, Page, expect, sync_playwright
+from playwright.sync_api import CDPSession, Page, expect
 
 from gateway.report import ReportData, build
-from tests.benches.page_rig import CHROMIUM, LIMIT_MS
+from tests.benches.page_rig import LIMIT_MS, chromium
 from tests.benches.small_run import small_run
 
 pytestmark = [pytest.mark.peer, pytest.mark.slow]
@@ -29,11 +29,7 @@ def run() -> ReportData:
 def opened(file: Path, run: ReportData, width: int, *, fingers: bool) -> Iterator[Page]:
     """The report of a run in a browser, which said nothing in its console."""
     file.write_text(build(run), encoding="utf-8")
-    assert CHROMIUM.exists(), "chromium is missing: install Debian's chromium"
-    with (
-        sync_playwright() as playwright,
-        playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"]) as browser,
-    ):
+    with chromium() as browser:
         screen = browser.new_context(
             viewport={"width": width, "height": HEIGHT}, has_touch=fingers, is_mobile=fingers, device_scale_factor=2
         )

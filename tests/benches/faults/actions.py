@@ -7,7 +7,6 @@ import can
 from can.interfaces.udp_multicast.utils import pack_message, unpack_message
 
 from simulators.devices.cia404_node import Nmt
-from simulators.devices.modbus_servers import crc16
 from simulators.devices.source import SensorFault
 from simulators.devices.spoil import Spoil
 from tests.benches.faults.plant import NEIGHBOUR, SENSORS, TIMEOUT_S, VICTIM, FaultyPlant
@@ -131,10 +130,6 @@ def served_anew(plant: FaultyPlant) -> None:
 
 
 # Modbus: function code and data are f[1:-2] on a line, f[7:] behind the seven bytes of a TCP header.
-
-
-def rtu(body: bytes) -> bytes:
-    return body + crc16(body)
 
 
 def tcp(header: bytes, body: bytes) -> bytes:

@@ -35,7 +35,6 @@ from tests.benches.faults.actions import (
     rebooted,
     restarted,
     right_type,
-    rtu,
     sensor,
     served_anew,
     silent,
@@ -49,6 +48,7 @@ from tests.benches.faults.actions import (
 from tests.benches.faults.plant import NEIGHBOUR, TIMEOUT_S, VICTIM
 from tests.benches.faults.plants import CAN, CANOPEN, ME_LINE, MODBUS_LINE, PLANTS
 from tests.benches.faults.sensor_faults import SENSOR_FAULTS
+from tests.benches.rtu_talk import frame
 
 COMM, STALE = Quality.COMM_FAULT, Quality.STALE
 
@@ -144,7 +144,7 @@ MATRIX: Sequence[Case] = [
     *cases(
         "wrong device answers",
         ("rtu",),
-        spoilt(now(lambda f: rtu(b"\x07" + f[1:-2]))),
+        spoilt(now(lambda f: frame(b"\x07" + f[1:-2]))),
         whole,
         "unit 7 answered",
     ),
@@ -252,7 +252,7 @@ MATRIX: Sequence[Case] = [
     *cases(
         "overlong frame",
         ("rtu",),
-        spoilt(now(lambda f: rtu(f[:2] + bytes((f[2] + 2,)) + f[3:-2] + b"\0\0"))),
+        spoilt(now(lambda f: frame(f[:2] + bytes((f[2] + 2,)) + f[3:-2] + b"\0\0"))),
         whole,
         "the answer does not fit",
     ),
@@ -294,7 +294,7 @@ MATRIX: Sequence[Case] = [
     ),
     *cases("overlong frame", ("me_ethernet",), spoilt(now(lambda f: f + b"\0\0"), None), whole, "no complete block"),
     *cases(
-        "exception code", MODBUS_LINE, spoilt(now(lambda f: rtu(bytes((f[0], f[1] | 0x80, 6))))), whole, "device busy"
+        "exception code", MODBUS_LINE, spoilt(now(lambda f: frame(bytes((f[0], f[1] | 0x80, 6))))), whole, "device busy"
     ),
     *cases(
         "exception code",

@@ -2,14 +2,15 @@
 
 import asyncio
 import json
-from collections.abc import AsyncIterator, Sequence
+from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
 
 import pytest
 
-from drivers.base import BadAnswer, Bus, ConnectError, Driver, Quality, Reading, SetupError, SystemClock, WrongDevice
+from drivers.base import BadAnswer, Bus, ConnectError, Driver, Quality, SetupError, SystemClock, WrongDevice
 from drivers.build import make_bus, make_device
+from tests.benches.driver_reads import told
 from tests.benches.fake_agent import Agent, serving
 
 pytestmark = pytest.mark.simulated_time
@@ -71,11 +72,6 @@ async def device_at(
             yield agent, bus, device
         finally:
             await bus.close()
-
-
-def told(readings: Sequence[Reading]) -> list[tuple[float | str, str]]:
-    """Value and unit of good channels, quality and reason of others."""
-    return [(r.value, r.unit) if r.quality is Quality.GOOD else (r.quality.value, r.detail) for r in readings]
 
 
 async def test_each_value_that_is_not_good_is_named_and_takes_its_own_channel_only(tmp_path: Path) -> None:

@@ -21,6 +21,7 @@ from drivers.profiles import load_profile
 from simulators.devices import SlcanAdapter
 from simulators.devices.can_logger import CanLogger
 from simulators.devices.source import SensorFault
+from tests.benches.driver_reads import read_until_error
 from tests.benches.logger_files import logger_profile, logger_profile_text
 
 pytestmark = pytest.mark.simulated_time
@@ -46,14 +47,6 @@ async def bench(profile: str) -> AsyncIterator[tuple[CanLogger, Driver, SlcanAda
         logger.stop()
         await bus.close()
         await adapter.stop()
-
-
-async def read_on(driver: Driver) -> None:
-    """Read until an error comes; what came before the fault may still be fresh."""
-    async with asyncio.timeout(60.0):
-        while True:
-            await driver.read()
-            await asyncio.sleep(0.005)
 
 
 async def test_values_come_by_the_names_of_the_dbc_file(tmp_path: Path) -> None:
@@ -85,7 +78,7 @@ async def test_silent_logger_gives_no_answer_and_recovers(tmp_path: Path) -> Non
     async with bench(logger_profile(tmp_path)) as (logger, driver, _):
         logger.faults.silent = True
         with pytest.raises(NoAnswer, match=r"0x300, 0x301"):
-            await read_on(driver)
+            await read_until_error(driver)
         logger.faults.silent = False
         async with asyncio.timeout(60.0):
             assert (await until_answered(driver))[0].value == pytest.approx(20.0)
@@ -95,7 +88,7 @@ async def test_missing_message_costs_its_own_channels_only(tmp_path: Path) -> No
     async with bench(logger_profile(tmp_path)) as (logger, driver, adapter):
         logger.stop()
         with pytest.raises(NoAnswer):
-            await read_on(driver)
+            await read_until_error(driver)
         adapter.send(logger.frames()[:1])
         async with asyncio.timeout(0.15):  # as long as the frame is fresh
             readings = await until_answered(driver)
@@ -106,7 +99,7 @@ async def test_a_value_is_as_old_as_its_frame(tmp_path: Path) -> None:
     async with bench(logger_profile(tmp_path)) as (logger, driver, adapter):
         logger.stop()
         with pytest.raises(NoAnswer):
-            await read_on(driver)
+            await read_until_error(driver)
         adapter.send(logger.frames())
         first = await until_answered(driver)
         await asyncio.sleep(0.1)  # of the 0.2 s for which a frame counts
@@ -127,7 +120,7 @@ async def test_logger_that_was_silent_for_long_is_not_waited_for(tmp_path: Path)
     async with bench(logger_profile(tmp_path)) as (logger, driver, _):
         logger.faults.silent = True
         with pytest.raises(NoAnswer):
-            await read_on(driver)
+            await read_until_error(driver)
         begun = time.monotonic()
         for _ in range(5):
             with pytest.raises(NoAnswer):
@@ -140,7 +133,7 @@ async def test_unplugged_adapter_is_a_connection_fault(tmp_path: Path) -> None:
         logger.stop()
         await adapter.stop()
         with pytest.raises(ConnectError, match="is gone"):
-            await read_on(driver)
+            await read_until_error(driver)
 
 
 @pytest.mark.parametrize(

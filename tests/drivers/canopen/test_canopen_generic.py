@@ -2,7 +2,7 @@
 
 import asyncio
 import struct
-from collections.abc import AsyncIterator, Sequence
+from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
 
@@ -10,11 +10,12 @@ import canopen
 import pytest
 from canopen.objectdictionary import datatypes
 
-from drivers.base import Driver, Quality, Reading, Refused, SetupError, SystemClock, WrongDevice
+from drivers.base import Driver, Refused, SetupError, SystemClock, WrongDevice
 from drivers.build import make_bus, make_device
 from drivers.canopen import CanOpenProfile
 from drivers.profiles import load_profile, user_profile
 from simulators.devices import Cia404Node, SlcanAdapter
+from tests.benches.driver_reads import told
 from tests.benches.library_node import EDS, NODE, LibraryNode
 
 pytestmark = pytest.mark.simulated_time
@@ -58,10 +59,6 @@ async def local_node(folder: Path, profile: str, count: int) -> AsyncIterator[tu
     finally:
         await bus.close()
         await adapter.stop()
-
-
-def told(readings: Sequence[Reading]) -> list[tuple[float | str, str]]:
-    return [(r.value, r.unit) if r.quality is Quality.GOOD else (r.quality.value, r.detail) for r in readings]
 
 
 async def test_objects_by_the_eds(tmp_path: Path) -> None:

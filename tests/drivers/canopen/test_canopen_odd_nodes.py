@@ -8,10 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from drivers.base import BadAnswer, Driver, DriverError, NoAnswer, Quality, Reading, SystemClock
+from drivers.base import BadAnswer, Driver, DriverError, NoAnswer, SystemClock
 from drivers.build import make_bus, make_device
 from simulators.devices import Cia404Node, SlcanAdapter
 from simulators.devices.slcan_adapter import CanFrame
+from tests.benches.driver_reads import values_or_reasons
 
 pytestmark = pytest.mark.simulated_time
 
@@ -94,16 +95,9 @@ async def bench(folder: Path) -> AsyncIterator[tuple[OddNode, Driver, Driver, Sl
         await adapter.stop()
 
 
-def told(readings: Sequence[Reading]) -> list[float | str]:
-    return [
-        r.value if r.quality is Quality.GOOD and r.value is not None else f"{r.quality.value}: {r.detail}"
-        for r in readings
-    ]
-
-
 async def values(driver: Driver) -> list[float | str] | DriverError:
     try:
-        return told(await driver.read())
+        return values_or_reasons(await driver.read())
     except DriverError as error:
         return error
 

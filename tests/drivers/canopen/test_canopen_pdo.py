@@ -15,6 +15,7 @@ from drivers.canopen.pdo import pdo_map
 from drivers.canopen.place import CanObject
 from simulators.devices import Cia404Node, SlcanAdapter
 from simulators.devices.slcan_adapter import CanFrame
+from tests.benches.driver_reads import read_until_error
 
 pytestmark = pytest.mark.simulated_time
 
@@ -180,14 +181,6 @@ async def test_a_value_that_was_asked_for_is_as_old_as_its_answer() -> None:
         assert await ages(driver) == pytest.approx([0.0, 0.0], abs=1e-3)
 
 
-async def read_on(driver: Driver) -> None:
-    """Read until an error comes; what came before the fault may still be fresh."""
-    async with asyncio.timeout(2):
-        while True:
-            await driver.read()
-            await asyncio.sleep(0.005)
-
-
 async def test_timed_values_that_stop_give_no_answer_and_no_earlier_one_is_taken() -> None:
     node = timed()
     async with bench(node, 2, "timer") as (_, driver):
@@ -196,7 +189,7 @@ async def test_timed_values_that_stop_give_no_answer_and_no_earlier_one_is_taken
         node.faults.silent = True
         begun = time.monotonic()
         with pytest.raises(NoAnswer, match="TPDO 0x185, 0x285 did not arrive on the node's timer"):
-            await read_on(driver)
+            await read_until_error(driver)
         assert time.monotonic() - begun >= 2 * 0.08  # three times the timer, less the frame that had just come
         with pytest.raises(NoAnswer, match="no answer"):
             await driver.read()

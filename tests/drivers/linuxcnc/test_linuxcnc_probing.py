@@ -15,7 +15,7 @@ from drivers.base import Refused, SystemClock
 from drivers.linuxcnc import LinuxCncSettings
 from drivers.nc import ProbingState, RequestStatus
 from simulators.linuxcnc.machine import HURRY, MANUAL
-from tests.benches.linuxcnc_bench import ANSWER_S, AgentBench, running, until
+from tests.benches.linuxcnc_bench import ANSWER_S, AgentBench, running, until, until_mark
 
 pytestmark = [pytest.mark.peer, pytest.mark.slow]
 
@@ -67,11 +67,7 @@ async def reaches(bench: AgentBench, number: int, *states: ProbingState, limit_s
 
 async def told_at(bench: AgentBench, mark: float) -> list[float]:
     """PARAMETERS when the part program has set its mark."""
-
-    async def there() -> bool:
-        return await bench.operator.number("getp", "motion.analog-out-09") == mark
-
-    await until(there)
+    await until_mark(bench, mark)
     return [await bench.operator.number("getp", f"motion.analog-out-{10 + i}") for i in range(len(PARAMETERS))]
 
 

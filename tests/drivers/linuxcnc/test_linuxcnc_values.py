@@ -3,15 +3,16 @@
 Needs Debian's linuxcnc-uspace.
 """
 
-from collections.abc import AsyncIterator, Sequence
+from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
 
 import pytest
 
-from drivers.base import Driver, Quality, Reading, SystemClock, WrongDevice
+from drivers.base import Driver, Quality, SystemClock, WrongDevice
 from drivers.build import make_bus, make_device
 from drivers.nc import WatchdogTerms
+from tests.benches.driver_reads import told
 from tests.benches.linuxcnc_bench import ANSWER_S, AgentBench, claimed, running, until
 
 pytestmark = pytest.mark.peer
@@ -52,11 +53,6 @@ async def device_of(bench: AgentBench, folder: Path, text: str, count: int) -> A
         yield device
     finally:
         await bus.close()
-
-
-def told(readings: Sequence[Reading]) -> list[tuple[float | str, str]]:
-    """Value and unit of good channels, quality and reason of others."""
-    return [(r.value, r.unit) if r.quality is Quality.GOOD else (r.quality.value, r.detail) for r in readings]
 
 
 async def test_pins_and_signals_are_channels_beside_the_gateway_that_writes(tmp_path: Path) -> None:

@@ -1,8 +1,8 @@
 """A device with several kinds of values, as the documentation describes one; and addresses that it refuses."""
 
 import struct
-from collections.abc import AsyncIterator, Mapping
-from contextlib import asynccontextmanager
+from collections.abc import Mapping
+from contextlib import AbstractAsyncContextManager
 from dataclasses import dataclass, field
 from math import isnan
 from pathlib import Path
@@ -14,10 +14,10 @@ from pymodbus.simulator import DataType, SimData, SimDevice
 from drivers.base import Driver, Quality, Reading, Refused, SetupError
 from drivers.build import make_bus, make_device
 from drivers.profiles import load_profile
-from simulators.devices import TcpHost
 from simulators.devices.modbus_unit import ModbusUnit
 from tests.benches.free_port import free_port
 from tests.benches.manual_clock import ManualClock
+from tests.benches.own_profile import by_own_profile
 
 pytestmark = pytest.mark.simulated_time
 
@@ -66,25 +66,14 @@ class Meter:
 CHANNELS = {f"c{number}": number for number in range(11)}
 
 
-@asynccontextmanager
-async def reading(
+def reading(
     meter: ModbusUnit,
     folder: Path,
     text: str = "",
     channels: Mapping[str, int] = CHANNELS,
     clock: ManualClock | None = None,
-) -> AsyncIterator[Driver]:
-    path = folder / "meter.toml"
-    path.write_text(text or meter_profile(), encoding="utf-8")
-    host = TcpHost({1: meter})
-    bus = make_bus("tcp1", "modbus_tcp", {"host": "127.0.0.1", "port": await host.start()})
-    driver = make_device("meter", bus, str(path), 1, channels, {}, clock or ManualClock())
-    try:
-        await bus.connect()
-        yield driver
-    finally:
-        await bus.close()
-        await host.stop()
+) -> AbstractAsyncContextManager[Driver]:
+    return by_own_profile(meter, folder, text or meter_profile(), channels, clock or ManualClock())
 
 
 def values(readings: list[Reading]) -> list[float]:

@@ -1,15 +1,14 @@
 """Channels that are scaled by their type code: while the unit refuses a code, and after somebody has set another."""
 
-from collections.abc import AsyncIterator, Mapping
-from contextlib import asynccontextmanager
+from collections.abc import Mapping
+from contextlib import AbstractAsyncContextManager
 from pathlib import Path
 
 import pytest
 
 from drivers.base import AsksLater, Driver, Quality, Refused, WrongDevice
-from drivers.build import make_bus, make_device
-from simulators.devices import TcpHost
 from tests.benches.manual_clock import ManualClock
+from tests.benches.own_profile import by_own_profile
 
 pytestmark = pytest.mark.simulated_time
 
@@ -55,20 +54,8 @@ class CodedModule:
         return {address: word for address, word in words.items() if (function, address) not in self.lacks}
 
 
-@asynccontextmanager
-async def reading(module: CodedModule, folder: Path, clock: ManualClock) -> AsyncIterator[Driver]:
-    path = folder / "module.toml"
-    path.write_text(PROFILE)
-    host = TcpHost({1: module})
-    bus = make_bus("tcp1", "modbus_tcp", {"host": "127.0.0.1", "port": await host.start()})
-    driver = make_device("module", bus, str(path), 1, {f"c{i}": i for i in range(4)}, {}, clock)
-    try:
-        await bus.connect()
-        await driver.connect()
-        yield driver
-    finally:
-        await bus.close()
-        await host.stop()
+def reading(module: CodedModule, folder: Path, clock: ManualClock) -> AbstractAsyncContextManager[Driver]:
+    return by_own_profile(module, folder, PROFILE, {f"c{i}": i for i in range(4)}, clock)
 
 
 async def good(driver: Driver) -> dict[str, float]:

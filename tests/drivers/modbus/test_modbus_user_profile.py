@@ -1,17 +1,16 @@
 """A user's own profile over the wire: orders, scaling, status, sentinels, limits of the device, plausibility."""
 
 import struct
-from collections.abc import AsyncIterator, Mapping, Sequence
-from contextlib import asynccontextmanager
+from collections.abc import Mapping, Sequence
+from contextlib import AbstractAsyncContextManager
 from math import inf, isnan, nan
 from pathlib import Path
 
 import pytest
 
 from drivers.base import Driver, Quality, Reading, SystemClock
-from drivers.build import make_bus, make_device
-from simulators.devices import TcpHost
 from simulators.devices.modbus_unit import ModbusUnit
+from tests.benches.own_profile import by_own_profile
 
 pytestmark = pytest.mark.simulated_time
 
@@ -80,22 +79,10 @@ class UserProfiledModule:
         return words
 
 
-@asynccontextmanager
-async def reading(
+def reading(
     module: ModbusUnit, folder: Path, channels: Mapping[str, int], profile: str = PROFILE
-) -> AsyncIterator[Driver]:
-    path = folder / "module.toml"
-    path.write_text(profile, encoding="utf-8")
-    host = TcpHost({1: module})
-    bus = make_bus("tcp1", "modbus_tcp", {"host": "127.0.0.1", "port": await host.start()})
-    driver = make_device("module", bus, str(path), 1, channels, {}, SystemClock())
-    try:
-        await bus.connect()
-        await driver.connect()
-        yield driver
-    finally:
-        await bus.close()
-        await host.stop()
+) -> AbstractAsyncContextManager[Driver]:
+    return by_own_profile(module, folder, profile, channels, SystemClock())
 
 
 def told(readings: Sequence[Reading]) -> list[tuple[str, str]]:

@@ -16,6 +16,7 @@ from drivers.build import make_bus, make_device
 from drivers.mqtt import bus as mqtt_bus
 from drivers.mqtt.bus import MqttBus
 from drivers.tap import Tap
+from tests.benches.driver_reads import values_or_reasons
 from tests.benches.stream_server import Serve, stream_server
 
 pytestmark = pytest.mark.simulated_time
@@ -116,10 +117,6 @@ async def read(bus: MqttBus, driver: Driver) -> Sequence[Reading]:
     return await driver.read()
 
 
-def told(readings: Sequence[Reading]) -> list[float | str]:
-    return [r.value if r.quality is Quality.GOOD else f"{r.quality.value}: {r.detail}" for r in readings]
-
-
 @pytest.mark.parametrize(
     ("accepts", "error", "says"),
     [
@@ -147,14 +144,14 @@ async def test_after_a_reconnect_what_was_kept_is_a_value_only_if_it_was_heard_b
     said = iter((BOTH, kept(b"a", b"1.5") + kept(b"b", b"9.5")))
     serve = broker(grants=lambda number: BOTH_GRANTED(number) + next(said), then=b"")
     async with reading(serve, tmp_path) as (bus, driver):
-        assert told(await read(bus, driver)) == [1.5, 2.5]
+        assert values_or_reasons(await read(bus, driver)) == [1.5, 2.5]
         await bus.close()
         await bus.connect()
         async with asyncio.timeout(LIMIT_S):
             while (again := await driver.read())[1].quality is Quality.GOOD:
                 await asyncio.sleep(0.01)
         unknown = "stale: the broker had kept this message of topic b, and it holds no time"
-        assert told(again) == [1.5, f"{unknown}; the age is unknown until the next message"]
+        assert values_or_reasons(again) == [1.5, f"{unknown}; the age is unknown until the next message"]
 
 
 @pytest.mark.parametrize("codes", [b"\x01\x80", b"\x01\x87"])
@@ -162,14 +159,14 @@ async def test_a_topic_that_is_refused_is_its_own_channels_fault(codes: bytes, t
     """0x87 is MQTT 5's code for it; 0x80 that of 3.1.1."""
     async with reading(broker(grants=granting(codes), then=message(b"a", b"1.5")), tmp_path) as (bus, driver):
         expected = [1.5, "comm_fault: the broker refuses to send topic b (check the broker's rules)"]
-        assert told(await read(bus, driver)) == expected
+        assert values_or_reasons(await read(bus, driver)) == expected
 
 
 async def test_a_topic_that_is_refused_is_not_waited_for(tmp_path: Path) -> None:
     refusing = broker(grants=granting(b"\x01\x80"), then=message(b"a", b"1.5"))
     async with reading(refusing, tmp_path, timeout_s=10 * LIMIT_S) as (bus, driver):
         async with asyncio.timeout(LIMIT_S):
-            assert told(await read(bus, driver))[0] == 1.5
+            assert values_or_reasons(await read(bus, driver))[0] == 1.5
 
 
 async def test_a_topic_that_is_refused_is_asked_for_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -178,7 +175,7 @@ async def test_a_topic_that_is_refused_is_asked_for_again(tmp_path: Path, monkey
     async with reading(broker(grants=lambda number: packet(0x90, number + next(codes))), tmp_path) as (bus, driver):
         await bus.connect()
         assert bus.refuses("b")
-        assert told(await driver.read()) == [1.5, 2.5]
+        assert values_or_reasons(await driver.read()) == [1.5, 2.5]
         assert not bus.refuses("b")
 
 
@@ -252,13 +249,13 @@ async def test_an_acknowledgement_of_other_topics_is_a_bad_answer(codes: bytes, 
 )
 async def test_what_is_readable_is_read(then: bytes, tmp_path: Path) -> None:
     async with reading(broker(then=then), tmp_path) as (bus, driver):
-        assert told(await read(bus, driver)) == [1.5, 2.5]
+        assert values_or_reasons(await read(bus, driver)) == [1.5, 2.5]
 
 
 async def test_what_nobody_asked_for_is_not_kept(tmp_path: Path) -> None:
     unasked = b"".join(message(b"x/%d" % number, b"3") for number in range(300))
     async with reading(broker(then=unasked + BOTH), tmp_path) as (bus, driver):
-        assert told(await read(bus, driver)) == [1.5, 2.5]
+        assert values_or_reasons(await read(bus, driver)) == [1.5, 2.5]
         assert (await bus.heard(0.0, 2)).keys() == {"a", "b"}
 
 
@@ -267,7 +264,7 @@ async def test_of_a_wildcard_only_so_many_topics_are_kept(tmp_path: Path, monkey
     many = b"".join(message(b"x/%d" % number, b"3") for number in range(300))
     async with reading(broker(grants=granting(b"\x01" * 3), then=many + BOTH), tmp_path) as (bus, driver):
         bus.want({"x/#"})
-        assert told(await read(bus, driver)) == [1.5, 2.5], "the topics of channels are kept all the same"
+        assert values_or_reasons(await read(bus, driver)) == [1.5, 2.5], "the topics of channels are kept all the same"
         assert len(await bus.heard(0.0, 2)) == 22
 
 
@@ -312,4 +309,4 @@ async def test_an_error_in_the_librarys_thread_is_a_lost_connection(tmp_path: Pa
     async with reading(broker(), tmp_path, FailsOnce()) as (bus, driver):
         with pytest.raises(ConnectError, match=r"cannot be understood: RuntimeError\('a bug'\)"):
             await read(bus, driver)
-        assert told(await read(bus, driver)) == [1.5, 2.5]
+        assert values_or_reasons(await read(bus, driver)) == [1.5, 2.5]

@@ -18,7 +18,7 @@ from drivers.mtconnect.items import number
 from drivers.nc import NumericalControl, OperatingMode, ProgramState, WatchdogTerms
 from drivers.problems import settings_of
 from tests.benches.mtconnect_agent import mtconnect_agent
-from tests.benches.stream_server import stream_server
+from tests.benches.stream_server import http_answer, stream_server
 
 pytestmark = pytest.mark.filterwarnings("ignore:datetime:DeprecationWarning")
 LIMIT_S = 60.0
@@ -177,10 +177,6 @@ async def answering(answer: bytes, *, then_hang_up: bool = True) -> AsyncIterato
         yield f"http://127.0.0.1:{port}"
 
 
-def http(body: bytes, status: str = "200 OK") -> bytes:
-    return f"HTTP/1.1 {status}\r\nContent-Length: {len(body)}\r\n\r\n".encode() + body
-
-
 ERROR = b'<MTConnectError><Errors><Error errorCode="NO_DEVICE">no device mill2</Error></Errors></MTConnectError>'
 BOMB = b'<!DOCTYPE x [<!ENTITY a "aaaa"><!ENTITY b "&a;&a;&a;&a;">]><x>&b;</x>'
 
@@ -188,15 +184,15 @@ BOMB = b'<!DOCTYPE x [<!ENTITY a "aaaa"><!ENTITY b "&a;&a;&a;&a;">]><x>&b;</x>'
 @pytest.mark.parametrize(
     ("answer", "says"),
     [
-        (http(ERROR, "404 Not Found"), "probe: HTTP status 404, the agent reports NO_DEVICE: no device mill2"),
-        (http(ERROR), "probe: the agent reports NO_DEVICE"),
-        (http(BOMB), "probe: it has a document type, which is not accepted"),
-        (http(b"<a>" * 60), "more than 50 elements within each other"),
-        (http(b"<a>" + b"<b/>" * 1_900_000 + b"</a>"), "probe: more than 100000 elements"),
-        (http(b"<a><b></a>"), "it is not XML: mismatched tag"),
-        (http(b"\x00\x01"), "it is not XML"),
-        (http(b"x" * 8_000_001), "more than 8000000 bytes"),
-        (http(b"<html>moved</html>", "302 Found"), "HTTP status 302"),
+        (http_answer(ERROR, "404 Not Found"), "probe: HTTP status 404, the agent reports NO_DEVICE: no device mill2"),
+        (http_answer(ERROR), "probe: the agent reports NO_DEVICE"),
+        (http_answer(BOMB), "probe: it has a document type, which is not accepted"),
+        (http_answer(b"<a>" * 60), "more than 50 elements within each other"),
+        (http_answer(b"<a>" + b"<b/>" * 1_900_000 + b"</a>"), "probe: more than 100000 elements"),
+        (http_answer(b"<a><b></a>"), "it is not XML: mismatched tag"),
+        (http_answer(b"\x00\x01"), "it is not XML"),
+        (http_answer(b"x" * 8_000_001), "more than 8000000 bytes"),
+        (http_answer(b"<html>moved</html>", "302 Found"), "HTTP status 302"),
     ],
 )
 async def test_what_no_agent_should_answer_is_a_bad_answer(answer: bytes, says: str) -> None:
@@ -218,7 +214,7 @@ async def test_the_largest_document_does_not_hold_up_what_else_the_gateway_does(
             await asyncio.sleep(0.001)
             longest_s = max(longest_s, loop.time() - before_s)
 
-    async with answering(http(largest)) as url:
+    async with answering(http_answer(largest)) as url:
         looking = asyncio.create_task(look())
         began_s = time.monotonic()
         with pytest.raises(WrongDevice, match="the agent has no such data item"):
@@ -298,7 +294,7 @@ ITEMS = "".join(
 async def test_a_word_is_no_speed_and_no_position(item: str) -> None:
     told = dict.fromkeys(POSITIONS.values(), "1.5") | {"Srpm": "6000"} | {item: "ACTIVE"}
     text = "".join(f'<P dataItemId="{one}">{value}</P>' for one, value in told.items())
-    async with answering(http(f"<MTConnect>{ITEMS}{text}</MTConnect>".encode())) as url:
+    async with answering(http_answer(f"<MTConnect>{ITEMS}{text}</MTConnect>".encode())) as url:
         nc = control(
             url, machine="mill", states={"spindle_speed": "Srpm"}, mode="", program="", tool="", emergency_stop=""
         )
@@ -327,7 +323,7 @@ def test_whatever_is_observed_a_snapshot_is_finite_or_a_drivers_error(
     body = body[:at] + spoilt + body[at + len(spoilt) :]
 
     async def tried() -> None:
-        async with answering(http(body)) as url:
+        async with answering(http_answer(body)) as url:
             nc = control(url, states={"spindle_speed": "Srpm"}, mode="", program="", tool="", emergency_stop="")
             try:
                 await nc.connect()

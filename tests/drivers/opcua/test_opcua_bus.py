@@ -2,7 +2,7 @@
 
 import asyncio
 import re
-from collections.abc import AsyncIterator, Sequence
+from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -33,6 +33,7 @@ from drivers.base import (
 from drivers.build import make_bus, make_device
 from drivers.opcua import OpcUaBus
 from drivers.opcua.nodes import node_name
+from tests.benches.driver_reads import told
 from tests.benches.opcua_drives import URI, Drives
 
 pytestmark = pytest.mark.simulated_time
@@ -81,11 +82,6 @@ async def device_at(
         yield bus, device
     finally:
         await bus.close()
-
-
-def told(readings: Sequence[Reading]) -> list[tuple[float | str, str]]:
-    """Value and unit of good channels, quality and reason of others."""
-    return [(r.value, r.unit) if r.quality is Quality.GOOD else (r.quality.value, r.detail) for r in readings]
 
 
 async def test_values_statuses_and_nodes_that_are_not_there(tmp_path: Path) -> None:

@@ -6,23 +6,18 @@ of registers each; one unit does not answer for the first of the two.
 
 import asyncio
 import time
-from collections.abc import AsyncIterator, Awaitable, Callable, Mapping, Sequence
-from contextlib import AsyncExitStack, asynccontextmanager
+from collections.abc import Mapping, Sequence
+from contextlib import AsyncExitStack
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from drivers.base import Quality, Reading
-from gateway.acquisition import Acquisition, lines_of
-from gateway.clock import RealClock
-from gateway.config import load
-from simulators.devices import DeviceServer, RtuLine, TcpHost
+from tests.benches.polled_three import MODBUS, PERIOD_S, UNITS, polled, started_line, worst
 
 pytestmark = pytest.mark.simulated_time
 
-UNITS = (1, 2, 3)
-PERIOD_S, TIMEOUT_S, PERIODS, MOST = 1.0, 0.5, 130, 0.2
+PERIODS, MOST = 130, 0.2
 SHORT, LONG = 2, 4
 """Registers of the silent block, and of the other: their answers differ in length."""
 PROFILE = f"""
@@ -76,69 +71,21 @@ class _MutedRegisters(dict[int, int]):
         return self._unit.touched(address)
 
 
-StartTwoBlocks = Callable[[AsyncExitStack, Mapping[int, TwoBlocks]], Awaitable[Mapping[str, object]]]
-
-
-async def rtu(stack: AsyncExitStack, units: Mapping[int, TwoBlocks]) -> Mapping[str, object]:
-    line = RtuLine(units, baud=9600)
-    line.spoil = lambda unit, frame: units[unit].spoil(frame)
-    stack.push_async_callback(line.stop)
-    return {"kind": "modbus_rtu", "port": await line.start()}
-
-
-async def rtu_tcp(stack: AsyncExitStack, units: Mapping[int, TwoBlocks]) -> Mapping[str, object]:
-    server = DeviceServer(units)
-    server.spoil = lambda unit, frame: units[unit].spoil(frame)
-    stack.push_async_callback(server.stop)
-    return {"kind": "modbus_rtu_tcp", "host": "127.0.0.1", "port": await server.start()}
-
-
-async def tcp(stack: AsyncExitStack, units: Mapping[int, TwoBlocks]) -> Mapping[str, object]:
-    host = TcpHost(units)
-    host.spoil = lambda unit, frame: units[unit].spoil(frame)
-    stack.push_async_callback(host.stop)
-    return {"kind": "modbus_tcp", "host": "127.0.0.1", "port": await host.start()}
-
-
-WIRES: dict[str, StartTwoBlocks] = {"modbus_rtu": rtu, "modbus_rtu_tcp": rtu_tcp, "modbus_tcp": tcp}
-
-
-@asynccontextmanager
-async def polled(fields: Mapping[str, object], folder: Path, readings: list[Reading]) -> AsyncIterator[None]:
-    """Inside, the gateway polls the three."""
-    (folder / "two.toml").write_text(PROFILE)
-    bus = "\n".join(f"{key} = {value!r}" for key, value in fields.items())
-    devices = "".join(
-        f'[[device]]\nname = "d{unit}"\nbus = "wire"\nprofile = "two.toml"\nunit = {unit}\n'
-        f"channels = {{ mute{unit} = 0, mute_too{unit} = 1, loud{unit} = 2 }}\n"
-        for unit in UNITS
-    )
-    file = folder / "gateway.toml"
-    file.write_text(f'[machine]\nname = "mill"\n[[bus]]\nname = "wire"\n{bus}\n{devices}')
-    clock = RealClock()
-    (line,) = lines_of(load(file), clock)
-    assert (line.period_s, line.bus.timeout_s) == (PERIOD_S, TIMEOUT_S), "the defaults"
-    async with Acquisition([line], clock, readings.extend, lambda _: None):
-        yield
-
-
-def worst(readings: list[Reading], channel: str, since_s: float) -> float:
-    """By how much the channel's intervals differ from the period at most, as a share; its readings are good."""
-    own = [r for r in readings if r.channel == channel and r.monotonic_s >= since_s]
-    assert {r.quality for r in own} == {Quality.GOOD}
-    return float(np.abs(np.diff([r.monotonic_s for r in own]) / PERIOD_S - 1.0).max())
+CHANNELS = "{ muteUNIT = 0, mute_tooUNIT = 1, loudUNIT = 2 }"
 
 
 @pytest.mark.parametrize("begins", ["falls silent", "silent from the start"])
 @pytest.mark.parametrize("mute", UNITS)
-@pytest.mark.parametrize("kind", WIRES)
+@pytest.mark.parametrize("kind", MODBUS)
 async def test_one_address_of_one_unit(kind: str, mute: int, begins: str, tmp_path: Path) -> None:
     readings: list[Reading] = []
     units = {unit: TwoBlocks() for unit in UNITS}
     units[mute].mute = begins == "silent from the start"
     async with AsyncExitStack() as stack:
-        fields = await WIRES[kind](stack, units)
-        async with polled(fields, tmp_path, readings):
+        line, fields = await started_line(kind, units, stack)
+        line.spoil = lambda unit, frame: units[unit].spoil(frame)
+        (tmp_path / "two.toml").write_text(PROFILE)
+        async with polled(fields, 'profile = "two.toml"', CHANNELS, tmp_path, readings):
             began_s = time.monotonic()
             await asyncio.sleep(9.5 * PERIOD_S)
             units[mute].mute = True

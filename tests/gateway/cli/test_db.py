@@ -9,12 +9,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner, Result
 from pyarrow import parquet
 
 from drivers.base import Quality
 from gateway.acquisition import Sample
-from gateway.cli import main
 from gateway.commands import Command, CommandName, CommandOutcome
 from gateway.config import parse
 from gateway.events import (
@@ -31,6 +29,7 @@ from gateway.probing import Outcome
 from gateway.storage import History, Store
 from talc.control import Controller
 from talc.frame import Event, EventKind, Frame, Measurement, Why
+from tests.benches.command import here
 from tests.benches.service_file import MACHINE, adam6015
 from tests.benches.stepped_clock import EPOCH, SteppedClock
 
@@ -64,14 +63,10 @@ def running(tmp_path: Path) -> Iterator[Path]:
         yield tmp_path / "g.sqlite"
 
 
-def run(*words: object) -> Result:
-    return CliRunner().invoke(main, ["db", *map(str, words)])
-
-
 def exported(database: Path, table: str) -> list[dict[str, str]]:
     file = database.with_name(f"{table}.csv")
-    answer = run("export", database, table, "-o", file)
-    assert answer.exit_code == 0, answer.output
+    answer = here("db", "export", database, table, "-o", file)
+    assert answer.code == 0, answer.together
     with file.open(newline="", encoding="utf-8") as found:
         return list(csv.DictReader(found))
 
@@ -104,7 +99,7 @@ def test_the_other_tables_are_exported_too(running: Path) -> None:
 
 def test_parquet_holds_the_same_with_types(running: Path) -> None:
     file = running.with_name("steps.parquet")
-    assert run("export", running, "steps", "-o", file).exit_code == 0
+    assert here("db", "export", running, "steps", "-o", file).code == 0
     found = parquet.read_table(file).to_pylist()
     assert len(found) == STEPS
     assert isinstance(found[5]["time"], datetime)
@@ -112,45 +107,45 @@ def test_parquet_holds_the_same_with_types(running: Path) -> None:
 
 
 def test_a_name_of_another_kind_is_refused(running: Path) -> None:
-    answer = run("export", running, "steps", "-o", running.with_name("steps.txt"))
-    assert answer.exit_code == 2
-    assert "ends in .csv or .parquet" in answer.output
+    answer = here("db", "export", running, "steps", "-o", running.with_name("steps.txt"))
+    assert answer.code == 2
+    assert "ends in .csv or .parquet" in answer.together
 
 
 def test_a_backup_is_whole_while_the_gateway_writes(running: Path) -> None:
     copy = running.with_name("copy.sqlite")
-    assert run("backup", running, "-o", copy).exit_code == 0
-    assert run("backup", running, "-o", copy).exit_code == 2, "nothing is overwritten"
+    assert here("db", "backup", running, "-o", copy).code == 0
+    assert here("db", "backup", running, "-o", copy).code == 2, "nothing is overwritten"
     with History(copy) as history:
         assert [step.frame.k for step in history.steps()] == list(range(STEPS))
     assert sorted(p.name for p in running.parent.glob("copy*")) == ["copy.sqlite"]
 
 
 def test_stats_tell_rows_and_sizes(running: Path) -> None:
-    answer = run("stats", running)
-    assert answer.exit_code == 0, answer.output
-    counts = {line.split()[0]: line.split()[1] for line in answer.output.splitlines()}
+    answer = here("db", "stats", running)
+    assert answer.code == 0, answer.together
+    counts = {line.split()[0]: line.split()[1] for line in answer.together.splitlines()}
     assert (counts["frame"], counts["reading"], counts["measurement"]) == (str(STEPS), str(STEPS), "1")
-    assert f"steps 0 to {STEPS - 1}" in answer.output
+    assert f"steps 0 to {STEPS - 1}" in answer.together
 
 
 def test_check_finds_rows_that_are_none_and_passes_a_whole_database(running: Path) -> None:
-    answer = run("check", running)
-    assert (answer.exit_code, answer.output) == (0, f"{running}: whole\n")
+    answer = here("db", "check", running)
+    assert (answer.code, answer.together) == (0, f"{running}: whole\n")
     with closing(sqlite3.connect(running)) as connection, connection:
         connection.execute("UPDATE frame SET inputs = x'00' WHERE k = 3")
-    answer = run("check", running)
-    assert answer.exit_code == 1
-    assert "frame: 1 rows hold values that this gateway never writes" in answer.output
+    answer = here("db", "check", running)
+    assert answer.code == 1
+    assert "frame: 1 rows hold values that this gateway never writes" in answer.together
 
 
 def test_check_names_a_damaged_page_of_readings(running: Path) -> None:
     copy = running.with_name("copy.sqlite")
-    assert run("backup", running, "-o", copy).exit_code == 0
+    assert here("db", "backup", running, "-o", copy).code == 0
     with closing(sqlite3.connect(copy)) as connection:
         (page,) = connection.execute("SELECT rootpage FROM sqlite_master WHERE name = 'reading'").fetchone()
         (size,) = connection.execute("PRAGMA page_size").fetchone()
     with copy.open("r+b") as file:
         file.seek((page - 1) * size)
         file.write(bytes(size))
-    assert run("check", copy).exit_code == 1
+    assert here("db", "check", copy).code == 1

@@ -8,13 +8,13 @@ from gateway.commands import UNPROVED, Command, CommandName, Pause
 from gateway.config import parse
 from gateway.events import CommandGiven
 from gateway.nc import Source
-from gateway.past import past_of
 from gateway.replay import replay
 from gateway.storage import History, Store
 from gateway.storage.mending import Known, begin_anew, mend
 from talc.frame import EventKind, Why
 from tests.benches.commanded import CONFIG, NOWHERE, STEP_S, commanded
 from tests.benches.nc_link_bench import LinkBench
+from tests.benches.restarted import restarted
 from tests.benches.stepped_clock import EPOCH
 
 PAUSE, RESUME, MEASURE = CommandName.PAUSE, CommandName.RESUME, CommandName.MEASURE
@@ -239,10 +239,6 @@ async def test_a_pause_survives_restarts_and_the_loss_of_the_database_until_it_i
     config = parse(CONFIG, tmp_path / "gateway.toml")
     path, bench = config.storage.path, LinkBench("compensate")
 
-    def left() -> Pause | None:
-        with History(path) as history:
-            return past_of(history, config).paused
-
     async with commanded(bench, follow=6.0) as at:
         with Store(path, "first", bench.clock) as store:
             store.begin(config.canonical(), config.fingerprint(), "")
@@ -253,8 +249,8 @@ async def test_a_pause_survives_restarts_and_the_loss_of_the_database_until_it_i
             store.record(CommandGiven(replace(answer, command=Command(MEASURE, "ben"))))
             store.record(CommandGiven(replace(answer, command=Command(PAUSE, "ben"))))
     pause = Pause("anna", answer.time)
-    assert left() == pause
-    again = LinkBench("compensate", in_force=(0.0, 0.0, 4.0), paused=left())
+    assert restarted(config).paused == pause
+    again = LinkBench("compensate", in_force=(0.0, 0.0, 4.0), paused=restarted(config).paused)
     async with commanded(again, follow=6.0) as at:
         await again.clock.run_until(60.0)
         assert again.control.in_force == (0.0, 0.0, 0.0), "from what is in force to the declared state"
@@ -265,13 +261,13 @@ async def test_a_pause_survives_restarts_and_the_loss_of_the_database_until_it_i
             Known(),
         ):  # the running gateway has it in memory, or reads what is there
             mend(path, "a bit has flipped", EPOCH, known)
-            assert left() == pause
+            assert restarted(config).paused == pause
         path.unlink()
         begin_anew(path, Known(standing={PAUSE: row}))
-        assert left() == pause
+        assert restarted(config).paused == pause
         with Store(path, "second", again.clock) as store:
             store.record(CommandGiven(await at.give(RESUME, "ben")))
-    assert left() is None
+    assert restarted(config).paused is None
 
 
 async def test_a_run_with_commands_is_replayed_bit_for_bit(tmp_path: Path) -> None:

@@ -10,12 +10,12 @@ from gateway.commands import Command, CommandName, Disarmed
 from gateway.config import parse
 from gateway.events import CommandGiven
 from gateway.nc import Source
-from gateway.past import past_of
-from gateway.storage import History, Store
+from gateway.storage import Store
 from gateway.storage.mending import Known, mend
 from talc.frame import EventKind
 from tests.benches.commanded import CONFIG, NOWHERE, STEP_S, commanded
 from tests.benches.nc_link_bench import LinkBench
+from tests.benches.restarted import restarted
 from tests.benches.stepped_clock import EPOCH
 
 DISARM, ARM, PAUSE, RESUME, MEASURE, RELOAD = (
@@ -123,10 +123,6 @@ async def test_a_disarming_survives_restarts_and_the_loss_of_the_database(tmp_pa
     config = parse(CONFIG, tmp_path / "gateway.toml")
     path, bench = config.storage.path, LinkBench("compensate")
 
-    def left() -> Disarmed | None:
-        with History(path) as history:
-            return past_of(history, config).disarmed
-
     async with commanded(bench, follow=6.0) as at:
         with Store(path, "first", bench.clock) as store:
             store.begin(config.canonical(), config.fingerprint(), "")
@@ -134,8 +130,8 @@ async def test_a_disarming_survives_restarts_and_the_loss_of_the_database(tmp_pa
             for each in (answer, await at.give(PAUSE), await at.give(RESUME), await at.give(ARM, refused="no")):
                 store.record(CommandGiven(each))
     order = Disarmed("anna", answer.time)
-    assert left() == order
-    again = LinkBench("compensate", in_force=(0.0, 0.0, 4.0), disarmed=left())
+    assert restarted(config).disarmed == order
+    again = LinkBench("compensate", in_force=(0.0, 0.0, 4.0), disarmed=restarted(config).disarmed)
     async with commanded(again, follow=6.0) as at:
         await again.clock.run_until(60.0)
         assert again.control.in_force == (0.0, 0.0, 0.0)
@@ -143,10 +139,10 @@ async def test_a_disarming_survives_restarts_and_the_loss_of_the_database(tmp_pa
         row = (answer.time.isoformat(), "disarm", "anna", 1, answer.text)
         for known in (Known(standing={DISARM: row}), Known()):
             mend(path, "a bit has flipped", EPOCH, known)
-            assert left() == order
+            assert restarted(config).disarmed == order
         with Store(path, "second", again.clock) as store:
             store.record(CommandGiven(await at.give(ARM, "ben")))
-    assert left() is None
+    assert restarted(config).disarmed is None
 
 
 async def test_without_a_disk_disarming_counts_at_once_and_arming_does_not() -> None:

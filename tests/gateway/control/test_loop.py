@@ -14,16 +14,16 @@ from gateway.config import Probing, parse
 from gateway.control import Explanations, GridLoop, GridSampler, Measuring, Schedule, Trainings
 from gateway.events import CompensationStepped, DecisionMade, ForecastMade, FrameMade, ModelsAdopted, ReasonsGiven
 from gateway.nc import Source
-from gateway.past import past_of
 from gateway.probing import ProbingSchedule, Standing, schedule_of
 from gateway.service import Service
-from gateway.storage import History, Store
+from gateway.storage import Store
 from talc.control import Controller
 from talc.frame import Decision, EventKind, Frame, Measurement, Phase, Why
 from talc.settings import ControlSettings, LearnerSettings, TalcSettings
 from talc.training import train
 from tests.benches.kept_events import KeptEvents
 from tests.benches.nc_link_bench import LinkBench, ScriptedControl
+from tests.benches.restarted import restarted
 from tests.benches.service_file import FILE, TEXT
 from tests.benches.stepped_clock import EPOCH, SteppedClock
 from tests.benches.thermal_series import series
@@ -223,8 +223,7 @@ inputs_stale_after_s = 3060.0
                 store.record(ModelsAdopted(models, frame.k))
             if k == 289:
                 lost = next(m.inputs[0] for m in models.models if m is not None and m.inputs)
-    with History(config.storage.path) as history:
-        past = past_of(history, config)
+    past = restarted(config)
     assert past.missing == {lost: first_k + 290}
     told = KeptEvents()
     monkeypatch.setattr("gateway.service.control_of", lambda *_: ScriptedControl(clock))

@@ -9,7 +9,7 @@ import pytest
 from gateway.outlets import Feed, OutletError, Unacceptable
 from gateway.outlets.influxdb import InfluxDbOutlet, InfluxDbSettings
 from tests.benches.feed_talk import reading
-from tests.benches.stream_server import stream_server
+from tests.benches.stream_server import http_answer, stream_server
 
 pytestmark = pytest.mark.simulated_time
 
@@ -22,10 +22,6 @@ def settings(url: str, timeout_s: float = LIMIT_S) -> InfluxDbSettings:
     return InfluxDbSettings.model_validate(
         {"name": "plant", "kind": "influxdb", "url": url, "database": "talc", "timeout_s": timeout_s}
     )
-
-
-def http(status: str, body: bytes) -> bytes:
-    return f"HTTP/1.1 {status}\r\nContent-Length: {len(body)}\r\n\r\n".encode() + body
 
 
 @asynccontextmanager
@@ -58,7 +54,7 @@ async def sent(url: str, timeout_s: float = LIMIT_S) -> None:
 
 
 async def test_a_refusal_of_brackets_within_brackets_is_shown_as_text() -> None:
-    async with server(http("400 Bad Request", DEEP[:50_000])) as url:
+    async with server(http_answer(DEEP[:50_000], "400 Bad Request")) as url:
         with pytest.raises(Unacceptable, match=r'400 Bad Request: \{"message":\{"a":'):
             await sent(url)
 
@@ -69,8 +65,8 @@ async def test_a_refusal_of_brackets_within_brackets_is_shown_as_text() -> None:
         CHUNKED + b"-5\r\n",
         CHUNKED + b"7fffffffffffffffffff\r\n",
         b"HTTP/1.1 200 OK\r\nContent-Length: 1180591620717411303424\r\n\r\n",
-        http("500 Internal Server Error", DEEP),
-        http("200 OK", b" " * 65_537),
+        http_answer(DEEP, "500 Internal Server Error"),
+        http_answer(b" " * 65_537),
         b"SSH-2.0-OpenSSH_9.2\r\n",
         b"",
     ],

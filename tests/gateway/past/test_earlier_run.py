@@ -19,6 +19,7 @@ from gateway.replay import replay
 from gateway.storage import History, Store, StoreError
 from talc.control import Controller
 from talc.frame import Event, EventKind, Frame, Measurement
+from tests.benches.restarted import restarted
 from tests.benches.service_file import MACHINE, adam6015
 from tests.benches.stepped_clock import SteppedClock
 
@@ -64,8 +65,7 @@ def earlier_run(config: GatewayConfig, *events: tuple[int, Event], adopted: bool
 
 
 def seen(config: GatewayConfig) -> SeenBefore:
-    with History(config.storage.path) as history:
-        found = past_of(history, config).seen
+    found = restarted(config).seen
     assert found is not None
     return found
 
@@ -93,14 +93,12 @@ def test_a_replay_does_not_repeat_a_training_that_the_computer_made_fail(config:
 
 def test_a_training_that_never_ended_is_taken_up_and_one_that_failed_is_not(config: GatewayConfig) -> None:
     earlier_run(config, adopted=False)
-    with History(config.storage.path) as history:
-        job = past_of(history, config).pending[0]
+    job = restarted(config).pending[0]
     assert job is not None
     assert job.k == 35
     config.storage.path.unlink()
     earlier_run(config)
-    with History(config.storage.path) as history:
-        assert past_of(history, config).pending[0] is None
+    assert restarted(config).pending[0] is None
 
 
 def test_a_restart_remembers_when_each_error_was_measured(config: GatewayConfig) -> None:
@@ -113,8 +111,7 @@ def test_a_restart_remembers_when_each_error_was_measured(config: GatewayConfig)
             frame = Frame(k, np.full(2, 20.0), np.ones(2, np.bool_), measurement)
             store.record(FrameMade(frame))
             store.record(DecisionMade(controller.step(frame)))
-    with History(config.storage.path) as history:
-        assert past_of(history, config).measured == (2, 2, 2, 2, 5, 5, 5, 5, 2)
+    assert restarted(config).measured == (2, 2, 2, 2, 5, 5, 5, 5, 2)
 
 
 def stored_before_methods(config: GatewayConfig) -> None:
@@ -145,8 +142,7 @@ def test_a_restart_with_another_method_learns_from_the_record_and_is_replayed(co
     former, config = with_method(config, "models"), with_method(config, "learner")
     earlier_run(former)
     stored_before_methods(former)
-    with History(config.storage.path) as history:
-        past = past_of(history, config)
+    past = restarted(config)
     assert past.former_method == "models"
     with Store(config.storage.path, "later", SteppedClock()) as store:
         store.begin(config.canonical(), config.fingerprint(), "")

@@ -12,13 +12,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from click.testing import CliRunner, Result
 
-from gateway.cli import main
 from gateway.clock import Ages
 from gateway.config import GatewayConfig, load
 from gateway.events import DecisionMade, FrameMade, MeasurementEnded, ModelsAdopted
-from gateway.past import Past, past_of
+from gateway.past import Past
 from gateway.probing import Outcome
 from gateway.replay import replay
 from gateway.storage import History, Store, learnt_text, parse_learnt
@@ -27,7 +25,9 @@ from talc.frame import Decision, Frame, Measurement, Why
 from talc.settings import TalcSettings
 from talc.training import train
 from talc.transfer import transferred
+from tests.benches.command import here
 from tests.benches.fuzzed_files import signed
+from tests.benches.restarted import restarted
 from tests.benches.service_file import MACHINE, adam6015, short_calibration
 from tests.benches.stepped_clock import EPOCH, SteppedClock
 
@@ -80,21 +80,12 @@ def go_on(config: GatewayConfig, past: Past, boot: str, first: int, end: int) ->
     return made
 
 
-def past_in(config: GatewayConfig) -> Past:
-    with History(config.storage.path) as history:
-        return past_of(history, config)
-
-
-def run(*words: object) -> Result:
-    return CliRunner().invoke(main, ["db", *map(str, words)])
-
-
 @pytest.fixture(scope="module", params=["learner", "models"])
 def source(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> GatewayConfig:
     config = config_of(tmp_path_factory.mktemp("source"), method=request.param)
     go_on(config, Past(Controller(config.input_names, config.talc)), "before", 0, STEPS)
-    answer = run("export-learnt", config.storage.path, "-o", file_of(config))
-    assert answer.exit_code == 0, answer.output
+    answer = here("db", "export-learnt", config.storage.path, "-o", file_of(config))
+    assert answer.code == 0, answer.together
     return config
 
 
@@ -103,12 +94,12 @@ def file_of(config: GatewayConfig) -> Path:
 
 
 def test_a_controller_goes_on_in_another_database_and_predicts_the_same(source: GatewayConfig, tmp_path: Path) -> None:
-    here = config_of(tmp_path / "here", method=source.talc.method)
-    answer = run("import-learnt", tmp_path / "here" / "gateway.toml", file_of(source))
-    assert answer.exit_code == 0, answer.output
-    assert "taken from mill: 3 inputs" in answer.output
-    assert "reference of 2026-03-02 06:00 UTC" in answer.output
-    there, past = past_in(source), past_in(here)
+    target = config_of(tmp_path / "here", method=source.talc.method)
+    answer = here("db", "import-learnt", tmp_path / "here" / "gateway.toml", file_of(source))
+    assert answer.code == 0, answer.together
+    assert "taken from mill: 3 inputs" in answer.together
+    assert "reference of 2026-03-02 06:00 UTC" in answer.together
+    there, past = restarted(source), restarted(target)
     for k in range(STEPS, STEPS + 5):
         one = frame(k)
         was, now = there.controller.step(one), past.controller.step(one)
@@ -122,17 +113,17 @@ def test_a_controller_goes_on_in_another_database_and_predicts_the_same(source: 
 def test_how_old_it_is_is_unknown_and_a_restart_and_a_replay_go_on_from_it(
     source: GatewayConfig, tmp_path: Path
 ) -> None:
-    here = config_of(tmp_path / "here", method=source.talc.method)
-    assert run("import-learnt", tmp_path / "here" / "gateway.toml", file_of(source)).exit_code == 0
-    past = past_in(here)
+    target = config_of(tmp_path / "here", method=source.talc.method)
+    assert here("db", "import-learnt", tmp_path / "here" / "gateway.toml", file_of(source)).code == 0
+    past = restarted(target)
     assert math.isinf(Ages(SteppedClock(), 300.0, past.moment, past.pauses).pause_s)
-    made = go_on(here, past, "after", 1000, 1030)
+    made = go_on(target, past, "after", 1000, 1030)
     assert made[0].measure is not None, "it is measured at once"
-    again = past_in(here)
+    again = restarted(target)
     assert again.last_k == 1029
     one = frame(1030, measured=False)
     assert again.controller.step(one).predicted.tobytes() == past.controller.step(one).predicted.tobytes()
-    with History(here.storage.path) as history:
+    with History(target.storage.path) as history:
         result = replay(history)
         first = history.reference()
     assert result.identical, result.first
@@ -141,31 +132,31 @@ def test_how_old_it_is_is_unknown_and_a_restart_and_a_replay_go_on_from_it(
 
 
 def test_inputs_are_matched_by_name_and_what_is_not_taken_is_said(source: GatewayConfig, tmp_path: Path) -> None:
-    here = config_of(tmp_path / "here", ("spindle", "column", "bed"), source.talc.method)
-    answer = run("import-learnt", tmp_path / "here" / "gateway.toml", file_of(source))
-    assert answer.exit_code == 0, answer.output
-    assert "inputs not here, left out: ram" in answer.output
-    assert "inputs new here, nothing is known of them: spindle" in answer.output
-    decisions = go_on(here, past_in(here), "after", STEPS, STEPS + 40)
+    target = config_of(tmp_path / "here", ("spindle", "column", "bed"), source.talc.method)
+    answer = here("db", "import-learnt", tmp_path / "here" / "gateway.toml", file_of(source))
+    assert answer.code == 0, answer.together
+    assert "inputs not here, left out: ram" in answer.together
+    assert "inputs new here, nothing is known of them: spindle" in answer.together
+    decisions = go_on(target, restarted(target), "after", STEPS, STEPS + 40)
     assert np.isfinite(decisions[-1].corrected).all()
 
 
 def test_a_database_with_a_record_is_only_replaced_when_told_and_kept(source: GatewayConfig, tmp_path: Path) -> None:
-    here = config_of(tmp_path / "here", method=source.talc.method)
+    target = config_of(tmp_path / "here", method=source.talc.method)
     file = tmp_path / "here" / "gateway.toml"
-    go_on(here, Past(Controller(here.input_names, here.talc)), "own", 0, 5)
-    refused = run("import-learnt", file, file_of(source))
-    assert (refused.exit_code, past_in(here).last_k) == (3, 4)
-    assert "has a record, which the import would replace" in refused.output
-    taken = run("import-learnt", file, file_of(source), "--replace")
-    assert taken.exit_code == 0, taken.output
-    (kept,) = here.storage.path.parent.glob("gateway.sqlite.before-import-*")
+    go_on(target, Past(Controller(target.input_names, target.talc)), "own", 0, 5)
+    refused = here("db", "import-learnt", file, file_of(source))
+    assert (refused.code, restarted(target).last_k) == (3, 4)
+    assert "has a record, which the import would replace" in refused.together
+    taken = here("db", "import-learnt", file, file_of(source), "--replace")
+    assert taken.code == 0, taken.together
+    (kept,) = target.storage.path.parent.glob("gateway.sqlite.before-import-*")
     with History(kept) as history:
         assert history.latest_k() == 4
-    assert past_in(here).last_k is None
-    assert run("import-learnt", file, file_of(source)).exit_code == 0, "again, as there is no record yet"
-    with Store(here.storage.path, "running", SteppedClock()):
-        assert run("import-learnt", file, file_of(source)).exit_code == 3
+    assert restarted(target).last_k is None
+    assert here("db", "import-learnt", file, file_of(source)).code == 0, "again, as there is no record yet"
+    with Store(target.storage.path, "running", SteppedClock()):
+        assert here("db", "import-learnt", file, file_of(source)).code == 3
 
 
 def test_what_does_not_fit_is_refused(source: GatewayConfig, tmp_path: Path) -> None:
@@ -175,9 +166,9 @@ def test_what_does_not_fit_is_refused(source: GatewayConfig, tmp_path: Path) -> 
         ("names", ("x", "y"), source.talc.method, "none of them is named like one here"),
     ):
         config_of(tmp_path / name, names, method)
-        answer = run("import-learnt", tmp_path / name / "gateway.toml", file_of(source))
-        assert answer.exit_code == 3
-        assert said in answer.output
+        answer = here("db", "import-learnt", tmp_path / name / "gateway.toml", file_of(source))
+        assert answer.code == 3
+        assert said in answer.together
         assert not (tmp_path / name / "gateway.sqlite").exists()
 
 
@@ -265,8 +256,8 @@ def test_an_input_that_is_left_out_takes_its_part_of_the_covariance_with_it() ->
     for k in range(STEPS):
         one.step(frame(k))
     before = one.weights()
-    here = ("ram", "bed", "spindle")
-    other = Controller.restore(transferred(one.state(), Controller(here, settings).state()), settings)
+    target = ("ram", "bed", "spindle")
+    other = Controller.restore(transferred(one.state(), Controller(target, settings).state()), settings)
     after = other.weights()
     assert before is not None
     assert after is not None

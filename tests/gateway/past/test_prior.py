@@ -12,11 +12,12 @@ import pytest
 from gateway.acquisition import ReloadError
 from gateway.acquisition.reload import bus_changes
 from gateway.config import GatewayConfig, load
-from gateway.past import Past, controller_of, past_of
+from gateway.past import controller_of
 from gateway.replay import replay
 from gateway.storage import History
 from talc.frame import FloatArray
 from tests.benches.machines_of_a_kind import CHANNELS, DAY, day, frames, store_run, talc_gateway, written
+from tests.benches.restarted import restarted
 from tests.benches.thermal_series import ThermalSeries
 
 
@@ -90,16 +91,12 @@ def test_another_prior_after_a_restart_is_reported_and_replayed(here: Path) -> N
     store_run(first, found[:100])
     second = load(written(here, "mill", "kind.json"))
 
-    def past(config: GatewayConfig) -> Past:
-        with History(config.storage.path) as history:
-            return past_of(history, config)
-
-    assert not past(first).other_prior
-    assert past(second).other_prior
-    store_run(second, found[100:200], past(second).controller)
-    assert not past(second).other_prior
-    assert past(first).other_prior, "there is none any more"
-    store_run(first, found[200:], past(first).controller)
+    assert not restarted(first).other_prior
+    assert restarted(second).other_prior
+    store_run(second, found[100:200], restarted(second).controller)
+    assert not restarted(second).other_prior
+    assert restarted(first).other_prior, "there is none any more"
+    store_run(first, found[200:], restarted(first).controller)
     with History(first.storage.path) as history:
         result = replay(history)
     assert result.identical, result.first

@@ -20,6 +20,7 @@ from gateway.storage import History, SnapshotError, Store, StoredStep, decode_sn
 from talc.control import Controller
 from talc.frame import Decision, Frame, Measurement
 from talc.training import train
+from tests.benches.restarted import restarted
 from tests.benches.service_file import MACHINE, adam6015, short_calibration
 from tests.benches.stepped_clock import SteppedClock
 
@@ -76,11 +77,6 @@ def keep(frame: Frame, decision: Decision, past: Past, store: Store, keeper: Sna
 
 def fresh(config: GatewayConfig) -> Past:
     return Past(Controller(config.input_names, config.talc))
-
-
-def restarted(config: GatewayConfig) -> Past:
-    with History(config.storage.path) as history:
-        return past_of(history, config)
 
 
 def snapshots(path: Path) -> list[int]:

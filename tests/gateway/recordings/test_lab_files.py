@@ -9,10 +9,9 @@ import numpy as np
 import pyarrow
 import pyarrow.parquet
 import pytest
-from click.testing import CliRunner, Result
 
-from gateway.cli import main
 from gateway.recordings import Columns, Recording, RecordingError, TextLayout, TimeFormat, read_recording
+from tests.benches.command import here
 
 ROWS = 40
 TEMPERATURE = [f"{20 + i % 7 / 10:.1f}" for i in range(ROWS)]
@@ -39,10 +38,6 @@ def refusal(path: Path, columns: Columns = FIVE) -> str:
     with pytest.raises(RecordingError) as refused:
         read(path, columns)
     return str(refused.value)
-
-
-def run(*arguments: object) -> Result:
-    return CliRunner().invoke(main, ["replay", *map(str, arguments)], catch_exceptions=False)
 
 
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "utf-32", "cp1252"])
@@ -97,19 +92,19 @@ def test_a_block_of_settings_and_a_row_of_units_are_seen_and_skipped(tmp_path: P
     table = lines("X_Value\tfront\tdisp_Z", separator="\t")
     table.insert(1, "s\tdegC\tum")
     path = written(tmp_path, ["LabVIEW Measurement\t", "Operator\tMaier", "", *table])
-    answer = run(path)
-    assert answer.exit_code == 2
-    assert "the table seems to begin on line 4 (X_Value, front, disp_Z): --skip 1-3,5" in answer.output
-    answer = run(path, "--skip", "1-3,5", "--time", "X_Value", "--error", "Z=disp_Z")
-    assert answer.exit_code == 0, answer.output
+    answer = here("replay", path)
+    assert answer.code == 2
+    assert "the table seems to begin on line 4 (X_Value, front, disp_Z): --skip 1-3,5" in answer.together
+    answer = here("replay", path, "--skip", "1-3,5", "--time", "X_Value", "--error", "Z=disp_Z")
+    assert answer.code == 0, answer.together
     assert "--skip 1-3,5" in path.with_suffix(".html").read_text("utf-8")
     assert "the table seems to begin on line 1 (time, t1, EZ0T): --skip 2" in refusal(
         written(tmp_path, [*lines("time,t1,EZ0T")[:1], "s,degC,um", *lines("")[1:]])
     )
     assert "is there a heading?" in refusal(written(tmp_path, lines("")[1:]))
     for wrong in ("0", "5-3", "two"):
-        answer = run(path, "--skip", wrong)
-        assert (answer.exit_code, "expected a line or lines" in answer.output) == (2, True)
+        answer = here("replay", path, "--skip", wrong)
+        assert (answer.code, "expected a line or lines" in answer.together) == (2, True)
 
 
 def test_lines_keep_their_numbers_below_those_that_are_skipped(tmp_path: Path) -> None:
@@ -130,8 +125,8 @@ def test_words_for_unknown_values(tmp_path: Path) -> None:
     assert "'OVL' is not a finite number; leave an unknown value empty, or --missing 'OVL'" in refusal(path)
     found = read(path, Columns(layout=TextLayout(missing=("ovl", "9999"))))
     assert np.isnan(found.inputs[19:21]).all()
-    answer = run(path, "--missing", "OVL", "--missing", "9999")
-    assert answer.exit_code == 0, answer.output
+    answer = here("replay", path, "--missing", "OVL", "--missing", "9999")
+    assert answer.code == 0, answer.together
     assert "--missing=OVL --missing=9999" in path.with_suffix(".html").read_text("utf-8")
 
 
@@ -153,7 +148,7 @@ def test_plain_numbers_are_in_the_unit_that_is_given_or_named(
 def test_a_unit_that_is_none_is_refused(tmp_path: Path) -> None:
     path = written(tmp_path, lines("time,t1,EZ0T"))
     for options in (["--time-unit", "weeks"], ["--time-unit", "h", "--time-format", "excel"]):
-        assert run(path, *options).exit_code == 2
+        assert here("replay", path, *options).code == 2
     far = written(tmp_path, lines("time,t1,EZ0T", [str(1_795_525_500_000 + 300_000 * i) for i in range(ROWS)]))
     assert "are these milliseconds? --time-unit ms reads them so" in refusal(far)
     assert len(read(far, Columns(clock=TimeFormat(unit="ms"))).k) == ROWS
@@ -183,9 +178,9 @@ def test_the_form_of_a_date_is_suggested(tmp_path: Path, form: str, named: str) 
 def test_a_date_and_a_time_of_day_in_two_columns(tmp_path: Path) -> None:
     text = ["Date;Time;t1;EZ0T", *(f"24.11.2026;{i // 12:02}:{i % 12 * 5:02};{20 + i % 3};1" for i in range(ROWS))]
     path = written(tmp_path, text)
-    answer = run(path, "--time", "Date", "--time-of-day", "Time", "--time-format", "%d.%m.%Y %H:%M")
-    assert answer.exit_code == 0, answer.output
-    assert "inputs (1): t1\n" in answer.output
+    answer = here("replay", path, "--time", "Date", "--time-of-day", "Time", "--time-format", "%d.%m.%Y %H:%M")
+    assert answer.code == 0, answer.together
+    assert "inputs (1): t1\n" in answer.together
     assert "--time-of-day Time" in path.with_suffix(".html").read_text("utf-8")
 
 
@@ -243,8 +238,8 @@ def test_a_column_of_text_hides_no_other_mistake(tmp_path: Path) -> None:
 
 def test_inputs_that_say_nothing_are_named(tmp_path: Path) -> None:
     text = ["time,t1,fan,open,EZ0T", *(f"{s},{20 + i % 3},1,,{i % 5}" for i, s in enumerate(SECONDS))]
-    answer = run(written(tmp_path, text))
-    assert "inputs without any change, or without a value: fan, open\n" in answer.output
+    answer = here("replay", written(tmp_path, text))
+    assert "inputs without any change, or without a value: fan, open\n" in answer.together
 
 
 def test_parquet_has_no_lines_to_skip(tmp_path: Path) -> None:

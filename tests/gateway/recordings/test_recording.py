@@ -10,22 +10,17 @@ import numpy as np
 import pyarrow
 import pyarrow.parquet
 import pytest
-from click.testing import CliRunner, Result
 
-from gateway.cli import main
 from gateway.config import ConfigError, load, load_talc_only
 from gateway.recordings import Columns, RecordingError, read_recording
 from gateway.replay import rehearse_recording
 from talc.frame import Phase
 from talc.settings import ControlSettings, TalcSettings
+from tests.benches.command import here
 from tests.benches.thermal_series import series
 
 START = datetime(2026, 3, 2, 6, 0, tzinfo=UTC)
 GOOD = ["time,t1,EX0C"] + [f"{300 * i},{20 + i % 5},{i}" for i in range(1, 20)]
-
-
-def run(*arguments: object) -> Result:
-    return CliRunner().invoke(main, ["replay", *map(str, arguments)], catch_exceptions=False)
 
 
 @pytest.fixture(scope="module")
@@ -46,10 +41,10 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_a_recording_becomes_a_table_and_a_page(recorded: Path, tmp_path: Path) -> None:
     page, config = tmp_path / "page.html", tmp_path / "talc.toml"
     config.write_text('[talc]\nmethod = "models"\n', encoding="utf-8")
-    answer = run(recorded, "--config", config, "-o", page)
-    assert answer.exit_code == 0, answer.output
-    assert "EX0C held" in answer.output
-    assert "EY0A" not in answer.output
+    answer = here("replay", recorded, "--config", config, "-o", page)
+    assert answer.code == 0, answer.together
+    assert "EX0C held" in answer.together
+    assert "EY0A" not in answer.together
     text = page.read_text(encoding="utf-8")
     assert text.count('<div class="still"><svg') == 4  # three errors and the inputs
     for label in ("recorded", "used as a measurement", "recorded minus predicted"):
@@ -120,7 +115,7 @@ def test_errors_and_time_by_their_names(tmp_path: Path) -> None:
     recording = read_recording(path, Columns("clock", {"EZ0T": "drift"}, ("comment",)), 300.0)
     assert recording.input_names == ("t1",)
     assert recording.errors[5, 4] == 5.0
-    assert run(path, "--time", "clock", "--error", "EZ0T=drift", "--ignore", "comment").exit_code == 0
+    assert here("replay", path, "--time", "clock", "--error", "EZ0T=drift", "--ignore", "comment").code == 0
 
 
 @pytest.mark.parametrize(
@@ -185,9 +180,9 @@ def test_what_is_wrong_is_reported_with_its_place(
 ) -> None:
     path = tmp_path / "bad.csv"
     path.write_text("\n".join(change(GOOD)), encoding="utf-8")
-    answer = run(path)
-    assert answer.exit_code == 2
-    assert f"{path}: {message}" in answer.output.replace("\n", " ").replace("  ", " ")
+    answer = here("replay", path)
+    assert answer.code == 2
+    assert f"{path}: {message}" in answer.together.replace("\n", " ").replace("  ", " ")
 
 
 def test_many_mistakes_are_counted_and_other_files_named(tmp_path: Path) -> None:
@@ -201,9 +196,9 @@ def test_many_mistakes_are_counted_and_other_files_named(tmp_path: Path) -> None
     path.write_bytes(b"PAR1 cut")
     with pytest.raises(RecordingError, match="is not a readable Parquet file"):
         read_recording(path, Columns(), 300.0)
-    answer = run(path, "--error", "EX")
-    assert answer.exit_code == 2
-    assert "expected NAME=COLUMN" in answer.output
+    answer = here("replay", path, "--error", "EX")
+    assert answer.code == 2
+    assert "expected NAME=COLUMN" in answer.together
 
 
 def test_bytes_that_are_no_text_are_reported_by_line(tmp_path: Path) -> None:
@@ -226,11 +221,11 @@ def test_a_page_overwrites_nothing_that_it_is_made_from(tmp_path: Path) -> None:
     path.write_text("\n".join(GOOD), encoding="utf-8")
     config.write_text("[grid]\nstep_s = 300\n", encoding="utf-8")
     for options in ([], ["-o", tmp_path / "." / "table.html"], ["--config", config, "-o", config]):
-        answer = run(path, *options)
-        assert answer.exit_code == 2
-        assert "give it another name with -o" in answer.output
+        answer = here("replay", path, *options)
+        assert answer.code == 2
+        assert "give it another name with -o" in answer.together
     assert path.read_text(encoding="utf-8") == "\n".join(GOOD)
-    assert run(path, "-o", tmp_path / "page.html").exit_code == 0
+    assert here("replay", path, "-o", tmp_path / "page.html").code == 0
 
 
 def test_timestamps_of_parquet_need_neither_pandas_nor_their_zone(tmp_path: Path) -> None:
@@ -293,9 +288,9 @@ def test_settings_come_from_a_configuration_and_too_little_is_reported(tmp_path:
     path, config = tmp_path / "short.csv", tmp_path / "talc.toml"
     path.write_text("\n".join(GOOD), encoding="utf-8")
     config.write_text('[talc]\nmethod = "models"\n', encoding="utf-8")
-    answer = run(path, "--config", config)
-    assert "no correction has begun" in answer.output
+    answer = here("replay", path, "--config", config)
+    assert "no correction has begun" in answer.together
     config.write_text("[grid]\nstep_s = 300\n[talc.control]\ncalibration_step = 12\n[nc]\n", encoding="utf-8")
-    answer = run(path, "--config", config)
-    assert answer.exit_code == 2
-    assert "did you mean 'calibration_steps'?" in answer.output
+    answer = here("replay", path, "--config", config)
+    assert answer.code == 2
+    assert "did you mean 'calibration_steps'?" in answer.together

@@ -5,14 +5,9 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from click.testing import CliRunner, Result
 
-from gateway.cli import main
 from gateway.recordings import Columns, Recording, RecordingError, read_recording
-
-
-def run(*arguments: object) -> Result:
-    return CliRunner().invoke(main, ["replay", *map(str, arguments)], catch_exceptions=False)
+from tests.benches.command import here
 
 
 def table(folder: Path, *names: str) -> Path:
@@ -52,10 +47,10 @@ def test_what_looks_like_an_error_is_no_input(tmp_path: Path, name: str, message
 
 def test_a_misspelt_error_is_suggested_and_can_be_named(tmp_path: Path) -> None:
     path = table(tmp_path, "time", "t1", "ex0c")
-    answer = run(path)
-    assert answer.exit_code == 2
-    assert "column 'ex0c': looks like a thermal error; did you mean 'EX0C'?" in answer.output
-    assert run(path, "--error", "EX0C=ex0c").exit_code == 0
+    answer = here("replay", path)
+    assert answer.code == 2
+    assert "column 'ex0c': looks like a thermal error; did you mean 'EX0C'?" in answer.together
+    assert here("replay", path, "--error", "EX0C=ex0c").code == 0
 
 
 def test_inputs_of_other_names_stay_inputs(tmp_path: Path) -> None:
@@ -76,9 +71,9 @@ def test_inputs_of_other_names_stay_inputs(tmp_path: Path) -> None:
     ],
 )
 def test_what_contradicts_itself_is_refused(tmp_path: Path, options: list[str], message: str) -> None:
-    answer = run(table(tmp_path, "time", "t1", "t2", "EX0C"), *options)
-    assert answer.exit_code == 2
-    assert message in answer.output
+    answer = here("replay", table(tmp_path, "time", "t1", "t2", "EX0C"), *options)
+    assert answer.code == 2
+    assert message in answer.together
 
 
 def test_the_row_numbers_of_pandas_are_no_input(tmp_path: Path) -> None:
@@ -89,7 +84,7 @@ def test_the_row_numbers_of_pandas_are_no_input(tmp_path: Path) -> None:
     assert (found.input_names, found.ignored) == (("t1",), ("",))
     with pytest.raises(RecordingError, match='column 1 has no name: if it is the time, give --time ""; otherwise'):
         read(table(tmp_path, "", "t1", "EX0C"), Columns())
-    assert run(table(tmp_path, "", "t1", "EX0C"), "--time", "").exit_code == 0
+    assert here("replay", table(tmp_path, "", "t1", "EX0C"), "--time", "").code == 0
 
 
 def test_the_index_of_pandas_in_parquet_is_the_time_or_no_input(tmp_path: Path) -> None:
@@ -97,9 +92,9 @@ def test_the_index_of_pandas_in_parquet_is_the_time_or_no_input(tmp_path: Path) 
     index = pd.date_range("2026-03-02", periods=60, freq="5min")
     frame = pd.DataFrame({"t1": np.arange(60) % 3, "EX0C": np.arange(60.0)}, index=index)
     frame.to_parquet(path)
-    answer = run(path)
-    assert answer.exit_code == 2
-    assert "column '__index_level_0__' is an index of pandas: if it is the time, give --time __index" in answer.output
+    answer = here("replay", path)
+    assert answer.code == 2
+    assert "column '__index_level_0__' is an index of pandas: if it is the time, give --time __index" in answer.together
     assert read(path, Columns("__index_level_0__")).input_names == ("t1",)
     frame.rename_axis("time").reset_index()[frame["t1"].to_numpy() > 0].to_parquet(path)
     found = read(path, Columns())
@@ -118,4 +113,4 @@ def test_a_column_given_as_an_input_is_no_error_by_its_name(tmp_path: Path) -> N
     found = read(path, Columns(inputs=("EX0C",)))
     assert dict(found.error_columns) == {"EZ0T": "EZ0T"}
     assert found.input_names == ("t1", "EX0C")
-    assert "errors: EZ0T\ninputs (2): t1, EX0C\n" in run(path, "--input", "EX0C").output
+    assert "errors: EZ0T\ninputs (2): t1, EX0C\n" in here("replay", path, "--input", "EX0C").together

@@ -11,10 +11,9 @@ from pathlib import Path
 import pyarrow
 import pyarrow.parquet
 import pytest
-from click.testing import CliRunner, Result
 
-from gateway.cli import main
 from gateway.recordings import Columns, TimeFormat, read_recording
+from tests.benches.command import Done, here
 
 EPOCH = 1_772_431_200  # 2026-03-02 06:00 UTC
 
@@ -26,16 +25,16 @@ def table(folder: Path, time: Callable[[int], object], rows: int = 60) -> Path:
     return path
 
 
-def run(path: Path, *arguments: object) -> Result:
-    answer = CliRunner().invoke(main, ["replay", str(path), *map(str, arguments)], catch_exceptions=False)
-    assert answer.exit_code == 0, answer.output
+def run(path: Path, *arguments: object) -> Done:
+    answer = here("replay", path, *arguments)
+    assert answer.code == 0, answer.together
     return answer
 
 
 def test_hours_are_counted_from_the_first_row(tmp_path: Path) -> None:
     path, out = table(tmp_path, lambda i: 900 + 300 * i), tmp_path / "steps.csv"
     answer = run(path, "--out", out)
-    assert "times: seconds without a date; the report counts hours from the first row, 900 s\n" in answer.output
+    assert "times: seconds without a date; the report counts hours from the first row, 900 s\n" in answer.together
     page = html.unescape(path.with_suffix(".html").read_text("utf-8"))
     assert "own, 0:00 h to 4:55 h (5.0 h)" in page
     assert "Times are hours and minutes from the recording's first row: it counts seconds without a date." in page

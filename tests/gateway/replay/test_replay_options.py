@@ -11,22 +11,17 @@ from zoneinfo import ZoneInfo
 import numpy as np
 import pyarrow.parquet
 import pytest
-from click.testing import CliRunner, Result
 
-from gateway.cli import main
 from gateway.recordings import Columns, RecordingError, TimeFormat, read_recording
 from gateway.replay import learnt_columns, rehearse_recording
 from gateway.report import AdoptedModels
 from talc.models import ModelSet
 from talc.names import THERMAL_ERRORS
 from talc.settings import TalcSettings
+from tests.benches.command import here
 from tests.benches.control_models import INPUTS, model
 
 START = datetime(2026, 3, 2, 6, tzinfo=UTC)
-
-
-def run(*arguments: object) -> Result:
-    return CliRunner().invoke(main, ["replay", *map(str, arguments)], catch_exceptions=False)
 
 
 def table(folder: Path, head: str, rows: int = 40, times: list[str] | None = None) -> Path:
@@ -43,9 +38,9 @@ def table(folder: Path, head: str, rows: int = 40, times: list[str] | None = Non
 
 def test_errors_may_have_any_names_and_keep_them(tmp_path: Path) -> None:
     path = table(tmp_path, "time,t1,t2,lift,tilt")
-    answer = run(path, "--error", "spindle lift=lift", "--error", "tilt=tilt", "--unit", "tilt=arcsec")
-    assert answer.exit_code == 0, answer.output
-    assert "errors: spindle lift = lift, tilt in arcsec\ninputs (2): t1, t2\n" in answer.output
+    answer = here("replay", path, "--error", "spindle lift=lift", "--error", "tilt=tilt", "--unit", "tilt=arcsec")
+    assert answer.code == 0, answer.together
+    assert "errors: spindle lift = lift, tilt in arcsec\ninputs (2): t1, t2\n" in answer.together
     page = path.with_suffix(".html").read_text("utf-8")
     assert "spindle lift" in page
     assert "EY0A" not in page
@@ -61,9 +56,9 @@ def test_units_are_converted(tmp_path: Path) -> None:
         read_recording(path, Columns(units={"EX0C": "rad"}), 300.0)
     with pytest.raises(RecordingError, match="unit of EY0A: there is no such error"):
         read_recording(path, Columns(units={"EY0A": "mm"}), 300.0)
-    answer = run(path, "--unit", "EX0C=furlong")
-    assert answer.exit_code == 2
-    assert "EX0C=furlong: expected one of um, mm" in answer.output
+    answer = here("replay", path, "--unit", "EX0C=furlong")
+    assert answer.code == 2
+    assert "EX0C=furlong: expected one of um, mm" in answer.together
 
 
 def test_more_errors_than_the_controller_has_places_for_are_refused(tmp_path: Path) -> None:
@@ -83,8 +78,8 @@ def test_the_neighbour_of_an_error_is_no_input_in_silence(tmp_path: Path, error:
         read_recording(path, Columns(errors=given), 300.0)
     assert read_recording(path, Columns(errors=given, inputs=(other,)), 300.0).input_names == ("t1", "t2", other)
     assert read_recording(path, Columns(errors=given, ignored=(other,)), 300.0).input_names == ("t1", "t2")
-    answer = run(path, "--error", f"EZ0T={error}", "--input", other, "--ignore", other)
-    assert f"column '{other}': has two roles" in answer.output
+    answer = here("replay", path, "--error", f"EZ0T={error}", "--input", other, "--ignore", other)
+    assert f"column '{other}': has two roles" in answer.together
 
 
 def test_an_error_that_is_hardly_in_micrometres_is_told(tmp_path: Path) -> None:
@@ -92,8 +87,11 @@ def test_an_error_that_is_hardly_in_micrometres_is_told(tmp_path: Path) -> None:
     heading, *lines = path.read_text(encoding="utf-8").splitlines()
     cells = [line.rsplit(",", 1) for line in lines]
     path.write_text("\n".join([heading, *(f"{a},{float(b) / 1000:.6f}" for a, b in cells)]), encoding="utf-8")
-    assert "EX0C is at most 0.015 µm, too little to be learnt; if it is in mm: --unit EX0C=mm" in run(path).output
-    assert "too little" not in run(path, "--unit", "EX0C=mm").output
+    assert (
+        "EX0C is at most 0.015 µm, too little to be learnt; if it is in mm: --unit EX0C=mm"
+        in here("replay", path).together
+    )
+    assert "too little" not in here("replay", path, "--unit", "EX0C=mm").together
 
 
 @pytest.mark.parametrize(
@@ -150,9 +148,9 @@ def test_the_hour_that_a_night_has_twice_is_read_twice(tmp_path: Path) -> None:
     found = read_recording(path, Columns(clock=TimeFormat(zone=zone)), 300.0)
     assert (np.diff(found.k) == 1).all()
     assert found.start_utc_s == begin.timestamp()
-    answer = run(path, "--time-zone", "Europe/Zuerich")
-    assert answer.exit_code == 2
-    assert "unknown time zone" in answer.output
+    answer = here("replay", path, "--time-zone", "Europe/Zuerich")
+    assert answer.code == 2
+    assert "unknown time zone" in answer.together
 
 
 @pytest.mark.parametrize("decimals", [5, 8, 11])
@@ -166,7 +164,10 @@ def test_excel_s_days_tell_the_hour_twice_however_they_are_rounded(tmp_path: Pat
     assert found.start_utc_s == pytest.approx(begin.timestamp(), abs=0.5)
     if decimals >= 8:
         assert found.start_utc_s == begin.timestamp()
-        assert run(path, "--time-format", "excel", "--time-zone", zone.key, "--out", tmp_path / "o.csv").exit_code == 0
+        assert (
+            here("replay", path, "--time-format", "excel", "--time-zone", zone.key, "--out", tmp_path / "o.csv").code
+            == 0
+        )
         assert all(datetime.fromisoformat(row["time"]).second == 0 for row in written(tmp_path / "o.csv"))
 
 
@@ -188,8 +189,8 @@ def written(path: Path) -> list[dict[str, Any]]:
 @pytest.mark.parametrize("suffix", [".csv", ".parquet"])
 def test_the_table_holds_each_step_and_contributions_add_up(tmp_path: Path, suffix: str) -> None:
     path, out = table(tmp_path, "time,t1,t2,lift"), tmp_path / f"steps{suffix}"
-    answer = run(path, "--error", "lift=lift", "--out", out)
-    assert answer.exit_code == 0, answer.output
+    answer = here("replay", path, "--error", "lift=lift", "--out", out)
+    assert answer.code == 0, answer.together
     rows = written(out)
     assert list(rows[0]) == [
         "time", "k", "phase", "wanted", "lift", "lift_predicted", "lift_corrected", "lift_sigma", "lift_measured",
@@ -212,7 +213,7 @@ def test_the_table_holds_each_step_and_contributions_add_up(tmp_path: Path, suff
 def test_the_learner_s_weights_repeat_its_last_correction(tmp_path: Path) -> None:
     """By the lags as docs/control.md has them, over the recording's own columns."""
     path, out = table(tmp_path, "time,t1,t2,lift", rows=120), tmp_path / "steps.csv"
-    assert run(path, "--error", "lift=lift", "--out", out).exit_code == 0
+    assert here("replay", path, "--error", "lift=lift", "--out", out).code == 0
     models, last = written(tmp_path / "steps-models.csv"), written(out)[-1]
     assert len(models) == 1 + 2 * 5
     assert {(m["error"], m["k"]) for m in models} == {("lift", last["k"])}
@@ -255,7 +256,7 @@ def test_a_trained_model_s_weights_are_its_equation_in_physical_units(tmp_path: 
 
 def test_the_table_says_before_each_measurement_that_it_is_wanted(tmp_path: Path) -> None:
     out = tmp_path / "steps.csv"
-    assert run(table(tmp_path, "time,t1,t2,lift", rows=120), "--error", "lift=lift", "--out", out).exit_code == 0
+    assert here("replay", table(tmp_path, "time,t1,t2,lift", rows=120), "--error", "lift=lift", "--out", out).code == 0
     rows = written(out)
     used = [k for k, row in enumerate(rows) if row["lift_measured"]]
     assert used == [0, *(k + 1 for k, row in enumerate(rows[:-1]) if row["wanted"])]
@@ -265,10 +266,13 @@ def test_the_table_says_before_each_measurement_that_it_is_wanted(tmp_path: Path
 
 def test_the_table_needs_a_known_suffix_and_overwrites_no_source(tmp_path: Path) -> None:
     path = table(tmp_path, "time,t1,t2,EX0C")
-    assert "expected a name that ends in .csv or .parquet" in run(path, "--out", tmp_path / "steps.xlsx").output
-    assert "the table would overwrite" in run(path, "--out", path).output
+    assert (
+        "expected a name that ends in .csv or .parquet"
+        in here("replay", path, "--out", tmp_path / "steps.xlsx").together
+    )
+    assert "the table would overwrite" in here("replay", path, "--out", path).together
     beside = path.rename(tmp_path / "own-models.csv")
-    assert "the table would overwrite" in run(beside, "--out", tmp_path / "own.csv").output
+    assert "the table would overwrite" in here("replay", beside, "--out", tmp_path / "own.csv").together
 
 
 @pytest.mark.parametrize("errors", [("E", "E_predicted"), ("phase", "lift"), ("lift", "lift_from_t1")])
@@ -277,33 +281,37 @@ def test_no_error_overwrites_a_column_of_the_table(tmp_path: Path, errors: tuple
     named = [
         word for error, column in zip(errors, ("m1", "m2"), strict=True) for word in ("--error", f"{error}={column}")
     ]
-    answer = run(path, *named, "--out", out)
-    assert answer.exit_code == 2
-    assert re.search(r"steps\.csv: two columns would be called '.*'; --error NAME=COLUMN", answer.output)
+    answer = here("replay", path, *named, "--out", out)
+    assert answer.code == 2
+    assert re.search(r"steps\.csv: two columns would be called '.*'; --error NAME=COLUMN", answer.together)
     assert not out.exists()
-    assert run(path, *named).exit_code == 0
+    assert here("replay", path, *named).code == 0
 
 
 @pytest.mark.parametrize(("option", "what"), [("--out", "table"), ("-o", "page")])
 def test_a_folder_that_is_not_there_is_reported_before_anything_runs(tmp_path: Path, option: str, what: str) -> None:
-    answer = run(table(tmp_path, "time,t1,t2,EX0C"), option, tmp_path / "absent" / "steps.csv")
-    assert answer.exit_code == 2
-    assert f"the {what} cannot be written: there is no folder" in " ".join(answer.output.split())
-    assert "errors: EX0C" not in answer.output
+    answer = here("replay", table(tmp_path, "time,t1,t2,EX0C"), option, tmp_path / "absent" / "steps.csv")
+    assert answer.code == 2
+    assert f"the {what} cannot be written: there is no folder" in " ".join(answer.together.split())
+    assert "errors: EX0C" not in answer.together
 
 
 def test_the_calibration_interval_is_of_the_trained_models(tmp_path: Path) -> None:
     path, config = table(tmp_path, "time,t1,t2,EX0C"), tmp_path / "models.toml"
     refused = "own.csv: --calibration-interval: the learner has no calibration"
-    assert refused in run(path, "--calibration-interval", 30).output
+    assert refused in here("replay", path, "--calibration-interval", 30).together
     config.write_text('[talc]\nmethod = "models"\n', encoding="utf-8")
-    assert "--calibration-interval is for errors measured less often" in run(path, "--config", config).output
-    assert "expected a finite number" in run(path, "--config", config, "--calibration-interval", "nan").output
-    rounded = run(path, "--config", config, "--calibration-interval", 7).output
+    assert (
+        "--calibration-interval is for errors measured less often" in here("replay", path, "--config", config).together
+    )
+    assert (
+        "expected a finite number" in here("replay", path, "--config", config, "--calibration-interval", "nan").together
+    )
+    rounded = here("replay", path, "--config", config, "--calibration-interval", 7).together
     assert "measured every 5 min instead of 7: in whole steps of 300 s" in rounded
-    answer = run(path, "--config", config, "--calibration-interval", 30)
-    assert answer.exit_code == 0, answer.output
-    assert "whole steps" not in answer.output
-    assert "288 steps of 300 s, 24.0 h, measured each 6 steps" in " ".join(answer.output.split())
-    sparse = run(path, "--config", config, "--calibration-interval", 180)
-    assert "432 steps of 300 s, 36.0 h, measured each 36 steps" in " ".join(sparse.output.split()), "12 measurements"
+    answer = here("replay", path, "--config", config, "--calibration-interval", 30)
+    assert answer.code == 0, answer.together
+    assert "whole steps" not in answer.together
+    assert "288 steps of 300 s, 24.0 h, measured each 6 steps" in " ".join(answer.together.split())
+    sparse = here("replay", path, "--config", config, "--calibration-interval", 180)
+    assert "432 steps of 300 s, 36.0 h, measured each 36 steps" in " ".join(sparse.together.split()), "12 measurements"

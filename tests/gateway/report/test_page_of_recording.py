@@ -9,17 +9,12 @@ from importlib.metadata import version
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner, Result
 
-from gateway.cli import main
 from gateway.recordings import Columns, read_recording
 from gateway.replay import rehearse_recording
 from gateway.report import build
 from talc.settings import TalcSettings
-
-
-def run(*arguments: str) -> Result:
-    return CliRunner().invoke(main, ["replay", *arguments], catch_exceptions=False)
+from tests.benches.command import here
 
 
 def recording(folder: Path, spacing_s: float, rows: int) -> Path:
@@ -36,13 +31,13 @@ def page_of(path: Path) -> str:
 def test_the_page_can_be_made_again_from_what_it_says(tmp_path: Path) -> None:
     path, config = recording(tmp_path, 300.0, 60), tmp_path / "talc.toml"
     config.write_text("[talc.control]\ncalibration_steps = 24\n", encoding="utf-8")
-    assert run(str(path), "--config", str(config), "--ignore", "note", "--every-measurement").exit_code == 0
+    assert here("replay", path, "--config", config, "--ignore", "note", "--every-measurement").code == 0
     page = page_of(path)
     said = re.search(r"<code>(talc-gateway replay .*?)</code>", page)
     assert said is not None
     command = shlex.split(said[1])
     path.with_suffix(".html").unlink()
-    assert run(*command[2:]).exit_code == 0
+    assert here("replay", *command[2:]).code == 0
     assert page_of(path) == page
     for file in (path, config):
         assert f"{file.name}, " in page
@@ -56,7 +51,7 @@ def test_the_page_can_be_made_again_from_what_it_says(tmp_path: Path) -> None:
 def test_the_command_holds_what_was_given(tmp_path: Path) -> None:
     path, page = recording(tmp_path, 300.0, 60), tmp_path / "page.html"
     told = ["-o", str(page), "--time", "time", "--error", "EZ0T=note", "--error", "EX0C=EX0C"]
-    assert run(str(path), *told).exit_code == 0
+    assert here("replay", path, *told).code == 0
     text = html.unescape(page.read_text(encoding="utf-8"))
     assert f"talc-gateway replay '{path}' -o {page} --error EZ0T=note --error EX0C=EX0C</code>" in text
     assert "EZ0T = note, EX0C</code>" in text
@@ -64,7 +59,7 @@ def test_the_command_holds_what_was_given(tmp_path: Path) -> None:
 
 def test_the_page_claims_no_check_that_was_not_made(tmp_path: Path) -> None:
     path = recording(tmp_path, 300.0, 60)
-    run(str(path))
+    here("replay", path)
     page = page_of(path)
     assert "Not looked for: a recording does not say which of its inputs are temperatures" in page
     assert "No offset and no exchange" not in page
@@ -97,13 +92,13 @@ def test_a_calibration_longer_than_a_day_is_reported(
 ) -> None:
     path, config = recording(tmp_path, spacing_s, rows), tmp_path / "talc.toml"
     config.write_text('[talc]\nmethod = "models"\n', encoding="utf-8")
-    answer = run(str(path), "--config", str(config))
-    assert answer.exit_code == 0
+    answer = here("replay", path, "--config", config)
+    assert answer.code == 0
     if said is None:
-        assert "Calibration takes" not in answer.output
+        assert "Calibration takes" not in answer.together
         assert "288 steps of 300 s, 24.0 h, measured at every step" in page_of(path)
     else:
-        assert f"Calibration takes {said}" in answer.output
+        assert f"Calibration takes {said}" in answer.together
 
 
 @pytest.mark.slow

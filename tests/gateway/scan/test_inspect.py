@@ -18,6 +18,7 @@ from gateway.scan.registers import SeenWords, read_words
 from simulators.devices import M7015, RtuLine
 from tests.benches.free_port import free_port
 from tests.benches.modbus_host import modbus_host
+from tests.benches.terminal_tables import row_of
 
 TEMPERATURES = (21.25, -3.5, 100.125)
 SWAPPED = [word for value in TEMPERATURES for word in reversed(struct.unpack(">2H", struct.pack(">f", value)))]
@@ -52,12 +53,6 @@ async def pymodbus_server(
 async def inspect(where: str, *arguments: str) -> Result:
     command = ["inspect", "registers", where, *arguments, "--timeout", "60"]
     return await asyncio.to_thread(CliRunner().invoke, main, command, env={"COLUMNS": "200"})
-
-
-def cells(output: str, first: str) -> list[str]:
-    """The row whose first cell is this."""
-    rows = [[cell.strip() for cell in line.strip("│┃").split("│")] for line in output.splitlines() if "│" in line]
-    return next(row for row in rows if row[0] == first)
 
 
 async def test_every_number_stands_side_by_side_and_the_draft_reads_the_same(tmp_path: Path) -> None:
@@ -121,7 +116,7 @@ async def test_refused_addresses_are_named_and_take_no_other_with_them(tmp_path:
     async with pymodbus_server(held) as (port, _):
         done = await inspect(f"127.0.0.1:{port}", "0-6", "--unit", "7", "--scale", "0.1", "--draft", str(file))
     assert done.exit_code == 0, done.output
-    assert cells(done.output, "1")[:5] == ["1", "FFDF", "-33", "-3.3", "65503"]
+    assert row_of(done.output, "1")[:5] == ["1", "FFDF", "-33", "-3.3", "65503"]
     assert "- unit 7 refuses function 3 at 2-4, 6: exception 2: illegal data address\n" in done.output
     text = file.read_text()
     assert "# Refused, and left out: 2, 3, 4, 6." in text
@@ -142,10 +137,10 @@ async def test_numbers_of_64_bits_are_shown_where_they_are_likely() -> None:
         done = await inspect(f"127.0.0.1:{port}", "0-7,100-103,200-203", "--unit", "7")
         few = await inspect(f"127.0.0.1:{port}", "0-7", "--unit", "7")
     shown = done.output.partition("four registers each")[2]
-    assert cells(shown, "100")[1:2] + cells(shown, "100")[4:5] == ["float64", "41234.50"], (
+    assert row_of(shown, "100")[1:2] + row_of(shown, "100")[4:5] == ["float64", "41234.50"], (
         "in the column of swapped words"
     )
-    assert cells(shown, "200")[1:3] == ["int64", "9000000001"]
+    assert row_of(shown, "200")[1:3] == ["int64", "9000000001"]
     assert "four registers" not in few.output
 
 
@@ -155,7 +150,7 @@ async def test_bits(tmp_path: Path) -> None:
     async with pymodbus_server([SimData(0, values=0, datatype=DataType.REGISTERS)], bits) as (port, asked):
         done = await inspect(f"127.0.0.1:{port}", "0-3", "--unit", "7", "--function", "2", "--draft", str(file))
     assert done.exit_code == 0, done.output
-    assert [cells(done.output, str(i))[1] for i in range(4)] == ["1", "0", "1", "1"]
+    assert [row_of(done.output, str(i))[1] for i in range(4)] == ["1", "0", "1", "1"]
     assert "# seen: 1011\n" in file.read_text()
     assert set(asked) == {2}
 
@@ -168,7 +163,7 @@ async def test_serial_line() -> None:
     finally:
         await line.stop()
     assert done.exit_code == 0, done.output
-    assert cells(done.output, "1")[:4] == ["1", "00D5", "213", "21.3"]
+    assert row_of(done.output, "1")[:4] == ["1", "00D5", "213", "21.3"]
 
 
 @pytest.mark.parametrize(

@@ -12,17 +12,13 @@ from gateway.cli import main
 from simulators.devices import SlcanAdapter
 from tests.benches.library_node import EDS, NODE, LibraryNode
 from tests.benches.opcua_drives import URI, Drives
+from tests.benches.terminal_tables import row_of
 
 
 async def inspect(*words: str) -> Result:
     return await asyncio.to_thread(
         CliRunner().invoke, main, ["inspect", *words, "--timeout", "60"], env={"COLUMNS": "200"}
     )
-
-
-def row(output: str, first: str) -> list[str]:
-    rows = [[cell.strip() for cell in line.strip("│┃").split("│")] for line in output.splitlines() if "│" in line]
-    return next(found for found in rows if found[0] == first)
 
 
 async def test_objects_of_the_librarys_node(tmp_path: Path) -> None:
@@ -35,7 +31,7 @@ async def test_objects_of_the_librarys_node(tmp_path: Path) -> None:
     finally:
         await adapter.stop()
     assert done.exit_code == 0, done.output
-    first, second = row(done.output, "2100:01"), row(done.output, "2100:02")
+    first, second = row_of(done.output, "2100:01"), row_of(done.output, "2100:02")
     assert first[1:4] == ["29 ff", "-215", "65321"]
     assert (second[1], second[-2]) == ("00 00 26 42", "41.50")
     assert "node 5 refused object 3000:00: Code 0x06020000" in done.output
@@ -54,9 +50,9 @@ async def test_nodes_of_a_server(tmp_path: Path) -> None:
     finally:
         await server.server.stop()
     assert done.exit_code == 0, done.output
-    assert row(done.output, names[0])[1:4] == ["61.25", "float", "Good"]
-    assert row(done.output, names[1])[1:4] == ["'drive'", "str", "Good"]
-    assert row(done.output, names[2])[3] == "BadNodeIdUnknown"
+    assert row_of(done.output, names[0])[1:4] == ["61.25", "float", "Good"]
+    assert row_of(done.output, names[1])[1:4] == ["'drive'", "str", "Good"]
+    assert row_of(done.output, names[2])[3] == "BadNodeIdUnknown"
     assert f'# seen: 61.25\nnode = "{names[0]}"' in draft.read_text()
     assert load_profile(str(draft)).channels == 2, "the numbers"
 
@@ -75,9 +71,9 @@ async def test_nodes_that_hold_bytes(tmp_path: Path) -> None:
     assert alone.exit_code == 2
     assert "no node holds a good number; --type says how its bytes hold one: no draft was written" in alone.output
     assert done.exit_code == 0, done.output
-    assert row(done.output, "0") == ["0", "FF", "255", "-33", "-3.3", "-2145860", "nan"]
-    assert row(done.output, "2")[-1] == "23.50"
-    assert row(done.output, "5") == ["5", "00", "0", "", "", "", ""]
+    assert row_of(done.output, "0") == ["0", "FF", "255", "-33", "-3.3", "-2145860", "nan"]
+    assert row_of(done.output, "2")[-1] == "23.50"
+    assert row_of(done.output, "5") == ["5", "00", "0", "", "", "", ""]
     profile = load_profile(str(draft))
     assert "# seen: ff df 41 bc 00 00" in draft.read_text()
     assert isinstance(profile, OpcUaProfile)

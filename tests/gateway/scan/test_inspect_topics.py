@@ -15,6 +15,7 @@ from drivers.profiles import load_profile
 from gateway.cli import main
 from gateway.scan import SeenTopic, bus_period_s, seen_topics, topic_draft
 from tests.benches.mosquitto import LIMIT_S, Mosquitto, mosquitto
+from tests.benches.terminal_tables import rows_of
 
 NOW = datetime(2026, 3, 2, 6, tzinfo=UTC)
 
@@ -118,7 +119,7 @@ def test_topics_of_a_broker(tmp_path: Path) -> None:
         keep(broker, "other", "1")
         answer = inspect(broker.url, "hall/#", "--seconds", LIMIT_S, "--most", 2, "--draft", draft, "--timeout", 60)
     assert answer.exit_code == 0, answer.output
-    rows = [[cell.strip() for cell in line.strip("│").split("│")] for line in answer.output.splitlines() if "│" in line]
+    rows = rows_of(answer.output)
     assert rows[0][:7] == ["hall/north", "1, kept", "", "JSON", "t", "20.50", "at, ISO 8601"]
     assert 3600 <= int(rows[0][7].removesuffix(" s")) < 7200
     assert rows[1][:6] == ["hall/south", "1, kept", "", "number", "the payload", "18.25"]

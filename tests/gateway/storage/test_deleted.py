@@ -3,7 +3,6 @@
 import multiprocessing
 import os
 import sqlite3
-import time
 from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
@@ -16,6 +15,7 @@ from gateway.storage.place import PlaceWatch
 from gateway.storage.schema import connect
 from tests.benches import telemetry_examples as example
 from tests.benches.stepped_clock import SteppedClock
+from tests.benches.store_waits import until, until_all_written
 from tests.benches.store_writer import step
 
 
@@ -28,13 +28,6 @@ def make(store: Store, k: int) -> None:
     store.record(ReadingsTaken([example.READING]))
     store.record(FrameMade(frame))
     store.record(DecisionMade(decision))
-
-
-def until(condition: Callable[[], bool]) -> None:
-    end = time.monotonic() + 60.0
-    while not condition():
-        assert time.monotonic() < end
-        time.sleep(0.01)
 
 
 def delete_all(path: Path) -> None:
@@ -63,7 +56,7 @@ def test_another_database_is_begun_and_says_so(delete: Callable[[Path], None], t
         until(lambda: bool(store.health.mended))
         assert "was deleted while the gateway ran; a new database is begun" in store.health.mended
         make(store, 2)
-        until(lambda: not store.health.problem and not store.health.waiting)
+        until_all_written(store)
     with History(path) as history:
         assert [found.frame.k for found in history.steps()] == [2]
         assert history.config() == ("{}", "hash", "versions")
@@ -123,7 +116,7 @@ def test_a_file_that_is_cut_in_place_is_set_aside(left: int, tmp_path: Path) -> 
         until(lambda: bool(store.health.mended))
         assert f"it was cut to {left} bytes while the gateway ran" in store.health.mended
         make(store, 2)
-        until(lambda: not store.health.problem and not store.health.waiting)
+        until_all_written(store)
     with History(path) as history:
         assert 2 in [found.frame.k for found in history.steps()]
         assert history.config() == ("{}", "hash", "versions")

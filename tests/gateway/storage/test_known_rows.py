@@ -1,8 +1,7 @@
 """What was acted upon is committed at once, and what the running gateway knows outlives its database."""
 
 import sqlite3
-import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
@@ -25,16 +24,10 @@ from gateway.events import (
 from gateway.storage import History, Store
 from tests.benches import telemetry_examples as example
 from tests.benches.stepped_clock import SteppedClock
+from tests.benches.store_waits import until
 from tests.benches.store_writer import step
 
 LONG_S = 3600.0
-
-
-def until(condition: Callable[[], bool]) -> None:
-    end = time.monotonic() + 60.0
-    while not condition():
-        assert time.monotonic() < end
-        time.sleep(0.01)
 
 
 def given(name: CommandName, by: str, *, accepted: bool = True) -> CommandGiven:

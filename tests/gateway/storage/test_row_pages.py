@@ -19,7 +19,6 @@ from gateway.config import parse
 from gateway.events import (
     CommandGiven,
     DecisionMade,
-    EventReported,
     FrameMade,
     MeasurementEnded,
     ReadingsTaken,
@@ -29,10 +28,11 @@ from gateway.probing import Outcome
 from gateway.storage import NUMBERS, Position, Retention, RowsPage, Store, StoreError, rows_after
 from gateway.storage.readings import Pruning
 from gateway.storage.schema import connect
-from talc.frame import Event, EventKind, Frame, Measurement, Why
+from talc.frame import Frame, Measurement, Why
 from tests.benches import telemetry_examples as example
 from tests.benches.service_file import MACHINE, adam6015
 from tests.benches.stepped_clock import EPOCH, SteppedClock
+from tests.benches.telemetry_peer import problem
 
 TEXT = MACHINE + adam6015("bed = 0, column = 1")
 
@@ -71,7 +71,7 @@ class Asker:
 
 def event(store: Store, *texts: str) -> None:
     for text in texts:
-        store.record(EventReported(Event(EventKind.PROBLEM, text), 7))
+        store.record(problem(text))
 
 
 def texts(asker: Asker) -> list[object]:

@@ -6,6 +6,7 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -19,6 +20,7 @@ from gateway.storage.waiting import Item, Waiting, WaitingKind
 from gateway.storage.writer import DatabaseWriter
 from tests.benches.failing_disk import store_process
 from tests.benches.stepped_clock import EPOCH, SteppedClock
+from tests.benches.store_waits import until, until_all_written, until_failing
 from tests.benches.store_writer import step
 
 RETRY_S = 0.1
@@ -174,18 +176,15 @@ def locked(path: Path) -> Iterator[None]:
         other.execute("ROLLBACK")
 
 
-def until(store: Store, failing: bool) -> None:
-    end = time.monotonic() + 60.0
-    while bool(store.health.problem) is not failing or (not failing and store.health.waiting):
-        assert time.monotonic() < end, store.health
-        time.sleep(0.01)
-
-
 def make(store: Store, k: int) -> None:
     frame, decision = step(k)
     store.record(ReadingsTaken([Sample("a", 20.0, "degC", Quality.GOOD, EPOCH, 0.0, sequence=k)]))
     store.record(FrameMade(frame))
     store.record(DecisionMade(decision))
+
+
+def has_readings(connection: sqlite3.Connection, count: int) -> bool:
+    return bool(connection.execute("SELECT count(*) FROM reading").fetchone() == (count,))
 
 
 def test_readings_alone_reach_the_file_without_anything_that_hurries_them(tmp_path: Path) -> None:
@@ -196,10 +195,7 @@ def test_readings_alone_reach_the_file_without_anything_that_hurries_them(tmp_pa
             store.record(ReadingsTaken([Sample("a", 20.0, "degC", Quality.GOOD, EPOCH, 0.0, sequence=k)]))
             if k == 1:
                 store.flush()  # the channel's name
-            end = time.monotonic() + LIMIT_S
-            while other.execute("SELECT count(*) FROM reading").fetchone() != (k,):
-                assert time.monotonic() < end
-                time.sleep(0.01)
+            until(partial(has_readings, other, k))
 
 
 async def test_what_another_program_locks_out_waits_and_is_stored_when_the_lock_is_gone(tmp_path: Path) -> None:
@@ -210,12 +206,12 @@ async def test_what_another_program_locks_out_waits_and_is_stored_when_the_lock_
         with locked(path):
             for k in range(2, 20):
                 make(store, k)
-            until(store, failing=True)
+            until_failing(store)
             assert "locked" in store.health.problem
             store.record(ProbingRequested(7))
             with pytest.raises(StoreError, match="locked"):
                 await store.on_disk()
-        until(store, failing=False)
+        until_all_written(store)
         store.record(ProbingRequested(8))
         await store.on_disk(LIMIT_S)
         with History(path) as history:
@@ -233,9 +229,9 @@ def test_with_the_shipped_intervals_it_writes_again_soon_after_the_cause_is_gone
         store.flush()
         with locked(path):
             make(store, 2)
-            until(store, failing=True)
+            until_failing(store)
         began = time.monotonic()
-        until(store, failing=False)
+        until_all_written(store)
         assert time.monotonic() - began < 5.0 + 20.0
     assert stored(path) == [1, 2]
 
@@ -248,8 +244,8 @@ def test_the_first_rows_that_are_stored_again_end_the_problem(tmp_path: Path) ->
         with locked(path):
             make(store, 2)
             store.record(ProbingRequested(7))
-            until(store, failing=True)
-        until(store, failing=False)
+            until_failing(store)
+        until_all_written(store)
         store.flush()
     assert stored(path) == [1, 2]
 

@@ -16,12 +16,10 @@ from drivers.base import SystemClock
 from gateway.client import Machine, MachineError
 from gateway.commands import Command, CommandName, CommandOutcome
 from gateway.config import Operator, Telemetry, TelemetryTls
-from gateway.events import EventReported
 from gateway.telemetry import Access, CommandSigner, HistoryPage, HistoryRequest, TelemetryError, TelemetryPublisher
-from talc.frame import Event, EventKind
 from tests.benches.free_port import free_port
 from tests.benches.plant_authority import PlantAuthority
-from tests.benches.telemetry_peer import ROOT
+from tests.benches.telemetry_peer import ROOT, problem
 
 ROUTER = Path(__file__).parents[3] / "deploy" / "zenoh" / "router.json5"
 LIMIT_S = 60.0
@@ -37,10 +35,6 @@ def stored(_: HistoryRequest) -> HistoryPage:
 
 def publisher(settings: Telemetry) -> TelemetryPublisher:
     return TelemetryPublisher(settings, "mill", (), SystemClock(), "boot-1", simulated=False, history=stored)
-
-
-def told(text: str) -> EventReported:
-    return EventReported(Event(EventKind.PROBLEM, text), 7)
 
 
 def _utc(seconds: float) -> datetime:
@@ -78,7 +72,7 @@ def refused(where: str, access: Access) -> str:
 async def test_by_mutual_tls_a_reader_of_the_plant_gets_in_and_no_other(tmp_path: Path) -> None:
     site, other = SecureSite(tmp_path), PlantAuthority(tmp_path / "other")
     async with publisher(site.settings()) as gateway:
-        gateway.publish(told("by TLS"))
+        gateway.publish(problem("by TLS"))
         with Machine(connect=site.here, access=site.access("alice")) as machine:
             assert next(machine.follow("event", quiet_s=LIMIT_S)).text == "by TLS"  # type: ignore[union-attr]
         for access in (
@@ -98,7 +92,7 @@ async def test_a_reader_whose_certificate_ends_while_it_is_connected_is_shut_out
     minute after; and it must connect within the 10 s."""
     site, lasts = SecureSite(tmp_path), timedelta(seconds=10)
     async with publisher(site.settings()) as gateway:
-        gateway.publish(told("while it is valid"))
+        gateway.publish(problem("while it is valid"))
         ends_s = time.monotonic() + lasts.total_seconds()
         with reader(site.here, raw(site.access("brief", lasts))) as session:
             assert [b"while it is valid" in payload for payload in payloads(session)] == [True]
@@ -123,7 +117,7 @@ async def test_by_tls_alone_who_believes_the_authority_gets_in(tmp_path: Path) -
 async def test_of_those_that_connect_only_the_readers_read(tmp_path: Path) -> None:
     site = SecureSite(tmp_path)
     async with publisher(site.settings("alice")) as gateway:
-        gateway.publish(told("for alice"))
+        gateway.publish(problem("for alice"))
         with Machine(connect=site.here, access=site.access("alice")) as machine:
             assert next(machine.follow("event", quiet_s=LIMIT_S)).text == "for alice"  # type: ignore[union-attr]
         assert "no gateway runs under talc" in refused(site.here, site.access("bob"))
@@ -192,7 +186,7 @@ def assert_not_passed_on(gateway: TelemetryPublisher, good: zenoh.Session, bad: 
     with hearing(good) as heard:
         Intruder(bad)
         while not any(b"the true one" in payload for payload in heard):
-            gateway.publish(told("the true one"))
+            gateway.publish(problem("the true one"))
             list(good.get(f"{ROOT}/**", timeout=LIMIT_S))
     assert b"forged" not in heard
     assert [b"the true one" in payload for payload in payloads(good)] == [True]
@@ -246,7 +240,7 @@ async def test_behind_the_plants_router_readers_read_a_large_page_and_can_send_n
     to_router = Telemetry(mode="client", connect=(site.here,), tls=site.tls)
     with router(site):
         async with publisher(to_router) as gateway:
-            gateway.publish(told("by the router"))
+            gateway.publish(problem("by the router"))
             dashboard = site.access("dashboard")
             with Machine("mill", connect=site.here, access=dashboard) as machine:
                 while not machine.latest("event"):
@@ -301,5 +295,5 @@ async def test_behind_the_plants_router_only_a_panel_may_ask_for_commands(tmp_pa
         to_router = Telemetry(mode="client", connect=(site.here,), tls=site.tls, operator=(anna,))
         async with publisher(to_router) as gateway:
             gateway.take_commands(obey)
-            gateway.publish(told("by the router"))
+            gateway.publish(problem("by the router"))
             await asyncio.to_thread(give)

@@ -27,6 +27,7 @@ from gateway.storage import History, Store
 from gateway.watches import ClockWatch
 from talc.frame import Decision, Frame, Measurement, Why
 from tests.benches.kept_events import KeptEvents
+from tests.benches.restarted import restarted
 from tests.benches.service_file import MACHINE, adam6015
 from tests.benches.stepped_clock import SteppedClock
 from tests.benches.tasks import running
@@ -102,11 +103,6 @@ def last_k(config: GatewayConfig) -> int:
     return k
 
 
-def earlier(config: GatewayConfig) -> Past:
-    with History(config.storage.path) as history:
-        return past_of(history, config)
-
-
 def ages_of(past: Past, clock: SteppedClock) -> Ages:
     return Ages(clock, STEP_S, past.moment, past.pauses)
 
@@ -123,7 +119,7 @@ class RestartedGrid:
 
     def __init__(self, config: GatewayConfig, clock: SteppedClock, boot: str) -> None:
         self.config, self.clock, self.boot = config, clock, boot
-        self.past = earlier(config)
+        self.past = restarted(config)
         self.ages, self.told = ages_of(self.past, clock), KeptEvents()
 
     async def until(self, *moments: tuple[float, datetime | None]) -> None:
@@ -164,7 +160,7 @@ class RestartedGrid:
     [pytest.param(boot, id=name, marks=[] if name in QUICK else pytest.mark.slow) for name, boot in BOOTS.items()],
 )
 async def test_nothing_is_younger_than_it_is_and_nothing_is_deleted(boot: Boot, config: GatewayConfig) -> None:
-    before, knows = last_k(config), earlier(config).controller
+    before, knows = last_k(config), restarted(config).controller
     measured_k = before - (STEPS - 1 - MEASURED)
     at = RestartedGrid(config, started(boot), "monday")
     weekend_s = WEEKEND.total_seconds()
@@ -218,7 +214,7 @@ async def test_a_clock_that_is_never_synchronised_leaves_the_age_unknown_for_the
 
 def test_a_synchronised_clock_before_the_last_step_tells_no_age(config: GatewayConfig) -> None:
     """One of the two time servers was wrong, and nobody knows which."""
-    past = earlier(config)
+    past = restarted(config)
     ages = ages_of(past, started(Boot(FRIDAY - timedelta(hours=1), synchronised=True)))
     assert math.isinf(ages.pause_s)
     assert ages.monotonic_of(past.last_k) == -math.inf
@@ -260,7 +256,7 @@ async def test_a_year_that_cannot_be_is_not_believed_until_it_is_synchronised() 
 async def test_the_clock_is_reported_until_it_is_synchronised_and_the_pause_then(config: GatewayConfig) -> None:
     clock, notices, known = started(Boot(FRIDAY)), list[Notice](), list[float]()
     clock.spend(42.0)
-    ages = ages_of(earlier(config), clock)
+    ages = ages_of(restarted(config), clock)
     watch = ClockWatch(ages, clock, notices.append, lambda: known.append(ages.pause_s))
     async with running(watch.run()):
         await clock.run_until(100.0)
@@ -280,7 +276,8 @@ async def test_the_clock_is_reported_until_it_is_synchronised_and_the_pause_then
 
 async def test_a_computer_whose_clock_is_right_says_nothing(config: GatewayConfig) -> None:
     clock, notices = started(Boot(MONDAY, synchronised=True)), list[Notice]()
-    watch = ClockWatch(ages_of(earlier(config), clock), clock, notices.append, lambda: pytest.fail("was known before"))
+    ages = ages_of(restarted(config), clock)
+    watch = ClockWatch(ages, clock, notices.append, lambda: pytest.fail("was known before"))
     async with running(watch.run()):
         await clock.run_until(100.0)
     assert notices == []

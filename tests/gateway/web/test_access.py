@@ -1,6 +1,5 @@
 """Who may look, and what a page may load: strict by default."""
 
-from base64 import b64encode
 from pathlib import Path
 
 import pytest
@@ -10,11 +9,10 @@ from starlette.testclient import TestClient
 from drivers.base import SetupError
 from gateway.cli import main
 from gateway.config import ConfigError
-from gateway.heard import SiteSeen
 from gateway.passwords import is_hash, make_hash, matches
 from gateway.web import WebSettings, build_app, check_certificate, check_listening, load_settings
 from gateway.web.settings import Proxy, Tls
-from tests.benches.heard import BEGAN
+from tests.benches.mill_page import logged_in, mill_seen
 
 ROOT = Path(__file__).parents[3]
 TLS = Tls(certificate=Path("page.pem"), key=Path("page.key"))
@@ -23,12 +21,8 @@ PROXY = Proxy(header="X-Forwarded-User", addresses=("10.0.0.2",))
 
 
 def client(settings: WebSettings, address: str = "127.0.0.1", url: str = "http://localhost:8080") -> TestClient:
-    site = SiteSeen("talc", ("mill",), lambda: BEGAN, lambda: 0.0)
+    site = mill_seen()
     return TestClient(build_app(site, settings), base_url=url, client=(address, 1))
-
-
-def basic(text: str) -> dict[str, str]:
-    return {"authorization": "Basic " + b64encode(text.encode()).decode()}
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1", "::1", "localhost"])
@@ -145,10 +139,10 @@ def test_with_users_every_address_needs_the_password() -> None:
         refused = page.get(path)
         assert (refused.status_code, refused.headers["www-authenticate"][:5]) == (401, "Basic")
     for wrong in ("anna:gruezi", "anna:", "anna", "otto:grüezi", ":grüezi"):
-        assert page.get("/machine/mill", headers=basic(wrong)).status_code == 401
+        assert page.get("/machine/mill", headers=logged_in(wrong)).status_code == 401
     assert page.get("/machine/mill", headers={b"authorization": b"Basic \xff\xff"}).status_code == 401
     for _ in range(2):
-        assert page.get("/machine/mill", headers=basic("anna:grüezi")).status_code == 200
+        assert page.get("/machine/mill", headers=logged_in("anna:grüezi")).status_code == 200
 
 
 def test_only_the_proxys_header_counts() -> None:

@@ -3,15 +3,11 @@
 import gzip
 from collections.abc import Callable
 from datetime import date
-from typing import cast
 
 import pytest
-from starlette.testclient import TestClient
 
-from gateway.heard import SiteSeen, SiteSubscription
 from gateway.telemetry import ReportPage
-from gateway.web import WebSettings, build_app
-from tests.benches.heard import BEGAN
+from tests.benches.mill_page import mill_page
 
 HTML = b"<!doctype html><title>mill</title><script>1</script>"
 
@@ -39,16 +35,9 @@ class Reporting:
         raise AssertionError("nobody gives a command")
 
 
-def page(source: Reporting | None) -> TestClient:
-    site = SiteSeen("talc", ("mill",), lambda: BEGAN, lambda: 0.0)
-    return TestClient(
-        build_app(site, WebSettings(), cast(SiteSubscription | None, source)), base_url="http://localhost"
-    )
-
-
 def test_it_is_passed_on_in_a_sandbox_that_loads_nothing() -> None:
     source = Reporting(lambda: gzip.compress(HTML))
-    answer = page(source).get("/machine/mill/report/2026-03-02", params={"zone": "Europe/Zurich"})
+    answer = mill_page(source).get("/machine/mill/report/2026-03-02", params={"zone": "Europe/Zurich"})
     assert (answer.status_code, answer.content) == (200, HTML)
     assert answer.headers["content-type"] == "text/html; charset=utf-8"
     policy = answer.headers["content-security-policy"].split("; ")
@@ -70,7 +59,7 @@ def test_it_is_passed_on_in_a_sandbox_that_loads_nothing() -> None:
 )
 def test_what_is_no_day_machine_or_zone_is_not_asked_for(address: str) -> None:
     source = Reporting(lambda: gzip.compress(HTML))
-    assert page(source).get(address).status_code == 404
+    assert mill_page(source).get(address).status_code == 404
     assert source.asked == []
 
 
@@ -89,12 +78,12 @@ def refused() -> bytes:
     ],
 )
 def test_a_gateway_that_cannot_is_told_as_text(answer: Callable[[], bytes], said: str) -> None:
-    found = page(Reporting(answer)).get("/machine/mill/report/2026-03-02")
+    found = mill_page(Reporting(answer)).get("/machine/mill/report/2026-03-02")
     assert (found.status_code, found.headers["content-type"]) == (503, "text/plain; charset=utf-8")
     assert found.text.startswith("There is no report of 2026-03-02 from mill: ")
     assert said in found.text
 
 
 def test_without_a_connection_there_is_none_and_nothing_can_be_sent() -> None:
-    assert page(None).get("/machine/mill/report/2026-03-02").status_code == 503
-    assert page(Reporting(refused)).post("/machine/mill/report/2026-03-02").status_code == 405
+    assert mill_page(None).get("/machine/mill/report/2026-03-02").status_code == 503
+    assert mill_page(Reporting(refused)).post("/machine/mill/report/2026-03-02").status_code == 405

@@ -1,17 +1,13 @@
 """The corrections of before the page's program was started: asked of the gateway, page by page."""
 
-import json
 from datetime import timedelta
-from typing import cast
 
 import pytest
-from starlette.testclient import TestClient
 
-from gateway.heard import SiteSeen, SiteSubscription
 from gateway.telemetry import CoursePage, PublishedReason, StoredReason
-from gateway.web import WebSettings, build_app
 from gateway.web.older import MOST_TIMES
 from tests.benches.heard import BEGAN
+from tests.benches.mill_page import mill_page
 from tests.benches.stored_elsewhere import StoredElsewhere
 
 HOUR = timedelta(hours=1)
@@ -30,19 +26,9 @@ def stored() -> CoursePage:
     return CoursePage([], {}, [], {}, reasons=[first, second])
 
 
-def page(source: StoredElsewhere | None, *, heard: bool = True) -> TestClient:
-    site = SiteSeen("talc", ("mill",), lambda: BEGAN, lambda: 0.0)
-    if heard:
-        stamp = {"boot": "b", "seq": 1, "time": BEGAN.isoformat(), "clock": "system"}
-        event = {"k": 1, "kind": "operator", "text": "x", "error": None, "value": None, "limit": None}
-        site.take("talc/mill/event", json.dumps(stamp | event).encode())
-    subscription = cast(SiteSubscription | None, source)
-    return TestClient(build_app(site, WebSettings(), subscription), base_url="http://localhost")
-
-
 def test_the_newest_line_comes_first_and_the_next_answer_goes_on_before_the_oldest() -> None:
     source = StoredElsewhere(stored)
-    found = page(source).get("/corrections/mill", params={"before": BEGAN.isoformat()}).json()
+    found = mill_page(source, heard=True).get("/corrections/mill", params={"before": BEGAN.isoformat()}).json()
     assert [(line["k"], line["error"], line["estimate"]["n"]) for line in found["lines"]] == [
         (24, "EZ0A", 4.0),
         (12, "EZ0A", 3.0),
@@ -58,12 +44,12 @@ def test_the_newest_line_comes_first_and_the_next_answer_goes_on_before_the_olde
 
 def test_a_page_that_has_no_line_yet_begins_at_the_gateways_present() -> None:
     source = StoredElsewhere(stored)
-    assert len(page(source).get("/corrections/mill").json()["lines"]) == 2
+    assert len(mill_page(source, heard=True).get("/corrections/mill").json()["lines"]) == 2
     assert source.asked[0][2] == BEGAN
 
 
 def test_where_nothing_older_is_stored_there_is_no_next_answer() -> None:
-    found = page(StoredElsewhere(lambda: CoursePage([], {}, [], {}))).get("/corrections/mill").json()
+    found = mill_page(StoredElsewhere(lambda: CoursePage([], {}, [], {})), heard=True).get("/corrections/mill").json()
     assert found == {"lines": [], "before": None, "why": ""}
 
 
@@ -71,14 +57,15 @@ def test_a_gateway_that_does_not_answer_is_told_and_so_is_one_that_was_never_hea
     def silent() -> CoursePage:
         raise OSError("no answer within 5 s")
 
-    assert page(StoredElsewhere(silent)).get("/corrections/mill").json()["why"] == "no answer within 5 s"
-    unheard = page(StoredElsewhere(stored), heard=False).get("/corrections/mill").json()
+    found = mill_page(StoredElsewhere(silent), heard=True).get("/corrections/mill").json()
+    assert found["why"] == "no answer within 5 s"
+    unheard = mill_page(StoredElsewhere(stored)).get("/corrections/mill").json()
     assert unheard["why"] == "nothing has been heard of its gateway"
 
 
 @pytest.mark.parametrize("before", ["yesterday", "0001-01-01T00:00:00+00:00", "9999-12-31T23:59:59-14:00"])
 def test_a_time_that_is_none_is_refused_and_nobody_asked(before: str) -> None:
     source = StoredElsewhere(stored)
-    assert page(source).get("/corrections/mill", params={"before": before}).status_code == 400
-    assert page(source).get("/corrections/no%20machine").status_code == 404
+    assert mill_page(source, heard=True).get("/corrections/mill", params={"before": before}).status_code == 400
+    assert mill_page(source, heard=True).get("/corrections/no%20machine").status_code == 404
     assert source.asked == []

@@ -1,7 +1,6 @@
 """Commands from the page: only of a signed-in user with a key, and only from the page itself."""
 
 import re
-from base64 import b64encode
 from pathlib import Path
 
 import pytest
@@ -16,14 +15,11 @@ from gateway.telemetry import CommandAnswer, CommandSigner
 from gateway.web import WebSettings, build_app, load_settings
 from gateway.web.settings import Proxy
 from tests.benches.heard import BEGAN
+from tests.benches.mill_page import logged_in, mill_seen
 
 HASHED = make_hash("secret")
 PROXY = Proxy(header="X-User", addresses=("10.0.0.2",))
 PAUSE = "/command/mill/pause"
-
-
-def basic(user: str) -> dict[str, str]:
-    return {"authorization": "Basic " + b64encode(f"{user}:secret".encode()).decode()}
 
 
 class CommandedPages:
@@ -39,7 +35,7 @@ class CommandedPages:
             operators={name: folder / f"{name}.key" for name in ("anna", "ben")},
             proxy=proxy,
         )
-        site = SiteSeen("talc", ("mill",), lambda: BEGAN, lambda: 0.0)
+        site = mill_seen()
         app = build_app(site, settings, give=self._give)
         self.client = TestClient(app, base_url="https://panel.example", client=(address, 1))
 
@@ -56,14 +52,14 @@ class CommandedPages:
         return None if found is None else found[1]
 
     def send(self, user: str, token: str, path: str = PAUSE, **more: str) -> tuple[int, str]:
-        headers = basic(user) | {"origin": "https://panel.example", "x-command-token": token} | more
+        headers = logged_in(f"{user}:secret") | {"origin": "https://panel.example", "x-command-token": token} | more
         found = self.client.post(path, headers=headers)
         return found.status_code, found.json()["text"] if found.headers["content-type"] == "application/json" else ""
 
 
 def test_a_user_with_a_key_has_buttons_and_the_gateway_s_answer(tmp_path: Path) -> None:
     pages = CommandedPages(tmp_path)
-    token = pages.token(basic("anna"))
+    token = pages.token(logged_in("anna:secret"))
     assert token is not None
     assert pages.send("anna", token) == (200, "done")
     assert pages.given == [("mill", "anna", CommandName.PAUSE)]
@@ -73,8 +69,8 @@ def test_a_user_with_a_key_has_buttons_and_the_gateway_s_answer(tmp_path: Path) 
 
 def test_a_user_without_a_key_has_no_button_and_is_refused(tmp_path: Path) -> None:
     pages = CommandedPages(tmp_path)
-    assert pages.token(basic("eve")) is None
-    token = pages.token(basic("anna"))
+    assert pages.token(logged_in("eve:secret")) is None
+    token = pages.token(logged_in("anna:secret"))
     assert token is not None
     assert pages.send("eve", token) == (403, "this user may give no commands")
     assert pages.client.post(PAUSE).status_code == 401
@@ -94,7 +90,7 @@ def test_a_user_without_a_key_has_no_button_and_is_refused(tmp_path: Path) -> No
 )
 def test_what_another_site_makes_the_browser_send_is_refused(more: dict[str, str], tmp_path: Path) -> None:
     pages = CommandedPages(tmp_path)
-    token, other = pages.token(basic("anna")), pages.token(basic("ben"))
+    token, other = pages.token(logged_in("anna:secret")), pages.token(logged_in("ben:secret"))
     assert token is not None
     assert other is not None
     assert token != other
@@ -107,9 +103,9 @@ def test_what_another_site_makes_the_browser_send_is_refused(more: dict[str, str
 
 def test_no_other_request_changes_anything(tmp_path: Path) -> None:
     pages = CommandedPages(tmp_path)
-    token = pages.token(basic("anna"))
+    token = pages.token(logged_in("anna:secret"))
     assert token is not None
-    headers = basic("anna") | {"origin": "https://panel.example", "x-command-token": token}
+    headers = logged_in("anna:secret") | {"origin": "https://panel.example", "x-command-token": token}
     assert pages.client.get(PAUSE, headers=headers).status_code == 405
     assert pages.client.options(PAUSE, headers=headers).status_code == 405
     for path in ("/", "/machine/mill", "/stream/mill"):
@@ -127,7 +123,7 @@ def test_the_user_of_a_proxy_counts_only_from_the_proxy(tmp_path: Path) -> None:
 
 
 def test_on_this_computer_without_users_there_are_no_commands(tmp_path: Path) -> None:
-    site = SiteSeen("talc", ("mill",), lambda: BEGAN, lambda: 0.0)
+    site = mill_seen()
     client = TestClient(build_app(site, WebSettings()), base_url="http://localhost")
     assert "data-token" not in client.get("/machine/mill").text
     assert client.post(PAUSE, headers={"origin": "http://localhost"}).status_code == 405

@@ -7,10 +7,8 @@ from pathlib import Path
 
 from starlette.testclient import TestClient
 
-from gateway.heard import SiteSeen
-from gateway.web import WebSettings, build_app
 from gateway.web.page_files import PageFiles
-from tests.benches.heard import BEGAN
+from tests.benches.mill_page import mill_page
 
 GATEWAY = Path(str(files("gateway")))
 SCRIPTS = sorted((GATEWAY / "web" / "static").glob("*.js"))
@@ -21,13 +19,8 @@ def named_files(page: TestClient) -> list[str]:
     return re.findall(r'(?:href|src)="(/file/[^"]+)"', page.get("/machine/mill").text)
 
 
-def client() -> TestClient:
-    site = SiteSeen("talc", ("mill",), lambda: BEGAN, lambda: 0.0)
-    return TestClient(build_app(site, WebSettings()), base_url="http://localhost")
-
-
 def test_a_browser_keeps_each_file_of_this_version_and_no_page() -> None:
-    page = client()
+    page = mill_page()
     named = named_files(page)
     (entry,) = [file for file in named if file.endswith("/page.js")]
     imported = [f"{entry.rpartition('/')[0]}/{script.name}" for script in SCRIPTS]
@@ -44,7 +37,7 @@ def test_a_browser_keeps_each_file_of_this_version_and_no_page() -> None:
 
 
 def test_under_another_version_a_file_is_todays_and_is_not_kept() -> None:
-    page = client()
+    page = mill_page()
     now = next(file for file in named_files(page) if file.endswith("/page.css"))
     other = page.get("/file/0/page.css")
     assert other.text == page.get(now).text

@@ -9,11 +9,12 @@ import pytest
 from httpx2 import ASGITransport, AsyncClient
 from starlette.testclient import TestClient
 
-from gateway.heard import SiteSeen, SiteSubscription
+from gateway.heard import SiteSubscription
 from gateway.telemetry import CoursePage, PublishedCourse
 from gateway.web import MachineUse, WebSettings, build_app
 from talc.names import THERMAL_ERRORS
 from tests.benches.heard import BEGAN
+from tests.benches.mill_page import mill_page, mill_seen
 from tests.benches.stored_elsewhere import StoredElsewhere
 
 FROM_S = BEGAN.timestamp()
@@ -30,16 +31,9 @@ def stored(value: float | None = 30.0) -> CoursePage:
     return CoursePage([FROM_S - 600.0, FROM_S - 300.0], errors([30.0, value]), [FROM_S - 500.0], errors([0.0]))
 
 
-def page(source: StoredElsewhere | None) -> TestClient:
-    site = SiteSeen("talc", ("mill",), lambda: BEGAN, lambda: 0.0)
-    return TestClient(
-        build_app(site, WebSettings(), cast(SiteSubscription | None, source)), base_url="http://localhost"
-    )
-
-
 def test_it_is_shown_at_the_chosen_point_in_columns() -> None:
     source = StoredElsewhere(lambda: stored(None))
-    answer = page(source).get("/past/mill", params=SPAN | {"x": "200", "z": "50"})
+    answer = mill_page(source).get("/past/mill", params=SPAN | {"x": "200", "z": "50"})
     shown: dict[str, Any] = answer.json()
     assert shown["t"] == [FROM_S - 600.0, FROM_S - 300.0]
     assert shown["without"][2] == [30.0, None]
@@ -52,7 +46,7 @@ def test_without_a_choice_it_is_shown_where_the_probing_sphere_is() -> None:
     """A tilt about Y of 100 µm/m moves the tool by 8 µm in X at 80 mm, and by 12 µm in Z at 120 mm."""
     tilt = {e: PublishedCourse([100.0 * (e == "EB0C")], [0.0]) for e in THERMAL_ERRORS}
     source = cast(SiteSubscription, StoredElsewhere(lambda: CoursePage([FROM_S], tilt, [], {})))
-    site = SiteSeen("talc", ("mill",), lambda: BEGAN, lambda: 0.0)
+    site = mill_seen()
     use = MachineUse(sphere_radius_mm=120.0, sphere_height_mm=80.0)
     client = TestClient(build_app(site, WebSettings(), source, {"mill": use}), base_url="http://localhost")
     (x,), _, (z,) = client.get("/past/mill", params=SPAN).json()["without"]
@@ -67,9 +61,7 @@ async def test_a_gateway_is_asked_by_two_at_once_and_the_others_wait() -> None:
         answer.wait()
         return stored()
 
-    app = build_app(
-        SiteSeen("talc", ("mill",), lambda: BEGAN, lambda: 0.0), WebSettings(), cast(Any, StoredElsewhere(slow))
-    )
+    app = build_app(mill_seen(), WebSettings(), cast(Any, StoredElsewhere(slow)))
     async with AsyncClient(transport=ASGITransport(app), base_url="http://localhost") as client:
         zooming = [asyncio.create_task(client.get("/past/mill", params=SPAN)) for _ in range(3)]
         try:
@@ -99,7 +91,7 @@ async def test_a_gateway_is_asked_by_two_at_once_and_the_others_wait() -> None:
 )
 def test_a_span_that_is_none_is_refused_and_nobody_asked(asked: dict[str, str]) -> None:
     source = StoredElsewhere(stored)
-    assert page(source).get("/past/mill", params=asked).status_code == 400
+    assert mill_page(source).get("/past/mill", params=asked).status_code == 400
     assert source.asked == []
 
 
@@ -107,7 +99,7 @@ def test_what_the_gateway_says_when_it_cannot_is_passed_on_as_text() -> None:
     def refuse() -> CoursePage:
         raise OSError("course: <b>no such file</b>")
 
-    answer = page(StoredElsewhere(refuse)).get("/past/mill", params=SPAN)
+    answer = mill_page(StoredElsewhere(refuse)).get("/past/mill", params=SPAN)
     assert (answer.status_code, answer.text) == (503, "course: <b>no such file</b>")
     assert answer.headers["content-type"].startswith("text/plain")
 
@@ -115,7 +107,7 @@ def test_what_the_gateway_says_when_it_cannot_is_passed_on_as_text() -> None:
 @pytest.mark.parametrize("spoilt", ["short", "none"])
 def test_an_answer_with_columns_of_other_lengths_is_refused_and_one_without_errors_is_unknown(spoilt: str) -> None:
     short = {"EZ0A": PublishedCourse([1.0], [1.0])} if spoilt == "short" else {}
-    answer = page(StoredElsewhere(lambda: CoursePage([1.0, 2.0], short, [], {}))).get("/past/mill", params=SPAN)
+    answer = mill_page(StoredElsewhere(lambda: CoursePage([1.0, 2.0], short, [], {}))).get("/past/mill", params=SPAN)
     if spoilt == "short":
         assert answer.status_code == 503
     else:
@@ -123,6 +115,6 @@ def test_an_answer_with_columns_of_other_lengths_is_refused_and_one_without_erro
 
 
 def test_without_a_connection_and_for_a_name_that_no_machine_can_have_there_is_none() -> None:
-    assert page(None).get("/past/mill", params=SPAN).status_code == 503
-    assert page(StoredElsewhere(stored)).get("/past/a%20b", params=SPAN).status_code == 404
-    assert page(StoredElsewhere(stored)).post("/past/mill", params=SPAN).status_code == 405
+    assert mill_page(None).get("/past/mill", params=SPAN).status_code == 503
+    assert mill_page(StoredElsewhere(stored)).get("/past/a%20b", params=SPAN).status_code == 404
+    assert mill_page(StoredElsewhere(stored)).post("/past/mill", params=SPAN).status_code == 405

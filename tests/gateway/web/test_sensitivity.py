@@ -2,19 +2,16 @@
 
 import math
 from datetime import UTC, datetime, timedelta
-from typing import cast
 
 import numpy as np
 import pytest
-from starlette.testclient import TestClient
 
-from gateway.heard import SiteSeen, SiteSubscription
-from gateway.telemetry import CoursePage, PublishedCourse, StatusMessage, encode
-from gateway.web import WebSettings, build_app
+from gateway.telemetry import CoursePage, PublishedCourse
 from gateway.web.sensitivity import sensitivity_by_week
 from talc.frame import FloatArray
 from talc.names import THERMAL_ERRORS
 from tests.benches.heard import BEGAN
+from tests.benches.mill_page import mill_page
 from tests.benches.stored_elsewhere import StoredElsewhere
 
 MONDAY_S = datetime(2026, 1, 5, tzinfo=UTC).timestamp()
@@ -109,25 +106,17 @@ def test_columns_of_other_lengths_and_times_that_are_none_are_refused(page: Cour
         sensitivity_by_week(page)
 
 
-def page(source: StoredElsewhere) -> TestClient:
-    site = SiteSeen("talc", ("mill",), lambda: BEGAN, lambda: 0.0)
-    status = StatusMessage("boot-1", 1, BEGAN.isoformat(), "system", None, None, 0, {}, None, None)
-    site.take("talc/mill/status", encode(status))
-    app = build_app(site, WebSettings(), cast(SiteSubscription, source))
-    return TestClient(app, base_url="http://localhost")
-
-
 def test_the_page_asks_for_twelve_weeks_with_temperatures_and_passes_on_a_refusal() -> None:
     t = hours(168)
     source = StoredElsewhere(lambda: stored(t, {"EX0C": 2.0 * daily(t)}, bed=daily(t)))
-    answer = page(source).get("/sensitivity/mill").json()
+    answer = mill_page(source, heard=True).get("/sensitivity/mill").json()
     assert [e["error"] for e in answer["errors"]] == ["EX0C"]
     assert source.asked == [("mill", BEGAN - timedelta(weeks=12), BEGAN, 1000)]
 
     def refuse() -> CoursePage:
         raise OSError("course: temperatures: unknown; expected one of from, to, limit")
 
-    refused = page(StoredElsewhere(refuse)).get("/sensitivity/mill").json()
+    refused = mill_page(StoredElsewhere(refuse), heard=True).get("/sensitivity/mill").json()
     assert refused == {
         "weeks": None, "errors": [], "why": "course: temperatures: unknown; expected one of from, to, limit",
     }  # fmt: skip

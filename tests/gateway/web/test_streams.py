@@ -16,13 +16,10 @@ from gateway.web.at_tool import WorkPoint
 from gateway.web.streams import MOST_BROWSERS, Browser, BrowserQueue, Streams
 from gateway.web.verdict import Viewpoint
 from tests.benches.heard import BEGAN, HeardMachine
+from tests.benches.mill_page import mill_seen
 
 LOOKING = Viewpoint(WorkPoint(120.0, 0.0, 80.0).matrix(0.12), 10.0)
 LIMIT_S = 60.0
-
-
-def site() -> SiteSeen:
-    return SiteSeen("talc", ("mill",), lambda: BEGAN, lambda: 0.0)
 
 
 def event(n: int, text: str = "bus rtu1: no answer") -> bytes:
@@ -59,7 +56,7 @@ async def test_what_has_not_changed_is_not_sent_again_unless_something_was_dropp
 
 
 async def test_an_open_page_gets_the_whole_state_and_then_each_change() -> None:
-    heard = site()
+    heard = mill_seen()
     streams = Streams(heard)
     sending = asyncio.create_task(streams.run())
     found: list[str] = []
@@ -92,7 +89,7 @@ class OnSite(HeardMachine):
 
 
 async def test_when_the_gateway_goes_its_forecast_leaves_the_charts() -> None:
-    heard = site()
+    heard = mill_seen()
     heard.life("talc/mill/alive", alive=True)
     machine = OnSite(heard)
     machine.compensation()
@@ -139,7 +136,7 @@ async def test_a_machine_that_is_not_heard_of_yet_has_a_page_that_says_so() -> N
     """A panel starts before its gateway does."""
     async with (
         asyncio.timeout(LIMIT_S),
-        aclosing(Streams(site()).messages(Browser("lathe", lambda _: LOOKING))) as sent,
+        aclosing(Streams(mill_seen()).messages(Browser("lathe", lambda _: LOOKING))) as sent,
     ):
         await anext(sent)
         shown = json.loads((await anext(sent)).partition(b"data: ")[2])
@@ -168,7 +165,7 @@ class FirstState(HTMLParser):
 
 @pytest.mark.parametrize("name", ["</script><script>alert(1)</script>", "<!--<script>", "a&lt;b"])
 def test_the_page_brings_the_state_with_it_and_what_others_name_stays_a_name(name: str) -> None:
-    heard = site()
+    heard = mill_seen()
     heard.life("talc/mill/alive", alive=True)
     heard.take("talc/mill/reading/forged", reading(name))
     heard.take("talc/mill/event", event(2, name))
@@ -182,7 +179,7 @@ def test_the_page_brings_the_state_with_it_and_what_others_name_stays_a_name(nam
 
 
 def test_the_corrections_follow_by_the_stream() -> None:
-    heard = site()
+    heard = mill_seen()
     heard.life("talc/mill/alive", alive=True)
     machine = OnSite(heard)
     machine.decision()
@@ -195,16 +192,16 @@ def test_the_corrections_follow_by_the_stream() -> None:
 def test_a_page_that_is_one_too_many_brings_no_state(monkeypatch: pytest.MonkeyPatch) -> None:
     """It would look as if the page went on from there."""
     monkeypatch.setattr("gateway.web.streams.MOST_BROWSERS", 0)
-    assert FirstState(page_of(site()).get("/machine/mill").text).text == ""
+    assert FirstState(page_of(mill_seen()).get("/machine/mill").text).text == ""
 
 
 def test_the_list_brings_its_machines() -> None:
-    first = json.loads(FirstState(page_of(site()).get("/?all=1").text).text)
+    first = json.loads(FirstState(page_of(mill_seen()).get("/?all=1").text).text)
     assert [(m["machine"], m["word"]) for m in first["list"]] == [("mill", "word.never")]
 
 
 async def test_a_page_that_was_closed_is_no_longer_served() -> None:
-    streams = Streams(site())
+    streams = Streams(mill_seen())
     open_pages = []
     for _ in range(MOST_BROWSERS):
         messages = streams.messages(Browser(None, lambda _: LOOKING))

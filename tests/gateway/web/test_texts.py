@@ -17,6 +17,7 @@ from gateway.web.catalogue import LANGUAGES, chosen_language, texts
 from talc.frame import EventKind, Phase, Why
 from talc.names import THERMAL_ERRORS
 from tests.benches.heard import BEGAN
+from tests.benches.mill_page import mill_seen
 
 ROOM = Path(str(files("gateway.web")))
 TEMPLATES = sorted((ROOM / "templates").glob("*.html"))
@@ -113,7 +114,7 @@ def test_texts_and_names_stay_texts_in_the_page() -> None:
 
 
 def test_the_page_of_the_only_machine_comes_first_and_says_its_language() -> None:
-    site = SiteSeen("talc", ("mill",), lambda: BEGAN, lambda: 0.0)
+    site = mill_seen()
     page = TestClient(build_app(site, WebSettings()), base_url="http://localhost", headers={"accept-language": "de"})
     html = page.get("/").text
     assert '<html lang="de">' in html

@@ -2,16 +2,13 @@
 
 import json
 from datetime import UTC, datetime, timedelta
-from typing import cast
 
 import pytest
-from starlette.testclient import TestClient
 
-from gateway.heard import SiteSeen, SiteSubscription
-from gateway.telemetry import CoursePage, StatusMessage, encode
-from gateway.web import WebSettings, build_app
+from gateway.telemetry import CoursePage
 from gateway.web.weeks import scatter_by_week
 from tests.benches.heard import BEGAN
+from tests.benches.mill_page import mill_page
 from tests.benches.stored_elsewhere import StoredElsewhere
 
 MONDAY = datetime(2026, 1, 5, tzinfo=UTC)
@@ -46,18 +43,9 @@ def test_columns_of_other_lengths_and_times_that_are_none_are_refused(page: Cour
         scatter_by_week(page)
 
 
-def page(source: StoredElsewhere, *, heard: bool = True) -> TestClient:
-    site = SiteSeen("talc", ("mill",), lambda: BEGAN, lambda: 0.0)
-    if heard:
-        status = StatusMessage("boot-1", 1, BEGAN.isoformat(), "system", None, None, 0, {}, None, None)
-        site.take("talc/mill/status", encode(status))
-    app = build_app(site, WebSettings(), cast(SiteSubscription, source))
-    return TestClient(app, base_url="http://localhost")
-
-
 def test_the_page_asks_for_the_last_twelve_weeks_of_the_gateways_time() -> None:
     source = StoredElsewhere(lambda: stored((MONDAY, 1.0)))
-    answer = page(source).get("/scatter/mill")
+    answer = mill_page(source, heard=True).get("/scatter/mill")
     shown = json.loads(answer.content)
     assert ([week["n"]["n"] for week in shown["weeks"]], shown["why"]) == ([1], "")
     assert source.asked == [("mill", BEGAN - timedelta(weeks=12), BEGAN, 2000)]
@@ -67,10 +55,10 @@ def test_what_the_gateway_says_when_it_cannot_is_passed_on() -> None:
     def refuse() -> CoursePage:
         raise OSError("course: this gateway has no store")
 
-    answer = page(StoredElsewhere(refuse)).get("/scatter/mill")
+    answer = mill_page(StoredElsewhere(refuse), heard=True).get("/scatter/mill")
     assert answer.json() == {"weeks": None, "why": "course: this gateway has no store"}
     source = StoredElsewhere(refuse)
-    unheard = page(source, heard=False).get("/scatter/mill").json()
+    unheard = mill_page(source).get("/scatter/mill").json()
     assert unheard == {"weeks": None, "why": "nothing has been heard of its gateway"}
-    assert page(source).get("/scatter/a%20b").status_code == 404
+    assert mill_page(source, heard=True).get("/scatter/a%20b").status_code == 404
     assert source.asked == []

@@ -5,18 +5,10 @@ import pytest
 from drivers.modbus.frames import find_rtu_answer, rtu_request
 from drivers.modbus.numbers import Block
 from simulators.devices import Passed, stream_script
-from simulators.devices.modbus_servers import crc16
 from simulators.devices.script import Script
+from tests.benches.rtu_talk import frame, registers
 
 WHOLE, BITS = Block(4, 10, 5), Block(2, 100, 12)
-
-
-def frame(body: bytes) -> bytes:
-    return body + crc16(body)
-
-
-def registers(*words: int) -> bytes:
-    return frame(bytes((1, 4, 2 * len(words))) + b"".join(word.to_bytes(2, "big") for word in words))
 
 
 def script(*said: tuple[Block, bytes]) -> Script:
@@ -35,7 +27,7 @@ def answered(played: Script, block: Block, unit: int = 1) -> bytes | None:
 
 
 def test_a_part_of_the_registers_is_that_of_the_next_answer() -> None:
-    played = script((WHOLE, registers(1, 2, 3, 4, 5)), (WHOLE, registers(6, 7, 8, 9, 10)))
+    played = script((WHOLE, registers(1, 1, 2, 3, 4, 5)), (WHOLE, registers(1, 6, 7, 8, 9, 10)))
     assert answered(played, Block(4, 11, 2)) == bytes.fromhex("04 04 0002 0003")
     assert answered(played, Block(4, 10, 1)) == bytes.fromhex("04 02 0001"), "asking for a part takes no turn"
     assert answered(played, WHOLE) == bytes.fromhex("04 0a 0001 0002 0003 0004 0005")
@@ -54,18 +46,18 @@ def test_a_part_of_the_bits() -> None:
     ("block", "unit"), [(Block(4, 9, 2), 1), (Block(4, 14, 2), 1), (Block(3, 10, 1), 1), (Block(4, 10, 1), 2)]
 )
 def test_what_was_not_recorded_is_not_made_up(block: Block, unit: int) -> None:
-    played = script((WHOLE, registers(1, 2, 3, 4, 5)))
+    played = script((WHOLE, registers(1, 1, 2, 3, 4, 5)))
     assert answered(played, block, unit) is None
     assert played.unknown == 1
 
 
 def test_a_refusal_refuses_a_part_and_a_damaged_or_missing_answer_is_none() -> None:
     assert answered(script((WHOLE, frame(bytes((1, 0x84, 2))))), Block(4, 10, 1)) == bytes((0x84, 2))
-    assert answered(script((WHOLE, registers(1, 2, 3, 4, 5)[:-1] + b"\0")), Block(4, 10, 1)) is None
+    assert answered(script((WHOLE, registers(1, 1, 2, 3, 4, 5)[:-1] + b"\0")), Block(4, 10, 1)) is None
     assert answered(script((WHOLE, b"")), Block(4, 10, 1)) is None
 
 
 def test_without_rtu_the_request_is_unknown() -> None:
-    played = script((WHOLE, registers(1, 2, 3, 4, 5)))
+    played = script((WHOLE, registers(1, 1, 2, 3, 4, 5)))
     played.is_rtu = False
     assert answered(played, Block(4, 10, 1)) is None

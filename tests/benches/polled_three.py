@@ -1,0 +1,72 @@
+"""Three units on one line, polled as the gateway polls them with a configuration that states only what it must."""
+
+from collections.abc import AsyncIterator, Mapping
+from contextlib import AsyncExitStack, asynccontextmanager
+from pathlib import Path
+
+import numpy as np
+
+from drivers.base import Quality, Reading
+from gateway.acquisition import Acquisition, lines_of
+from gateway.clock import RealClock
+from gateway.config import load
+from simulators.devices import DeviceServer, RtuLine, TcpHost
+from simulators.devices.modbus_unit import ModbusUnit
+
+UNITS = (1, 2, 3)
+PERIOD_S, TIMEOUT_S = 1.0, 0.5
+"""The defaults."""
+BAUD = 9600
+"""The default of a serial line; its emulator takes the time that its bytes take."""
+MODBUS = ("modbus_rtu", "modbus_rtu_tcp", "modbus_tcp")
+
+Line = RtuLine | DeviceServer | TcpHost
+
+
+async def started_line(
+    kind: str, units: Mapping[int, ModbusUnit], stack: AsyncExitStack
+) -> tuple[Line, Mapping[str, object]]:
+    """The line, and the fields by which a configuration finds it."""
+    line: Line
+    if kind == "modbus_rtu":
+        line, fields = RtuLine(units, baud=BAUD), {"kind": kind}
+    else:
+        line, fields = (TcpHost if kind == "modbus_tcp" else DeviceServer)(units), {"kind": kind, "host": "127.0.0.1"}
+    stack.push_async_callback(line.stop)
+    return line, {**fields, "port": await line.start()}
+
+
+@asynccontextmanager
+async def polled(
+    bus: Mapping[str, object], device: str, channels: str, folder: Path, readings: list[Reading]
+) -> AsyncIterator[None]:
+    """Inside, the gateway polls the three.
+
+    Parameters
+    ----------
+    bus: fields of its section
+    device: TOML of a device's section, without its name, its bus and its unit
+    channels: their table, with `UNIT` for the number of the unit
+    folder: gets the configuration
+    readings: gets what is read
+    """
+    head = "\n".join(f"{key} = {value!r}" for key, value in bus.items())
+    devices = "".join(
+        f'[[device]]\nname = "d{unit}"\nbus = "wire"\nunit = {unit}\n{device}\n'
+        f"channels = {channels.replace('UNIT', str(unit))}\n"
+        for unit in UNITS
+    )
+    file = folder / "gateway.toml"
+    file.write_text(f'[machine]\nname = "mill"\n[[bus]]\nname = "wire"\n{head}\n{devices}')
+    clock = RealClock()
+    (line,) = lines_of(load(file), clock)
+    assert (line.period_s, line.bus.timeout_s) == (PERIOD_S, TIMEOUT_S), "the defaults"
+    async with Acquisition([line], clock, readings.extend, lambda _: None):
+        yield
+
+
+def worst(readings: list[Reading], channel: str, since_s: float = 0.0) -> float:
+    """By how much the channel's intervals differ from the period at most, as a share; its readings are good."""
+    own = [r for r in readings if r.channel == channel and r.monotonic_s >= since_s]
+    assert {r.quality for r in own} == {Quality.GOOD}
+    return float(np.abs(np.diff([r.monotonic_s for r in own]) / PERIOD_S - 1.0).max())

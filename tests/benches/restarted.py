@@ -1,0 +1,11 @@
+"""What a gateway knows when it is started again."""
+
+from gateway.config import GatewayConfig
+from gateway.past import Past, past_of
+from gateway.storage import History
+
+
+def restarted(config: GatewayConfig) -> Past:
+    """From the database of this configuration."""
+    with History(config.storage.path) as history:
+        return past_of(history, config)
