@@ -15,9 +15,9 @@ from drivers.nc import ERRORS, LINEAR_AXES, Triple
 from drivers.sinumerik.settings import SinumerikSettings, error_reach_mm
 
 VERSION: Final = 1
-"""Of the program and its parameters; the control shows it while the program is active."""
+"""Version of the program and of the meaning of its parameters; the control shows it while the program is active."""
 FIRST_ID: Final = 60
-"""Of the static synchronised actions."""
+"""ID of the first static synchronised action; the others follow it."""
 _IMPLAUSIBLE_UM: Final = 1_000_000
 """What would move the tool by a metre is an invalid number: nothing moves."""
 _GONE_MM: Final = 0.00005

@@ -195,7 +195,7 @@ class OffsetRoute:
 
     def _check_names(self) -> None:
         if set(self.axis_names) != {*LINEAR_AXES, "A"} or len(set(self.axis_names.values())) != len(self.axis_names):
-            raise SetupError(f"axis_names = {dict(self.axis_names)!r}: expected a name of its own for each of X Y Z A")
+            raise SetupError(f"axis_names = {dict(self.axis_names)!r}: expected four different names for X Y Z A")
         for axis, name in self.axis_names.items():
             if not re.fullmatch(r"[A-Z][A-Z0-9_]{0,31}", name):
                 raise SetupError(f"axis_names.{axis} = {name!r}: expected capital letters, digits and _")
@@ -212,11 +212,11 @@ class OffsetRoute:
             raise SetupError(f"tables = {dict(self.tables)!r}: expected a different table for each pair")
 
     def table_sign(self, axis: int) -> int:
-        """Of X, Y, Z (0, 1, 2)."""
+        """The sign of a sag table that shifts this axis (0, 1, 2: X, Y, Z)."""
         return self.table_signs[axis] if self.table_signs is not None else self.sign(axis)
 
     def sign(self, axis: int) -> int:
-        """Of X, Y, Z (0, 1, 2)."""
+        """The sign of a value that moves this axis (0, 1, 2: X, Y, Z)."""
         if self.signs is not None:
             return self.signs[axis]
         return 1 if self.route == "r" else -1

@@ -305,7 +305,10 @@ def test_both_pages_name_the_room_that_the_program_needs(page: str) -> None:
     [
         ({"route": "errors"}, "travel_mm is missing"),
         ({"route": "errors", "travel_mm": TRAVEL, "tables": {"XY": 0}}, "tables are for route 'k0_slope'"),
-        ({"route": "errors", "travel_mm": TRAVEL, "axis_names": {"X": "X", "Y": "Y", "Z": "Z"}}, "each of X Y Z A"),
+        (
+            {"route": "errors", "travel_mm": TRAVEL, "axis_names": {"X": "X", "Y": "Y", "Z": "Z"}},
+            "four different names for X Y Z A",
+        ),
         (
             {"route": "errors", "travel_mm": TRAVEL, "axis_names": {"X": "X1", "Y": "Y1", "Z": "Z] = 9", "A": "A1"}},
             "capital letters",

@@ -71,7 +71,7 @@ def test_the_program_holds_the_machine_s_data(tmp_path: Path) -> None:
     [
         ('route = "errors"', 'route = "k0_slope"', "only 'errors' needs a generated program"),
         ("travel_mm = [[-300.0, 300.0], [-200.0, 250.0], [-400.0, 0.0]]", "", "travel_mm is missing"),
-        ('"Z1"', '"X1"', "a name of its own"),
+        ('"Z1"', '"X1"', "expected four different names"),
     ],
 )
 def test_what_cannot_be_written_names_the_setting(tmp_path: Path, old: str, new: str, cause: str) -> None:
