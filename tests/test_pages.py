@@ -9,6 +9,8 @@ from tests.benches.page_rig import SCREENS
 
 ROOT = Path(__file__).parents[1]
 WIDTH = 120
+EARLY = 20
+"""Columns that may stay free before a word that would have fitted: code need not be cut in two."""
 FOLDERS = (".github", "benchmarks", "deploy", "docs", "examples", "tests")
 PAGES = sorted(
     page.relative_to(ROOT).as_posix()
@@ -42,6 +44,21 @@ def test_the_readme_is_read_in_one_sitting() -> None:
 def test_prose_wraps(page: str) -> None:
     lines = prose((ROOT / page).read_text(encoding="utf-8"))
     assert [number for number, line in lines if len(line) > WIDTH] == []
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_no_line_ends_long_before_the_width(page: str) -> None:
+    """A paragraph that was changed is wrapped again, all of it."""
+    lines = dict(prose((ROOT / page).read_text(encoding="utf-8")))
+    early = [
+        number
+        for number, line in lines.items()
+        if (following := lines.get(number + 1, ""))
+        and not re.match(r"\s*(?:#|<|\[\^?[^]]+\]: |[-*] |\d+\. |$)", following)
+        and not re.match(r"#|<|---|\[\^?[^]]+\]: |$", line)
+        and len(line) + 1 + len(following.split()[0]) + EARLY <= WIDTH
+    ]
+    assert early == []
 
 
 @pytest.mark.parametrize("page", PAGES)

@@ -102,8 +102,8 @@ is good, but late. An event says how many periods were missed and which device t
 key `status` counts them. Raise `period_s` or the line's speed, or read fewer channels.
 """
 FROZEN = """## frozen value
-With `stuck_after_s` set, a channel whose number has not changed at all for that long is `stale` ("exactly 21 for
-600 s"), on every kind of bus. Without it a frozen value cannot be distinguished from a steady one.
+With `stuck_after_s` set, a channel whose number has not changed at all for that long is `stale` ("exactly 21 for 600
+s"), on every kind of bus. Without it a frozen value cannot be distinguished from a steady one.
 """
 REST = """\
 The tests play two more disturbances on every wire above. First, the computer's clock jumps by an hour, forwards and
