@@ -187,7 +187,7 @@ async def recognise_me_ethernet(bus: MeEthernetBus) -> Recognition:
     inputs = tuple(channel for channel in block.values if channel < load_profile("me_ethernet").channels)
     evidence = f"order number {block.order}, serial number {block.serial}"
     if not inputs:
-        return Recognition("", (), f"{evidence}; none of the channels that the profile reads is fitted")
+        return Recognition("", (), f"{evidence}; it has none of the channels that the profile reads")
     return Recognition("me_ethernet", inputs, evidence, {"range_um": _PROPOSED_RANGE_UM}, (_RANGE_DOUBT,))
 
 

@@ -117,7 +117,7 @@ def host_name(text: str) -> str:
             ip_address(text)
         except ValueError:
             raise ValueError(
-                f"{text!r}: expected the name or address of a host, without protocol; its port is a field of its own"
+                f"{text!r}: expected the name or address of a host, without protocol; the port is a separate field"
             ) from None
     return text
 

@@ -90,7 +90,7 @@ class OpcUaDevice:
         if not isinstance(raw, int | float):
             return Fault(Quality.SENSOR_FAULT, f"the node holds no number: {_shown(raw)}")
         if isinstance(raw, bool) and (node.unit or self._profile.unit) != "1":
-            return Fault(Quality.SENSOR_FAULT, f'the node holds {raw}; that is a number only with unit = "1"')
+            return Fault(Quality.SENSOR_FAULT, f'the node holds {raw}, which is a number only with unit = "1"')
         return node.value(raw)
 
     def _too_old(self, found: NodeValue, age_s: float) -> Fault | None:

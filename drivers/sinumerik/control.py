@@ -332,7 +332,7 @@ class Sinumerik:
     def _state(self, value: float) -> ProbingState:
         state = PROBING_STATES.get(_code(value))
         if state is None:
-            raise BadAnswer(f"probing state {value:g} is none of 0 to 5", device=self._settings.device)
+            raise BadAnswer(f"probing state {value:g}: expected 0 to 5", device=self._settings.device)
         return state
 
     def _numbers(self, paths: tuple[str, ...], values: list[OpcUaNumber | None]) -> list[float]:

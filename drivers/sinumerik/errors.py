@@ -70,7 +70,7 @@ class SinumerikWithErrors(Sinumerik):
         await self._session.read((*self._wanted, *self._probed, *self._echo, *self._moving))
         slew, radius, x, y, z, *reach = self._numbers(self._terms_told, await self._session.read(self._terms_told))
         if min(slew, radius, x, y, z, *reach) <= 0:
-            raise BadAnswer("TALC_ERRORS reports a term that is not above 0", device=self._device, hint=_AGAIN)
+            raise BadAnswer("TALC_ERRORS reports a term of 0 or less", device=self._device, hint=_AGAIN)
         self._terms, self._reach = ErrorTerms(slew, radius, (x, y, z)), (reach[0], reach[1])
 
     async def claim(self, owner: int, terms: WatchdogTerms, predecessor: int | None = None) -> None:

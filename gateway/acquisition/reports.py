@@ -78,7 +78,7 @@ class LineReports:
             self.failed(subject, error)
             return
         if evidence:
-            advice = "only one may ask; end the other, or give it a line of its own"
+            advice = "only one may ask; end the other, or connect it to another line"
             self._problems.report(subject, "shared", f"bus {self._bus}: {OTHER_MASTER}: {evidence} ({advice})")
         else:
             self._problems.clear(subject, f"bus {self._bus}: {NO_OTHER_MASTER}")

@@ -75,7 +75,7 @@ def export(database: Path, table: str, output: Path) -> None:
 @Database
 @click.option("-o", "--output", type=click.Path(dir_okay=False, path_type=Path), required=True, help="Must not exist.")
 def backup(database: Path, output: Path) -> None:
-    """Copy DATABASE to a file that is whole and appears when it is, also while a gateway writes to it."""
+    """Copy DATABASE to a file, also while a gateway writes to it; the file appears once it is complete."""
     from gateway.storage import History
 
     if output.exists():

@@ -109,7 +109,7 @@ def ailments(config: GatewayConfig, root: Path, *, synchronised: bool) -> Iterat
 def _disk(config: GatewayConfig) -> Iterator[Ailment]:
     folder = config.storage.path.parent
     if not folder.is_dir():
-        yield Ailment(f"{folder} does not exist", "the database is there", "create it, or change [storage] path")
+        yield Ailment(f"{folder} does not exist", "the database belongs there", "create it, or change [storage] path")
         return
     free = os.statvfs(folder)
     free_mb = free.f_bavail * free.f_frsize / 1e6

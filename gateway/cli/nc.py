@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 @click.group()
 def nc() -> None:
-    """Write what goes onto the control."""
+    """Write the files that go onto the control."""
 
 
 @nc.command("sinumerik-files")

@@ -86,10 +86,10 @@ def _divide() -> None:
     try:
         if divide():
             log.info(
-                "learning has a control group of its own, with a tenth of the gateway's processor time if both want it"
+                "learning runs in its own control group, with a tenth of the gateway's processor time if both need it"
             )
     except UndividedError as error:
-        log.info("learning has no control group of its own, only a lower priority: %s", error)
+        log.info("learning runs at a lower priority, but without its own control group: %s", error)
 
 
 async def _tell_end(manager: ServiceManager, stop: asyncio.Event, running: Callable[[], GatewayConfig]) -> None:

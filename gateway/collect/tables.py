@@ -66,7 +66,7 @@ def _check_place(table: StoredTable) -> None:
     names = Counter([*(column.name for column in table.columns), *_OURS])
     for name, many in names.items():
         if many > 1:
-            raise ValueError(f"column {name}: is there twice, or has a name that the collector gives")
+            raise ValueError(f"column {name}: occurs twice, or has a name that the collector itself uses")
 
 
 def by_day(rows: pa.Table) -> Iterator[tuple[str, pa.Table]]:

@@ -45,8 +45,8 @@ def prior_for(talc: TalcSettings, names: Sequence[str]) -> PriorFile | None:
     if not found.prior.known(names):
         theirs = ", ".join(found.prior.inputs[:3])
         raise PriorError(
-            f"'{talc.prior}': none of its inputs ({theirs}, ...) is named like one here; inputs are matched by name: "
-            f"use the same names on machines of one kind, or remove this line"
+            f"'{talc.prior}': none of its inputs ({theirs}, ...) has the name of an input here; inputs are matched by "
+            f"name: use the same names on machines of one kind, or remove this line"
         )
     return found
 
@@ -70,6 +70,6 @@ def described(found: PriorFile, names: Sequence[str]) -> str:
     machines = int(found.prior.machines.max())
     errors = int((found.prior.machines > 0).sum())
     return (
-        f"prior of {machines} machine{'s' if machines != 1 else ''}, {errors} thermal errors; it knows {known} of the "
-        f"{len(names)} inputs here; {len(found.prior.inputs) - known} of its inputs do not exist here"
+        f"prior of {machines} machine{'s' if machines != 1 else ''}, {errors} thermal errors; it contains {known} of "
+        f"the {len(names)} inputs here; {len(found.prior.inputs) - known} of its inputs do not exist here"
     )

@@ -146,7 +146,7 @@ class CommandTaker:
         if pause is None:
             return True, "the compensation was not paused"
         link.pause(None)
-        return True, f"the compensation goes on; it was {pause}{self._still(link)}"
+        return True, f"the compensation continues; it was {pause}{self._still(link)}"
 
     def _disarmed(self, link: NcLink, order: Disarmed) -> tuple[bool, str]:
         if link.disarmed is not None:

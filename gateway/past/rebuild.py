@@ -66,7 +66,7 @@ def continued(learnt: Learnt, config: GatewayConfig) -> Controller:
     if learnt.step_s != config.grid.step_s:
         raise ValueError(f"step_s = {learnt.step_s:g}: [grid] step_s is {config.grid.step_s:g} here")
     if not set(learnt.state.input_names) & set(config.input_names):
-        raise ValueError("inputs: none of them is named like one here; inputs are matched by name")
+        raise ValueError("inputs: none of them has the name of an input here; inputs are matched by name")
     state = transferred(learnt.state, controller_of(config).state())
     prior = None if config.prior is None else config.prior.prior
     return Controller.restore(state, config.talc, config.grid.step_s, prior)

@@ -31,7 +31,7 @@ def advice_on(lines: Iterable[str], layout: TextLayout) -> str:
         while top and _wide(rows[top - 1][1], width) and not _numbers(rows[top - 1][1]):
             top -= 1
         if top == first:
-            return f"line {rows[first][0]} holds numbers and none above it as many names: is there a heading?"
+            return f"line {rows[first][0]} holds numbers, and no line above it has as many names: is there a heading?"
         heading, names = rows[top]
         skipped = list(layout.skip)
         if top:

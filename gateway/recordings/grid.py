@@ -143,7 +143,7 @@ def _once(
     apart = np.diff(np.unique(rows.time_s))
     if apart.size and float(np.median(apart)) >= ABOUT_A_STEP * step_s:
         for row in same[~exact].tolist():
-            what = "has the time of the row before it and other values; give each row a time of its own"
+            what = "has the time of the row before it, but other values; give each row a different time"
             problems.add(f"{word} {rows.places[row]}, column {time!r}", what + times.repeated(), "same")
     kept = np.ones(len(rows.time_s), dtype=np.bool_)
     kept[same[exact]] = False

@@ -105,7 +105,7 @@ def build(data: ReportData) -> str:
 
 def nothing_learnt(machine: str, missing: Sequence[NotYet]) -> str:
     """The page of a gateway that has not ended a grid step."""
-    return _nothing(machine, "Nothing has been learnt yet", "This is missing, in the order in which it comes:", missing)
+    return _nothing(machine, "Nothing has been learnt yet", "Still missing, in this order:", missing)
 
 
 def nothing_that_day(machine: str, day: date, begin: str, end: str) -> str:

@@ -88,8 +88,8 @@ async def _modbus(
             found, remark = await _told_apart(bus, scan.units, found, as_unknown, unknown, stopped)
             report.remarks += [f"{host}:{port} {remark}"] if remark else []
             if not found and not stopped():
-                nobody = f"{host}:{port} accepts connections, but none of the units asked answers (--units 1-16?)"
-                report.remarks.append(f"Modbus: {odd[0]}" if odd else nobody)
+                nobody = "accepts connections, but none of the units that were asked answers (try --units 1-16)"
+                report.remarks.append(f"Modbus: {odd[0]}" if odd else f"{host}:{port} {nobody}")
     except (ConnectError, UnexpectedError) as error:
         report.remarks.append(f"Modbus: {error.advice}")
     if found:

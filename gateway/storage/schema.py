@@ -176,7 +176,7 @@ def make_schema(path: Path) -> Path | None:
         raise StoreError(f"{path}: is the database of another program; give [storage] another path")
     if version not in (0, SCHEMA_VERSION):
         raise StoreError(
-            f"{path}: schema version {version}, this program knows {SCHEMA_VERSION}; use a newer program, or move the "
-            "file away to start a new one"
+            f"{path}: schema version {version}, this program supports {SCHEMA_VERSION}; use a newer program, or move "
+            "the file away to start a new one"
         )
     return backup

@@ -62,7 +62,7 @@ class Challenges:
             raise ValueError(f"the challenge is older than {VALID_S:g} s; ask for another one")
         self._used = {one: at for one, at in self._used.items() if now_s - at <= VALID_S}
         if challenge in self._used:
-            raise ValueError("this command was given already; each needs a challenge of its own")
+            raise ValueError("this command was already given; each command needs its own challenge")
         self._used[challenge] = issued_s
 
     def _mark(self, text: str) -> str:

@@ -179,7 +179,7 @@ def _refuse_a_name_twice(errors: Sequence[str]) -> None:
     )
     for error in errors:
         if error in made:
-            raise ValueError(f"errors: the result has a column {error!r} of its own: rename this error")
+            raise ValueError(f"errors: the result already has a column {error!r}: rename this error")
 
 
 def _present_once(role: str, given: Sequence[str], names: Sequence[str]) -> None:

@@ -323,7 +323,7 @@ async def test_a_truth_value_is_a_number_only_where_the_unit_is_one(tmp_path: Pa
         await server.server.nodes.objects.add_variable(server.node("flag"), "flag", True)
         async with device_at(server.url, tmp_path, text, 2) as (_, device):
             as_degrees, as_number = told(await device.read())
-            assert as_degrees == ("sensor_fault", 'the node holds True; that is a number only with unit = "1"')
+            assert as_degrees == ("sensor_fault", 'the node holds True, which is a number only with unit = "1"')
             assert as_number == (1.0, "1")
     finally:
         await server.server.stop()

@@ -146,7 +146,7 @@ async def test_a_program_for_other_data_is_refused_by_name() -> None:
         with pytest.raises(BadAnswer, match="version 2: expected 1"):
             await nc.connect()
         emulated.nck.r[OF_PROGRAM], emulated.nck.r[125] = 1.0, 0.0
-        with pytest.raises(BadAnswer, match="not above 0"):
+        with pytest.raises(BadAnswer, match="a term of 0 or less"):
             await nc.connect()
 
 

@@ -29,8 +29,8 @@ def test_it_is_a_problem_of_the_line_and_not_of_its_devices() -> None:
     assert notices == [
         Notice(
             "line of bus rtu1",
-            "bus rtu1: another master is on this line: 3 frames (only one may ask; end the other, or give it a line of"
-            " its own)",
+            "bus rtu1: another master is on this line: 3 frames (only one may ask; end the other, or connect it to"
+            " another line)",
         ),
         Notice("line of bus rtu1", "bus rtu1: no other master is heard any more", ended=True),
     ]

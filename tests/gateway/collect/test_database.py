@@ -303,8 +303,8 @@ def test_a_zero_byte_in_a_text_does_not_stop_a_machine(server: Postgres, databas
 @pytest.mark.parametrize(
     ("columns", "said"),
     [
-        ((StoredColumn("n", "whole", [1, 2]), StoredColumn("n", "whole", [1, 2])), "column n: is there twice"),
-        ((StoredColumn("machine", "text", [0, 0], ("mill",)),), "column machine: is there twice, or has a name that"),
+        ((StoredColumn("n", "whole", [1, 2]), StoredColumn("n", "whole", [1, 2])), "column n: occurs twice"),
+        ((StoredColumn("machine", "text", [0, 0], ("mill",)),), "column machine: occurs twice, or has a name that"),
         ((StoredColumn("other", "text", [0, 0], ("mill",)),), "is named machine or other"),
         ((StoredColumn("n\0", "whole", [1, 2]),), "database: "),
     ],

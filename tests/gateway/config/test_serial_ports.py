@@ -126,7 +126,7 @@ port = 502
 @pytest.mark.parametrize("host", ["http://10.0.0.9", "10.0.0.9:502", "adam.plant:502", "adam/1", "adam 1", "[fe80::9]",
                                   "192.168.0..30", "..", "." , "a" * 64 + ".plant"])  # fmt: skip
 def test_a_host_with_protocol_or_port_is_refused(kind: str, host: str, tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="without protocol; its port is a field of its own"):
+    with pytest.raises(ConfigError, match="without protocol; the port is a separate field"):
         loaded(tmp_path, TEXT + HOST.format(kind, host))
 
 

@@ -33,7 +33,7 @@ async def test_a_pause_ramps_the_offsets_to_their_declared_state_until_it_is_res
         await bench.clock.run_until(200.0)
         assert bench.control.in_force == (0.0, 0.0, 0.0)
         assert bench.steps[-1].step.source is Source.PAUSED
-        assert (await at.give(RESUME, "ben")).text == f"the compensation goes on; it was {Pause('anna', paused.time)}"
+        assert (await at.give(RESUME, "ben")).text == f"the compensation continues; it was {Pause('anna', paused.time)}"
         await bench.clock.run_until(220.0)
         assert bench.control.in_force == (0.0, 0.0, 6.0)
         assert at.largest_step_um() <= 1.0

@@ -163,7 +163,7 @@ def test_what_does_not_fit_is_refused(source: GatewayConfig, tmp_path: Path) -> 
     other = {"learner": "models", "models": "learner"}[source.talc.method]
     for name, names, method, said in (
         ("method", NAMES, other, f"method = '{source.talc.method}'"),
-        ("names", ("x", "y"), source.talc.method, "none of them is named like one here"),
+        ("names", ("x", "y"), source.talc.method, "none of them has the name of an input here"),
     ):
         config_of(tmp_path / name, names, method)
         answer = here("db", "import-learnt", tmp_path / name / "gateway.toml", file_of(source))

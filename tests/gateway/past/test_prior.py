@@ -116,7 +116,7 @@ def test_check_counts_the_inputs_that_match(here: Path) -> None:
     channels = ("other", *CHANNELS[1:])
     answer = talc_gateway("check", written(here, "mill", "kind.json", channels))
     assert answer.exit_code == 0
-    assert "prior of 3 machines, 9 thermal errors; it knows 11 of the 12 inputs here; 1 of its" in answer.output
+    assert "prior of 3 machines, 9 thermal errors; it contains 11 of the 12 inputs here; 1 of its" in answer.output
 
 
 def test_the_fingerprint_is_that_of_the_content(here: Path) -> None:
@@ -160,7 +160,10 @@ def covariance(plain: dict[str, Any], value: object) -> None:
         (lambda p: covariance(p, float("nan")), "errors.EX0C.covariance[0] = nan: expected a number"),
         (lambda p: covariance(p, 1e300), "errors.EX0C.covariance[0] = 1e+300: expected a number, at most 1e+12"),
         (lambda p: covariance(p, -50.0), "errors.EX0C.covariance: has a variance of -50"),
-        (lambda p: p.update(inputs=[f"u{i}" for i in range(12)]), "none of its inputs (u0, u1, u2, ...) is named like"),
+        (
+            lambda p: p.update(inputs=[f"u{i}" for i in range(12)]),
+            "none of its inputs (u0, u1, u2, ...) has the name of an input here",
+        ),
     ],
 )
 def test_what_is_wrong_with_a_file_is_reported(
@@ -227,5 +230,5 @@ def test_a_recording_is_replayed_with_the_prior_of_the_config_s_folder(here: Pat
     (here / "talc.toml").write_text('[talc]\nprior = "kind.json"\n', encoding="utf-8")
     answer = talc_gateway("replay", here / "lathe.csv", "--config", here / "talc.toml")
     assert answer.exit_code == 0, answer.output
-    assert "prior of 3 machines, 9 thermal errors; it knows 12 of the 12 inputs" in answer.output
+    assert "prior of 3 machines, 9 thermal errors; it contains 12 of the 12 inputs" in answer.output
     assert "SHA-256" in (here / "lathe.html").read_text(encoding="utf-8")

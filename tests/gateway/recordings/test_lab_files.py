@@ -192,7 +192,7 @@ def test_repeated_rows_are_left_out_and_counted(tmp_path: Path) -> None:
     assert found.notes == (f"{ROWS} lines repeat the one before them and are left out",)
     twice[4] = "300,99,1"
     said = refusal(written(tmp_path, twice))
-    assert "line 5, column 'time': has the time of the row before it and other values" in said
+    assert "line 5, column 'time': has the time of the row before it, but other values" in said
 
 
 def test_dense_rows_may_have_equal_times(tmp_path: Path) -> None:

@@ -125,7 +125,7 @@ def test_errors_and_time_by_their_names(tmp_path: Path) -> None:
         (lambda g: [*g[:3], "900,20,inf", *g[4:]], "line 4, column 'EX0C': 'inf' is not a finite number"),
         (
             lambda g: [*g[:3], "600,20,1", *g[4:]],
-            "line 4, column 'time': has the time of the row before it and other values; give each row",
+            "line 4, column 'time': has the time of the row before it, but other values; give each row",
         ),
         (lambda g: [*g[:3], "soon,20,1", *g[4:]], "line 4, column 'time': 'soon' is not a time; expected ISO 8601"),
         (lambda g: [*g[:3], "900,20", *g[4:]], "line 4: 2 cells; the heading has 3"),

@@ -201,7 +201,7 @@ async def test_host_that_accepts_and_never_answers_is_reported() -> None:
         await silent.stop()
     assert (
         report.remarks[0]
-        == f"127.0.0.1:{port} accepts connections, but none of the units asked answers (--units 1-16?)"
+        == f"127.0.0.1:{port} accepts connections, but none of the units that were asked answers (try --units 1-16)"
     )
 
 

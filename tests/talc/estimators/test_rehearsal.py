@@ -99,7 +99,7 @@ def test_a_wrong_type_is_said(recorded: pd.DataFrame, arguments: dict[str, Any],
 @pytest.mark.parametrize("names", [("E", "E_predicted"), ("phase",), ("measured",), ("E_sigma", "E")])
 def test_no_error_overwrites_a_column_of_the_result(recorded: pd.DataFrame, names: tuple[str, ...]) -> None:
     table = recorded.iloc[:30, :3].assign(**{name: recorded.iloc[:30, 3 + i] for i, name in enumerate(names)})
-    with pytest.raises(ValueError, match=r"errors: the result has a column '.*' of its own: rename this error"):
+    with pytest.raises(ValueError, match=r"errors: the result already has a column '.*': rename this error"):
         talc.rehearse(table, errors=names, inputs=list(table.columns[:3]))
 
 
