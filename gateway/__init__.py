@@ -2,8 +2,8 @@
 
 It is a program. `client` is for programs of others (docs/client.md). Extensions use the names of `config`, `outlets`
 and `telemetry` (docs/extensions.md), and the benchmarks those of all rooms. Beside the rooms stands what several of
-them share (`apart`, `commands`, `events`, `history_tables`, `learning_group`, `passwords`, `reading_blocks`,
-`versions`), and what the command line runs as a whole (`service`, `metrics`).
+them share (`commands`, `events`, `passwords`, `reading_blocks`, `versions`), and what the command line runs as a whole
+(`service`, `metrics`).
 """
 
 __all__ = ["client"]

@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 
+from gateway.apart import UndividedError, divide
 from gateway.cli.alive import WatchedClock, feed
 from gateway.cli.memory import give_back_large_blocks, spare_what_is_there
 from gateway.cli.notify import ServiceManager
@@ -19,7 +20,6 @@ from gateway.cli.signals import stop_on_signals
 from gateway.clock import RealClock
 from gateway.config import GatewayConfig, packed_toml
 from gateway.events import ConfigurationApplied, GatewayEvent
-from gateway.learning_group import UndividedError, divide
 from gateway.recordings import WireLogWriter
 from gateway.service import Service
 

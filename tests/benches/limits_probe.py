@@ -7,8 +7,7 @@ import sys
 import time
 from pathlib import Path
 
-from gateway.apart import WorkError, apart
-from gateway.learning_group import divide
+from gateway.apart import WorkError, apart, divide
 
 LEARNING = 3
 READY_S, LASTS_S = 30.0, 15.0

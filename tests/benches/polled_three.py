@@ -20,14 +20,14 @@ BAUD = 9600
 """The default of a serial line; its emulator takes the time that its bytes take."""
 MODBUS = ("modbus_rtu", "modbus_rtu_tcp", "modbus_tcp")
 
-Line = RtuLine | DeviceServer | TcpHost
+PolledLine = RtuLine | DeviceServer | TcpHost
 
 
 async def started_line(
     kind: str, units: Mapping[int, ModbusUnit], stack: AsyncExitStack
-) -> tuple[Line, Mapping[str, object]]:
+) -> tuple[PolledLine, Mapping[str, object]]:
     """The line, and the fields by which a configuration finds it."""
-    line: Line
+    line: PolledLine
     if kind == "modbus_rtu":
         line, fields = RtuLine(units, baud=BAUD), {"kind": kind}
     else:

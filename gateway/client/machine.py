@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 import zenoh
 
+from gateway.client.history_tables import TimeTable, as_read, asked_s, interval_means
 from gateway.commands import CommandName
-from gateway.history_tables import TimeTable, as_read, asked_s, interval_means
 from gateway.telemetry import (
     COMMAND_LIMIT_S,
     MOST_ROWS,

@@ -9,7 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from gateway.learning_group import UndividedError, divide, join_learning
+from gateway.apart import UndividedError, divide
+from gateway.apart.control_group import join_learning
 
 SERVICE = "system.slice/talc-gateway.service"
 OwnList = Callable[[str], Path]

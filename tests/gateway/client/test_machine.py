@@ -33,7 +33,7 @@ from gateway.telemetry import (
 from tests.benches.free_port import free_port
 from tests.benches.telemetry_peer import decision, problem, reading, telemetry
 
-PAGE = (Path(__file__).parents[2] / "docs" / "client.md").read_text(encoding="utf-8")
+PAGE = (Path(__file__).parents[3] / "docs" / "client.md").read_text(encoding="utf-8")
 LIMIT_S = 120.0
 BEGIN = datetime(2026, 3, 2, tzinfo=UTC)
 
