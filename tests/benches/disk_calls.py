@@ -28,9 +28,9 @@ from pathlib import Path
 
 import click
 
+from tests.benches.changed_source import changed
 from tests.benches.disk_faults import FAULTS, HANGS_ONCE, DiskFault, LifeVerdict
 from tests.benches.disk_life import LIMIT_S, Life
-from tests.benches.planted import planted
 from tests.benches.planted_for_disks import PLANTED
 from tests.benches.preloads import preload
 
@@ -140,7 +140,7 @@ def _row(name: str, verdicts: Sequence[LifeVerdict]) -> str:
 def main(step: int, hang_ms: int, first: int, only: str | None, defect: str | None, folder: Path | None) -> None:
     """Let a gateway live once for each fault and each call, and print what became of it."""
     if folder is not None:
-        with planted(PLANTED[defect] if defect else ()):
+        with changed(PLANTED[defect] if defect else ()):
             lives(folder)
         return
     wrong = Counter[str]()

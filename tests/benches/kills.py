@@ -31,11 +31,11 @@ import click
 from gateway.replay import replay
 from gateway.storage import History, damage_found
 from simulators.nc import Activity, CycleSettings, DayPart, LoadCase, MeanLoads
+from tests.benches.changed_source import changed
 from tests.benches.death import PHASES, Death
 from tests.benches.failing_disk import on_failing_disk
 from tests.benches.killed_life import LIMIT_S, PERIOD_S, GatewayLife, SwingingPlant
 from tests.benches.outlives import KeptNck, SharedMemory, WhatOutlives
-from tests.benches.planted import planted
 from tests.benches.planted_for_kills import PLANTED
 from tests.benches.wire_bench import assert_never_stepped
 
@@ -221,7 +221,7 @@ def main(writing: int, phase: int, only: Sequence[str], defect: str | None, seed
             command = [sys.executable, "-m", "tests.benches.kills", *sys.argv[1:]]
             sys.exit(subprocess.run(command, env=on_failing_disk(Path(name)), check=False).returncode)
     folder, wanted = Path(os.environ["FAILING_DISK"]), {WRITING: writing, **dict.fromkeys(PHASES, phase)}
-    with planted(PLANTED[defect][1] if defect else ()):
+    with changed(PLANTED[defect][1] if defect else ()):
         counts, wrong = kill_gateways({name: wanted[name] for name in only or wanted}, seed, folder)
     click.echo("| phase | killed | ended by itself before |\n|---|---|---|")
     for name, count in counts.items():

@@ -1,35 +1,23 @@
 """Defects that the bench which refuses calls of the disk has to find: on a disk that works, nobody notices them."""
 
-from collections.abc import Mapping
-from datetime import datetime
-from pathlib import Path
-from typing import Any
+from collections.abc import Mapping, Sequence
 
-from gateway.nc import NcLink
-from gateway.storage import mending, store
-from gateway.storage.mending import Known
-from gateway.storage.waiting import Waiting
-from tests.benches.planted import Defect
+from gateway.nc import link
+from gateway.storage import mending, waiting
+from tests.benches.changed_source import Change
 
-_mend, _init = mending.mend, NcLink.__init__
-
-
-def _moved_first(path: Path, why: str, now: datetime, known: Known) -> str:
-    """The damaged file leaves its place before the new one is complete."""
-    moved = path.with_name(path.name + ".moved")
-    path.rename(moved)
-    text = _mend(moved, why, now, known)
-    moved.rename(path)
-    return text
-
-
-def _stored_always(link: NcLink, *arguments: Any, **_: object) -> None:
-    """Whether anything can be stored makes no difference to the offsets."""
-    _init(link, *arguments[:5])
-
-
-PLANTED: Mapping[str, Defect] = {
-    "not put back": ((Waiting, "put_back", lambda *_: None),),
-    "goes on unstored": ((NcLink, "__init__", _stored_always),),
-    "moved first": ((store, "mend", _moved_first),),
+PLANTED: Mapping[str, Sequence[Change]] = {
+    # Rows that could not be stored do not wait any more.
+    "not put back": (Change(waiting, "for item in reversed(list(items)):", "for item in ():"),),
+    # Whether anything can be stored makes no difference to the offsets.
+    "goes on unstored": (
+        Change(link, "stored,\n            earlier.paused,", "lambda: True,\n            earlier.paused,"),
+    ),
+    # The damaged file leaves its place before the new one is complete.
+    "moved first": (
+        Change(
+            mending, "counts, lost = _copy(path, target)", "path.rename(aside); counts, lost = _copy(aside, target)"
+        ),
+        Change(mending, "aside.hardlink_to(path)", "pass"),
+    ),
 }
