@@ -12,7 +12,6 @@ single one. Whatever it does, a gateway that refuses to start is started again, 
 gateway has a defect, which is to be found.
 """
 
-import asyncio
 import faulthandler
 import gc
 import json
@@ -49,7 +48,7 @@ def lives(folder: Path) -> None:
     """
     rehearsal = folder / "rehearsal"
     rehearsal.mkdir()
-    asyncio.run(Life(rehearsal, None, 0).live())
+    Life(rehearsal, None, 0).live()
     gc.collect()
     gc.freeze()
     for number, line in enumerate(sys.stdin):
@@ -65,7 +64,7 @@ def lives(folder: Path) -> None:
                 None if which < 0 else (*FAULTS, DiskFault("hangs", HANGS_ONCE, lasting=True, hang_ms=hang_ms))[which]
             )
             try:
-                verdict = asyncio.run(Life(here, fault, at).live())
+                verdict = Life(here, fault, at).live()
             except BaseException as error:  # noqa: BLE001 - the parent reports it
                 verdict = LifeVerdict(wrong=[f"the bench: {error!r}"])
             with os.fdopen(write, "w") as pipe:

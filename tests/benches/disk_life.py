@@ -17,7 +17,7 @@ from unittest.mock import patch
 from gateway.config import GatewayConfig, validate
 from gateway.events import DecisionMade, GatewayEvent, in_order
 from gateway.nc import Identity
-from gateway.past import SnapshotKeeper, past_in
+from gateway.past import Past, SnapshotKeeper, past_in
 from gateway.replay import replay
 from gateway.service import Service
 from gateway.storage import History, Retention, Store, StoreError, damage_found
@@ -102,8 +102,11 @@ class Life:
         else:
             self._disk.fail_from(at, fault.error, fault.lasting, fault.hang_ms)
 
-    async def live(self) -> LifeVerdict:
+    def live(self) -> LifeVerdict:
         """All runs; never raises but for mistakes of the bench."""
+        return self._clock.run(self._live())
+
+    async def _live(self) -> LifeVerdict:
         for number in range(_RUNS):
             if number == _RUNS - 1:
                 self._damage()
@@ -139,11 +142,12 @@ class Life:
     async def _run(self, boot: str) -> bool:
         """One run of a gateway; whether it started."""
         first, started = len(self._made), False
+        name = f"{boot} {first} {self.verdict.not_started}"
         try:
             with ExitStack() as stack:
                 store = stack.enter_context(
                     Store(
-                        self._path, f"{boot} {first} {self.verdict.not_started}", self._clock, commit_s=0.01,
+                        self._path, name, self._clock, commit_s=0.01,
                         retention=Retention(samples_days=0.01, minutes_days=0.01), retry_s=0.01,
                         hangs_after_s=self._hangs_after_s, silent_s=LIMIT_S, origin="here",
                     )
@@ -151,7 +155,7 @@ class Life:
                 past = past_in(store, self._config)
                 store.begin(self._config.canonical(), self._config.fingerprint(), "")
                 started = True
-                await self._serve(store, Service, past)
+                await self._serve(store, name, past)
         except (StoreError, OSError) as error:
             if not started:
                 return False
@@ -168,17 +172,17 @@ class Life:
             self.verdict.wrong.append(f"{boot}: stopped with {self._in_force()} in force")
         return True
 
-    async def _serve(self, store: Store, service_of: type[Service], past: object) -> None:
-        keeper = SnapshotKeeper(past, store, self._config, every_steps=4)  # type: ignore[arg-type]
+    async def _serve(self, store: Store, name: str, past: Past) -> None:
+        keeper = SnapshotKeeper(past, store, self._config, every_steps=4)
 
         async def on_disk() -> None:
             with self._clock.hold():
                 await store.on_disk(LIMIT_S)
 
         with patch("gateway.service.control_of", lambda *_: InProcess(self._nck, self._clock)):
-            service = service_of(
-                self._config, self._clock, in_order([store.record, self._note, keeper.take]), past,  # type: ignore[arg-type]
-                health=lambda: store.health, identity=Identity.of(str(len(self._made)), store.predecessor),
+            service = Service(
+                self._config, self._clock, in_order([store.record, self._note, keeper.take]), past,
+                health=lambda: store.health, identity=Identity.of(name, store.predecessor),
                 on_disk=on_disk,
             )  # fmt: skip
         stop = asyncio.Event()

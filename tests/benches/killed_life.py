@@ -92,8 +92,11 @@ class GatewayLife:
         self._left.now_s = self._clock.monotonic()
         self._memory.keep(self._left)
 
-    async def live(self) -> None:
+    def live(self) -> None:
         """Start, do some steps, stop."""
+        self._clock.run(self._live())
+
+    async def _live(self) -> None:
         death, step = self._death, Controller.step
 
         def learning(controller: Controller, frame: Frame) -> Decision:

@@ -9,7 +9,6 @@ whole life has passed already, so that no time goes into loading libraries.
 `--planted` the gateway has a defect, which is to be found.
 """
 
-import asyncio
 import ctypes
 import gc
 import json
@@ -99,7 +98,7 @@ class KilledMachine:
     def rehearse(self) -> None:
         """A life in this process, of which the next ones are forks."""
         self._disk.fail_from(0, 0, 0, 0)
-        asyncio.run(GatewayLife(self._folder, self._memory, self._lives, Death(WRITING, 0), self._draw).live())
+        GatewayLife(self._folder, self._memory, self._lives, Death(WRITING, 0), self._draw).live()
         assert threading.active_count() == 1, threading.enumerate()
         gc.collect()
         gc.freeze()
@@ -109,7 +108,7 @@ class KilledMachine:
         wrong, death = "", Death(phase, at)
         self._disk.fail_from(at if phase == WRITING else 0, _KILLS, 0, 0)
         try:
-            asyncio.run(GatewayLife(self._folder, self._memory, self._lives, death, self._draw).live())
+            GatewayLife(self._folder, self._memory, self._lives, death, self._draw).live()
         except BaseException as error:  # noqa: BLE001 - whatever it is, it is the result
             sys.setprofile(None)
             wrong = f"life {self._lives}: {error!r}"

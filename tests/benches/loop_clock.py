@@ -1,19 +1,48 @@
 """Simulated time for a process in which nothing goes over a wire."""
 
 import asyncio
-from collections.abc import Sized
+from collections.abc import Callable, Coroutine
+from selectors import DefaultSelector, SelectorKey
+from typing import Any, TypeVar
 
 from tests.benches.stepped_clock import SteppedClock
+
+T = TypeVar("T")
+
+
+class _TellingSelector(DefaultSelector):
+    """Of a loop that calls `idle` when it has nothing to do; True: now it has."""
+
+    def __init__(self, idle: Callable[[], bool]) -> None:
+        super().__init__()
+        self._idle = idle
+
+    def select(self, timeout: float | None = None) -> list[tuple[SelectorKey, int]]:
+        """A loop asks with 0 while callbacks are due."""
+        return super().select(timeout if timeout == 0 or not self._idle() else 0)
 
 
 class LoopClock(SteppedClock):
     """Time goes on as soon as the event loop has nothing to do. There is no wire with bytes on their way."""
 
+    def __init__(self) -> None:
+        super().__init__()
+        self._resting: asyncio.Future[None] | None = None
+
+    def run(self, main: Coroutine[Any, Any, T]) -> T:
+        """As asyncio.run. `run_until` works in here alone."""
+        with asyncio.Runner(loop_factory=lambda: asyncio.SelectorEventLoop(_TellingSelector(self._idle))) as runner:
+            return runner.run(main)
+
     async def _rest(self) -> None:
-        ready: Sized = asyncio.get_running_loop()._ready  # type: ignore[attr-defined] # noqa: SLF001
-        while True:
-            await asyncio.sleep(0)
-            if not ready:
-                if not self.holds:
-                    return
-                await asyncio.sleep(0.0005)
+        self._resting = asyncio.get_running_loop().create_future()
+        await self._resting
+
+    def _idle(self) -> bool:
+        resting = self._resting
+        if resting is None or self.holds:
+            return False
+        self._resting = None
+        if not resting.done():  # it may be cancelled
+            resting.set_result(None)
+        return True

@@ -141,9 +141,9 @@ def _looks(days: int) -> Iterator[float]:
     yield from (quarter * _YEAR / 4 // 1 + 0.5 for quarter in range(1, 4 * days // _YEAR))
 
 
-async def lived(config: GatewayConfig, days: int, process: Executor) -> None:
+async def lived(config: GatewayConfig, days: int, process: Executor, clock: LoopClock) -> None:
     """Take the steps of these days, and print the table. process: for what a gateway leaves to another process"""
-    clock, names, database = LoopClock(), config.input_names, config.storage.path
+    names, database = config.input_names, config.storage.path
     channels = {channel.name for channel in config.channels}
     step_s = round(config.grid.step_s)
     a_day = 86_400 // step_s
@@ -231,7 +231,8 @@ def main() -> None:
         patch("gateway.storage.writer._PRUNE_EVERY_S", _PRUNE_EVERY_S),
         ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as process,
     ):
-        asyncio.run(lived(_config(Path(folder), given.step_s), round(given.years * _YEAR), process))
+        clock = LoopClock()
+        clock.run(lived(_config(Path(folder), given.step_s), round(given.years * _YEAR), process, clock))
 
 
 if __name__ == "__main__":
