@@ -74,7 +74,7 @@ def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, pytest.TestR
 
 
 @pytest.fixture
-async def _no_leaked_tasks() -> AsyncIterator[None]:
+async def no_leaked_tasks() -> AsyncIterator[None]:
     yield
     left = [t for t in asyncio.all_tasks() if t is not asyncio.current_task() and not t.done()]
     assert not left, f"tasks left behind: {left}"
@@ -89,7 +89,7 @@ def _open_channels() -> set[str]:
 def no_leaks(request: pytest.FixtureRequest) -> Iterator[None]:
     """Fail the test that leaves threads, asyncio tasks, sockets or terminals behind."""
     if inspect.iscoroutinefunction(getattr(request.node, "obj", None)):
-        request.getfixturevalue("_no_leaked_tasks")
+        request.getfixturevalue("no_leaked_tasks")
     threads, channels = set(threading.enumerate()), _open_channels()
     yield
     deadline, pause_s = time.monotonic() + _GRACE_S, 0.001

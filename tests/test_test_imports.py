@@ -1,18 +1,23 @@
 """Code that several test files share is in tests/benches; no test file is imported by another.
 
-Tests use what a room offers. To put a defect where it does harm, or to drive a library, a few reach behind it.
+Tests use what a room offers, nothing private. A bench that needs another behaviour of it changes the source
+(tests/benches/changed_source.py).
 """
 
 import ast
 import re
+from collections.abc import Iterator
 from pathlib import Path
 
+import pytest
+
 TESTS = Path(__file__).parent
-REACH_BEHIND = {
-    "benches/loop_clock.py": "asyncio does not tell otherwise whether its loop has work",
-    "benches/planted_for_kills.py": "plants defects",
-    "system/test_fuzz_finds.py": "plants defects",
-}
+FILES = sorted(TESTS.rglob("*.py"))
+PRIVATE = re.compile(r"(?:\w*\.)*_(?!_)\w+")
+"""Of an attribute, with the places before it or without."""
+KERNEL = "talc._kernel"
+"""A module that is loaded by this name, as it is compiled."""
+PART_OF_A_TEXT = ("startswith", "endswith", "removeprefix", "removesuffix")
 
 
 def imported(file: Path) -> set[str]:
@@ -26,16 +31,64 @@ def imported(file: Path) -> set[str]:
     return {name.rpartition(".")[2] for name in names}
 
 
+def named_in_texts(source: str) -> list[str]:
+    """Texts that are a private name, as patch.object, setattr or getattr take it, in a table, too.
+
+    In an f-string, those that follow a dot.
+    """
+    return [text for text in _texts(ast.parse(source)) if PRIVATE.fullmatch(text) and text != KERNEL]
+
+
+def _texts(node: ast.AST) -> Iterator[str]:
+    match node:
+        case ast.Constant(str(text)):
+            yield text
+        case ast.JoinedStr(parts):
+            inner = [(isinstance(part, ast.Constant), text) for part in parts for text in _texts(part)]
+            yield from (text for is_part, text in inner if not is_part or "." in text)
+        case ast.Call(ast.Attribute(text, name)) if name in PART_OF_A_TEXT:
+            yield from _texts(text)
+        case _:
+            yield from (text for child in ast.iter_child_nodes(node) for text in _texts(child))
+
+
 def test_no_file_imports_another_ones_tests() -> None:
     tests = {path.stem for path in TESTS.rglob("test_*.py")}
     mention = re.compile(rf"\b(?:{'|'.join(tests)})\b")
-    suspects = [file for file in TESTS.rglob("*.py") if mention.search(file.read_text("utf-8"))]
+    suspects = [file for file in FILES if mention.search(file.read_text("utf-8"))]
     assert len(suspects) > 10, "docstrings mention test files"
     assert [str(file.relative_to(TESTS)) for file in suspects if not imported(file).isdisjoint(tests)] == []
 
 
-def test_only_those_that_plant_defects_reach_behind_what_a_room_offers() -> None:
-    """Ruff reports the others (SLF001)."""
+def test_no_file_is_excused_for_using_what_is_private() -> None:
+    """Ruff reports it (SLF001)."""
     excused = re.compile(r"noqa:.*\bSLF(?:001)?\b")
-    found = {str(file.relative_to(TESTS)) for file in TESTS.rglob("*.py") if excused.search(file.read_text("utf-8"))}
-    assert found - {Path(__file__).name} == REACH_BEHIND.keys()
+    assert [str(file.relative_to(TESTS)) for file in FILES if excused.search(file.read_text("utf-8"))] == []
+
+
+def test_no_file_names_what_is_private_in_a_text() -> None:
+    found = {str(file.relative_to(TESTS)): named_in_texts(file.read_text("utf-8")) for file in FILES}
+    assert {file: names for file, names in found.items() if names} == {}
+
+
+@pytest.mark.parametrize(
+    "source",
+    [
+        "patch.object(link, 'X')",
+        "DEFECTS = {'a': ((GridLoop, 'X', instead),)}",
+        "monkeypatch.setattr('gateway.storage.writer.X', 2.0)",
+        "for name in ('X',): setattr(module, name, 1)",
+        "monkeypatch.setattr(f'{room}.X', 1)",
+        "getattr(f'{name}', 'X').endswith('Y')",
+    ],
+)
+def test_a_private_name_in_a_text_is_found(source: str) -> None:
+    private = "_" + "answer_at"
+    (found,) = named_in_texts(source.replace("X", private))
+    assert found.endswith(private)
+    assert named_in_texts(source) == []
+
+
+@pytest.mark.parametrize("source", ["f'{name}_um'", "name.endswith('_um')", "'__init__'", "'a _um'", "'talc._kernel'"])
+def test_a_part_of_another_text_is_none(source: str) -> None:
+    assert named_in_texts(source) == []

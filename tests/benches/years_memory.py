@@ -26,7 +26,6 @@ from collections.abc import Iterator
 from concurrent.futures import Executor, ProcessPoolExecutor
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from unittest.mock import patch
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,18 +48,22 @@ from gateway.events import (
 from gateway.metrics import GatewayFigures
 from gateway.nc import Source, Step, Write
 from gateway.past import SnapshotKeeper, past_in
-from gateway.storage import Store
+from gateway.storage import Store, writer
 from gateway.telemetry import TelemetryPublisher
 from gateway.watches import HealthWatch
 from simulators.bench import gateway_toml
 from talc.frame import BoolArray, FloatArray, Frame, Measurement
 from talc.sensor_model import learn
+from tests.benches.changed_source import Change, changed
 from tests.benches.free_port import free_port
 from tests.benches.loop_clock import LoopClock
 from tests.benches.service_memory import memory_mb
 from tests.benches.stepped_clock import EPOCH
 
-_PRUNE_EVERY_S = 2.0
+_PRUNES_OFTEN = (
+    Change(writer, "pruned + _PRUNE_EVERY_S", "pruned + 2.0"),
+    Change(writer, "now - pruned >= _PRUNE_EVERY_S", "now - pruned >= 2.0"),
+)
 _YEAR = 365
 _EXPLAIN_EVERY = 12
 """Steps. A gateway forecasts at each one, which takes half the time of all of this."""
@@ -228,7 +231,7 @@ def main() -> None:
     print(f"{datetime.now(UTC):%Y-%m-%d}, {given.years:g} years in steps of {given.step_s} s")
     with (
         tempfile.TemporaryDirectory() as folder,
-        patch("gateway.storage.writer._PRUNE_EVERY_S", _PRUNE_EVERY_S),
+        changed(_PRUNES_OFTEN),
         ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as process,
     ):
         clock = LoopClock()

@@ -1,6 +1,5 @@
 """Values of CANopen nodes other than the usual one: field values, which the profile scales, and their sizes."""
 
-import math
 import re
 import struct
 from collections.abc import AsyncIterator, Sequence
@@ -13,9 +12,10 @@ import pytest
 from drivers.base import Driver, Quality, SetupError, SystemClock, WrongDevice
 from drivers.build import make_bus, make_device
 from drivers.profiles import load_profile
-from simulators.devices import Cia404Node, SlcanAdapter
+from simulators.devices import Cia404Node, SlcanAdapter, cia404_node
 from simulators.devices.slcan_adapter import CanFrame
 from simulators.devices.source import SensorFault
+from tests.benches.changed_source import Change, changed
 
 pytestmark = pytest.mark.simulated_time
 
@@ -24,6 +24,11 @@ SUPPLIED = (files("drivers") / "profiles" / "cia404.toml").read_text(encoding="u
 PHYSICAL_UNIT = re.compile(r"\[physical_unit\]\n.*\n")
 COUNTS = "scale = 0.05\noffset = -200.0"
 """The emulated converter sends 4000 at 0 degC and 20 more for each degree."""
+WITHOUT_LIMITS = (
+    Change(cia404_node, "SensorFault.OVER if value > _HIGH else SensorFault.UNDER if value < _LOW else None", "None"),
+    Change(cia404_node, "min(max(self._source()[channel], _LOW), _HIGH)", "self._source()[channel]"),
+)
+"""The emulated node shows any temperature, and its status says nothing."""
 
 
 def field_profile(folder: Path, index: str, scaling: str = COUNTS) -> str:
@@ -106,16 +111,15 @@ def test_unit_of_the_node_goes_with_its_process_value(tmp_path: Path, text: str,
 @pytest.mark.parametrize(("index", "size"), [("7100", 2), ("9100", 4)])
 @pytest.mark.parametrize("low", [True, False], ids=["lowest", "highest"])
 async def test_the_ends_of_what_an_object_can_hold_are_no_values(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, index: str, size: int, low: bool
+    tmp_path: Path, index: str, size: int, low: bool
 ) -> None:
-    for name, limit in (("_LOW", -math.inf), ("_HIGH", math.inf)):  # the node's status says nothing
-        monkeypatch.setattr(f"simulators.devices.cia404_node.{name}", limit)
     raw = -(1 << 8 * size - 1) if low else (1 << 8 * size - 1) - 1
     temperatures = [(raw - 4000) / 20.0, (raw + (1 if low else -1) - 4000) / 20.0]
     node = Cia404Node(NODE, lambda: temperatures, inputs=2, digits=0, mapped=int(index, 16))
-    async with bench(node, field_profile(tmp_path, index), "sdo") as driver:
-        await driver.connect()
-        end, last = await driver.read()
+    with changed(WITHOUT_LIMITS):
+        async with bench(node, field_profile(tmp_path, index), "sdo") as driver:
+            await driver.connect()
+            end, last = await driver.read()
     assert (end.quality, last.quality) == (Quality.OUT_OF_RANGE, Quality.GOOD)
     assert end.detail == ("0x8" if low else "0x7") + ("0" if low else "F") * (2 * size - 1) + (
         ", the end of what it can send"

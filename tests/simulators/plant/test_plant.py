@@ -60,7 +60,7 @@ def test_the_page_names_every_number_of_the_hall_with_its_default() -> None:
     own = {field.name: float(getattr(Environment(), field.name)) for field in fields(Environment)}
     own["weather_tau_s"] /= 3600.0
     assert {name: float(value) for name, value in shown.items()} == own
-    assert {"_HEIGHT_M", "_DOOR_SHARE"} <= set(re.findall(r"`(\w+)`", hall))
+    assert {"`_HEIGHT_M`", "`_DOOR_SHARE`"} <= set(re.findall(r"`\w+`", hall))
 
 
 @pytest.fixture(scope="module")
