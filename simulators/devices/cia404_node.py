@@ -117,6 +117,10 @@ class Cia404Node:
         """What a service man does with the maker's tool."""
         self._sensor_types[channel] = code
 
+    def set_digits(self, digits: int) -> None:
+        """Another number of decimal digits, as of a node that takes its place."""
+        self._digits = digits
+
     def set_transmission_type(self, kind: int) -> None:
         """When all TPDOs are sent: 1 after each SYNC, 254 and 255 on events (here the timer's only)."""
         self._transmission_type = kind

@@ -9,13 +9,17 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 
 from pyads import constants
-from pyads.testserver import AdsTestServer, AdvancedHandler, PLCVariable
+from pyads.testserver import AdsTestServer, AdvancedHandler, PLCVariable, testserver
 from pyads.testserver.handler import AmsPacket, AmsResponseData
+
+from tests.benches.changed_source import Change, changed
 
 PORT, NO_SYMBOL = 48898, 1808
 _REPLY = struct.pack("<H", 5)
 _READ_STATE = struct.pack("<H", constants.ADSCOMMAND_READSTATE)
 _NUMBERS = itertools.count(1)
+_STAYS_OPEN = (Change(testserver, "self.server.close()", "self.join(); self.server.close()"),)
+"""The server's socket, while its thread looks at it."""
 
 
 class EmulatedPlc(AdvancedHandler):  # type: ignore[misc]
@@ -38,7 +42,8 @@ class EmulatedPlc(AdvancedHandler):  # type: ignore[misc]
         """As another program that was loaded: each variable is where the other was."""
         first, second = self.get_variable_by_name(one), self.get_variable_by_name(other)
         first.index_offset, second.index_offset = second.index_offset, first.index_offset
-        self._data.update({(each.index_group, each.index_offset): each for each in (first, second)})
+        self.add_variable(first)
+        self.add_variable(second)
 
     def handle_request(self, request: AmsPacket) -> AmsResponseData:
         if request.ams_header.command_id == _READ_STATE and not self.running:
@@ -50,17 +55,6 @@ class EmulatedPlc(AdvancedHandler):  # type: ignore[misc]
             return AmsResponseData(_REPLY, request.ams_header.error_code, struct.pack("<II", NO_SYMBOL, 0))
 
 
-class _PlcServer(AdsTestServer):  # type: ignore[misc]
-    def stop(self) -> None:
-        """As theirs, but the socket stays open while their thread looks at it."""
-        for client in self.clients:
-            client.close()
-        self._run = False
-        if self.is_alive():
-            self.join()
-        self.server.close()
-
-
 def unused_host() -> str:
     """An address on the loopback: ADS has one fixed port, so each server has an address of its own."""
     return f"127.{(os.getpid() >> 8) % 254 + 1}.{os.getpid() % 254 + 1}.{next(_NUMBERS)}"
@@ -70,13 +64,14 @@ def unused_host() -> str:
 def ads_server(plc: EmulatedPlc) -> Iterator[str]:
     """Its address."""
     host = unused_host()
-    server = _PlcServer(handler=plc, ip_address=host, logging=False)
+    server = AdsTestServer(handler=plc, ip_address=host, logging=False)
     server.start()
     _until_it_listens(host)  # one that is stopped before that never ends
     try:
         yield host
     finally:
-        server.stop()
+        with changed(_STAYS_OPEN):
+            server.stop()
 
 
 def _until_it_listens(host: str) -> None:

@@ -280,8 +280,10 @@ async def test_node_that_cannot_keep_the_consumer_time_is_refused(sends_ms: int,
 
 async def test_another_device_profile_is_refused() -> None:
     class Drive(Cia404Node):
-        def _object(self, index: int, subindex: int) -> bytes | int:
-            return (402).to_bytes(4, "little") if index == 0x1000 else super()._object(index, subindex)
+        def on_frame(self, identifier: int, data: bytes) -> Sequence[CanFrame]:
+            if identifier == 0x605 and data[:4] == b"\x40\x00\x10\x00":
+                return [(0x585, b"\x43" + data[1:4] + (402).to_bytes(4, "little"))]
+            return super().on_frame(identifier, data)
 
     async with bench(Drive(5, lambda: TEMPERATURES, inputs=2)) as (_, driver):
         with pytest.raises(WrongDevice, match="device profile 402, not 404"):
@@ -310,8 +312,10 @@ async def test_input_that_was_refused_once_is_read_when_it_answers() -> None:
     class Late(Cia404Node):
         refuses = True
 
-        def _object(self, index: int, subindex: int) -> bytes | int:
-            return 0x08000022 if self.refuses and (index, subindex) == (0x6110, 2) else super()._object(index, subindex)
+        def on_frame(self, identifier: int, data: bytes) -> Sequence[CanFrame]:
+            if self.refuses and identifier == 0x605 and data[:4] == b"\x40\x10\x61\x02":
+                return [(0x585, b"\x80" + data[1:4] + (0x08000022).to_bytes(4, "little"))]
+            return super().on_frame(identifier, data)
 
     node = Late(5, lambda: TEMPERATURES, inputs=2)
     async with bench(node) as (_, driver):

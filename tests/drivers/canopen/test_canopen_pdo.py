@@ -208,20 +208,13 @@ async def test_node_that_starts_anew_is_made_operational_before_its_values_are_d
             assert [r.value for r in await driver.read()] == pytest.approx(TEMPERATURES[:2])
 
 
-class SetAnew(Cia404Node):
-    """Begins anew with another number of decimal digits, as after an exchange."""
-
-    def reboot(self) -> Sequence[CanFrame]:
-        self._digits = 0
-        return super().on_frame(0, bytes((129, 5)))
-
-
 async def test_what_a_node_sent_before_it_started_anew_is_not_taken() -> None:
     """200 with one digit is 20.0, and would be 200 without."""
-    node = SetAnew(5, lambda: [20.0, 30.0], inputs=2, event_ms=80)
+    node = Cia404Node(5, lambda: [20.0, 30.0], inputs=2, event_ms=80)
     async with bench(node, 2, "timer") as (adapter, driver):
         await driver.connect()
         await driver.read()
+        node.set_digits(0)
         adapter.send(node.reboot())
         await asyncio.sleep(0.01)
         for _ in range(3):
