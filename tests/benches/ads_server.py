@@ -12,13 +12,13 @@ from pyads import constants
 from pyads.testserver import AdsTestServer, AdvancedHandler, PLCVariable, testserver
 from pyads.testserver.handler import AmsPacket, AmsResponseData
 
-from tests.benches.changed_source import Change, changed
+from tests.benches.changed_source import SourceChange, changed
 
 PORT, NO_SYMBOL = 48898, 1808
 _REPLY = struct.pack("<H", 5)
 _READ_STATE = struct.pack("<H", constants.ADSCOMMAND_READSTATE)
 _NUMBERS = itertools.count(1)
-_STAYS_OPEN = (Change(testserver, "self.server.close()", "self.join(); self.server.close()"),)
+_STAYS_OPEN = (SourceChange(testserver, "self.server.close()", "self.join(); self.server.close()"),)
 """The server's socket, while its thread looks at it."""
 
 

@@ -12,7 +12,7 @@ from tests.benches.mutated_functions import exchanges
 
 
 @dataclass(frozen=True, slots=True)
-class Change:
+class SourceChange:
     """Within a function of a module. What the new text needs and the module has not, it imports itself."""
 
     module: ModuleType
@@ -22,7 +22,7 @@ class Change:
 
 
 @contextmanager
-def changed(changes: Sequence[Change]) -> Iterator[None]:
+def changed(changes: Sequence[SourceChange]) -> Iterator[None]:
     """Inside, the functions do what their changed source says, for whoever holds them already, too."""
     sources = dict[ModuleType, str]()
     for change in changes:

@@ -4,20 +4,20 @@ from collections.abc import Mapping, Sequence
 
 from gateway.nc import link
 from gateway.storage import mending, waiting
-from tests.benches.changed_source import Change
+from tests.benches.changed_source import SourceChange
 
-PLANTED: Mapping[str, Sequence[Change]] = {
+PLANTED: Mapping[str, Sequence[SourceChange]] = {
     # Rows that could not be stored do not wait any more.
-    "not put back": (Change(waiting, "for item in reversed(list(items)):", "for item in ():"),),
+    "not put back": (SourceChange(waiting, "for item in reversed(list(items)):", "for item in ():"),),
     # Whether anything can be stored makes no difference to the offsets.
     "goes on unstored": (
-        Change(link, "stored,\n            earlier.paused,", "lambda: True,\n            earlier.paused,"),
+        SourceChange(link, "stored,\n            earlier.paused,", "lambda: True,\n            earlier.paused,"),
     ),
     # The damaged file leaves its place before the new one is complete.
     "moved first": (
-        Change(
+        SourceChange(
             mending, "counts, lost = _copy(path, target)", "path.rename(aside); counts, lost = _copy(aside, target)"
         ),
-        Change(mending, "aside.hardlink_to(path)", "pass"),
+        SourceChange(mending, "aside.hardlink_to(path)", "pass"),
     ),
 }

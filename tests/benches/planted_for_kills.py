@@ -10,16 +10,16 @@ from gateway.nc import link
 from gateway.past import rebuild
 from gateway.probing import prober
 from gateway.storage import schema, store, writer
-from tests.benches.changed_source import Change
+from tests.benches.changed_source import SourceChange
 
-PLANTED: Mapping[str, tuple[str, Sequence[Change]]] = {
+PLANTED: Mapping[str, tuple[str, Sequence[SourceChange]]] = {
     # A flush returns before anything is committed.
-    "commit later than said": ("writing", (Change(writer, 'self.put("", (), commit=True)', "return"),)),
+    "commit later than said": ("writing", (SourceChange(writer, 'self.put("", (), commit=True)', "return"),)),
     # A new file gets its version first and its tables in a transaction each.
     "tables one by one": (
         "start",
         (
-            Change(
+            SourceChange(
                 schema,
                 """\
             if version == 0 and not foreign:
@@ -44,7 +44,7 @@ PLANTED: Mapping[str, tuple[str, Sequence[Change]]] = {
     "steps taken out": (
         "rebuild",
         (
-            Change(
+            SourceChange(
                 rebuild,
                 """\
     for step in steps:
@@ -59,7 +59,7 @@ PLANTED: Mapping[str, tuple[str, Sequence[Change]]] = {
         decision = found.controller.step(step.frame)
 """,
             ),
-            Change(
+            SourceChange(
                 rebuild,
                 """\
         progress(found)
@@ -78,7 +78,7 @@ PLANTED: Mapping[str, tuple[str, Sequence[Change]]] = {
     "half a step": (
         "learning",
         (
-            Change(
+            SourceChange(
                 loop,
                 """\
         decision = self._controller.step(frame)
@@ -91,14 +91,14 @@ PLANTED: Mapping[str, tuple[str, Sequence[Change]]] = {
         decision = self._controller.step(frame)
 """,
             ),
-            Change(store, "            _remove_torn_step(connection)\n", ""),
+            SourceChange(store, "            _remove_torn_step(connection)\n", ""),
         ),
     ),
     # A probing request does not wait for its number to be stored.
     "number not stored": (
         "probing",
         (
-            Change(
+            SourceChange(
                 store,
                 "await asyncio.to_thread(self._writer.flush, (WaitingKind.KEPT,), limit_s)",
                 "await asyncio.sleep(0)",
@@ -109,15 +109,15 @@ PLANTED: Mapping[str, tuple[str, Sequence[Change]]] = {
     "moved in a cycle": (
         "probing",
         (
-            Change(link, "if self._hold.on or snapshot.probing", "if self._hold.on"),
-            Change(prober, "            await self.withdraw()\n", "            pass\n"),
+            SourceChange(link, "if self._hold.on or snapshot.probing", "if self._hold.on"),
+            SourceChange(prober, "            await self.withdraw()\n", "            pass\n"),
         ),
     ),
     # The control's watchdog is told to do nothing while the gateway takes its offsets back.
     "unwatched": (
         "stop",
         (
-            Change(
+            SourceChange(
                 link,
                 "        self._state = after(STATES, self._state, Condition.STOP)\n",
                 """\

@@ -14,7 +14,7 @@ from drivers.can import interface, receiver
 from gateway import service
 from gateway.storage import store
 from gateway.watches import clock, health
-from tests.benches.changed_source import Change, changed
+from tests.benches.changed_source import SourceChange, changed
 
 _LOOK_S = 100.0
 """Instead of 5 or 10 s, for the gateway's looks at itself: as often as the bench's buses are polled."""
@@ -26,9 +26,9 @@ that are closed (awaited when the server stops)."""
 _CHANGES = (
     # The port's own wait instead of 0.1 s: one wait is one read of it, which a byte, an unplugged adapter or the
     # thread's stop ends.
-    Change(interface, '"timeout": _SERIAL_WAIT_S', '"timeout": 300.0'),
-    Change(receiver, "recv(_WAIT_S)", "recv(0.0)"),
-    Change(
+    SourceChange(interface, '"timeout": _SERIAL_WAIT_S', '"timeout": 300.0'),
+    SourceChange(receiver, "recv(_WAIT_S)", "recv(0.0)"),
+    SourceChange(
         receiver,
         """\
         self._stopping.set()
@@ -40,15 +40,15 @@ _CHANGES = (
             port.cancel_read()
 """,
     ),
-    Change(health, "Periodic(clock, HEALTH_PERIOD_S)", f"Periodic(clock, {_LOOK_S})"),
-    Change(clock, "Problems(clock, _PERIOD_S, notify, log)", f"Problems(clock, {_LOOK_S}, notify, log)"),
-    Change(clock, "Periodic(self._clock, _PERIOD_S)", f"Periodic(self._clock, {_LOOK_S})"),
-    Change(service, "max(_SHORTEST_LOOK_S, ", f"max({_LOOK_S}, "),
-    Change(store, "mended, look_s, hangs_after_s", f"mended, {_LOOK_S}, hangs_after_s"),
-    Change(client, "await asyncio.sleep(self._stale_check_interval)", _FOR_EVER),
-    Change(uaprocessor, "await asyncio.sleep(timeout)", _FOR_EVER),
-    Change(internal_session, "await asyncio.sleep(min(remaining, max(timeout / 4, 0.1)))", _FOR_EVER),
-    Change(binary_server_asyncio, "await asyncio.sleep(10)", _FOR_EVER),
+    SourceChange(health, "Periodic(clock, HEALTH_PERIOD_S)", f"Periodic(clock, {_LOOK_S})"),
+    SourceChange(clock, "Problems(clock, _PERIOD_S, notify, log)", f"Problems(clock, {_LOOK_S}, notify, log)"),
+    SourceChange(clock, "Periodic(self._clock, _PERIOD_S)", f"Periodic(self._clock, {_LOOK_S})"),
+    SourceChange(service, "max(_SHORTEST_LOOK_S, ", f"max({_LOOK_S}, "),
+    SourceChange(store, "mended, look_s, hangs_after_s", f"mended, {_LOOK_S}, hangs_after_s"),
+    SourceChange(client, "await asyncio.sleep(self._stale_check_interval)", _FOR_EVER),
+    SourceChange(uaprocessor, "await asyncio.sleep(timeout)", _FOR_EVER),
+    SourceChange(internal_session, "await asyncio.sleep(min(remaining, max(timeout / 4, 0.1)))", _FOR_EVER),
+    SourceChange(binary_server_asyncio, "await asyncio.sleep(10)", _FOR_EVER),
 )
 
 

@@ -54,15 +54,15 @@ from gateway.watches import HealthWatch
 from simulators.bench import gateway_toml
 from talc.frame import BoolArray, FloatArray, Frame, Measurement
 from talc.sensor_model import learn
-from tests.benches.changed_source import Change, changed
+from tests.benches.changed_source import SourceChange, changed
 from tests.benches.free_port import free_port
 from tests.benches.loop_clock import LoopClock
 from tests.benches.service_memory import memory_mb
 from tests.benches.stepped_clock import EPOCH
 
 _PRUNES_OFTEN = (
-    Change(writer, "pruned + _PRUNE_EVERY_S", "pruned + 2.0"),
-    Change(writer, "now - pruned >= _PRUNE_EVERY_S", "now - pruned >= 2.0"),
+    SourceChange(writer, "pruned + _PRUNE_EVERY_S", "pruned + 2.0"),
+    SourceChange(writer, "now - pruned >= _PRUNE_EVERY_S", "now - pruned >= 2.0"),
 )
 _YEAR = 365
 _EXPLAIN_EVERY = 12

@@ -20,44 +20,48 @@ from gateway.recordings import cells, files, wire_log
 from gateway.storage import learnt, snapshot
 from gateway.telemetry import command_door
 from gateway.web import older, weeks
-from tests.benches.changed_source import Change, changed
+from tests.benches.changed_source import SourceChange, changed
 from tests.benches.fuzz import SURFACES, fuzzed
 
-GUARDS: Mapping[str, Sequence[Change]] = {
+GUARDS: Mapping[str, Sequence[SourceChange]] = {
     "opcua": (
-        Change(session, "except Exception as error:\n            await", "except () as error:\n            await"),
+        SourceChange(
+            session, "except Exception as error:\n            await", "except () as error:\n            await"
+        ),
     ),
-    "agent": (Change(line, "except (ValueError, RecursionError):", "except RecursionError:"),),
-    "modbus": (Change(frames, "if len(heard) - start <= TCP_HEADER.size:", "if len(heard) == start:"),),
-    "canopen": (Change(canopen_bus, "except SdoCommunicationError as error:", "except () as error:"),),
-    "can": (Change(dbc, "if kept is None:", "if False:"),),
-    "micro_epsilon": (Change(rs485, "    if len(heard) < start + 4:\n        return None\n", ""),),
-    "toml": (Change(reading, "except ValueError as error:", "except () as error:"),),
-    "profiles": (Change(profiles, "except ValueError as error:", "except () as error:"),),
-    "dbc": (Change(dbc_profile, "except (OSError, DbcError, ValueError)", "except (OSError, ValueError)"),),
-    "recordings": (Change(files, "except (ArrowException, OSError, UnicodeDecodeError)", "except UnicodeDecodeError"),),
-    "wire_log": (Change(wire_log, "    if found is None:\n        return None\n", ""),),
+    "agent": (SourceChange(line, "except (ValueError, RecursionError):", "except RecursionError:"),),
+    "modbus": (SourceChange(frames, "if len(heard) - start <= TCP_HEADER.size:", "if len(heard) == start:"),),
+    "canopen": (SourceChange(canopen_bus, "except SdoCommunicationError as error:", "except () as error:"),),
+    "can": (SourceChange(dbc, "if kept is None:", "if False:"),),
+    "micro_epsilon": (SourceChange(rs485, "    if len(heard) < start + 4:\n        return None\n", ""),),
+    "toml": (SourceChange(reading, "except ValueError as error:", "except () as error:"),),
+    "profiles": (SourceChange(profiles, "except ValueError as error:", "except () as error:"),),
+    "dbc": (SourceChange(dbc_profile, "except (OSError, DbcError, ValueError)", "except (OSError, ValueError)"),),
+    "recordings": (
+        SourceChange(files, "except (ArrowException, OSError, UnicodeDecodeError)", "except UnicodeDecodeError"),
+    ),
+    "wire_log": (SourceChange(wire_log, "    if found is None:\n        return None\n", ""),),
     "learnt": (
-        Change(
+        SourceChange(
             learnt,
             'except (KeyError, TypeError, ValueError, AttributeError) as error:\n        raise ValueError(f"controller',
             'except ValueError as error:\n        raise ValueError(f"controller',
         ),
     ),
-    "prior": (Change(prior, "except (ValueError, RecursionError)", "except ValueError"),),
-    "snapshot": (Change(snapshot, "if hashlib.sha256(body).digest() != data[:_CHECKSUM]:", "if False:"),),
+    "prior": (SourceChange(prior, "except (ValueError, RecursionError)", "except ValueError"),),
+    "snapshot": (SourceChange(snapshot, "if hashlib.sha256(body).digest() != data[:_CHECKSUM]:", "if False:"),),
     "parquet": (
-        Change(files, "if types.is_temporal(kind) or types.is_nested(kind):", "if False:"),
-        Change(cells, "except (TypeError, ValueError, OverflowError):", "except (ValueError, OverflowError):"),
+        SourceChange(files, "if types.is_temporal(kind) or types.is_nested(kind):", "if False:"),
+        SourceChange(cells, "except (TypeError, ValueError, OverflowError):", "except (ValueError, OverflowError):"),
     ),
-    "settings": (Change(reading, "except ValueError as error:", "except () as error:"),),
-    "mtconnect": (Change(document, "except expat.ExpatError as error:", "except () as error:"),),
-    "http": (Change(exchange, "    except ValueError:\n", "    except ():\n"),),
-    "mqtt": (Change(mqtt_profile, "except (ValueError, RecursionError):", "except RecursionError:"),),
-    "heard": (Change(instants, "except ValueError:", "except ():"),),
-    "answers": (Change(weeks, "except (OverflowError, OSError) as error:", "except () as error:"),),
-    "queries": (Change(command_door, "if operator is None or not signed:", "if operator is None:"),),
-    "web": (Change(older, "except (ValueError, OverflowError) as error:", "except OverflowError as error:"),),
+    "settings": (SourceChange(reading, "except ValueError as error:", "except () as error:"),),
+    "mtconnect": (SourceChange(document, "except expat.ExpatError as error:", "except () as error:"),),
+    "http": (SourceChange(exchange, "    except ValueError:\n", "    except ():\n"),),
+    "mqtt": (SourceChange(mqtt_profile, "except (ValueError, RecursionError):", "except RecursionError:"),),
+    "heard": (SourceChange(instants, "except ValueError:", "except ():"),),
+    "answers": (SourceChange(weeks, "except (OverflowError, OSError) as error:", "except () as error:"),),
+    "queries": (SourceChange(command_door, "if operator is None or not signed:", "if operator is None:"),),
+    "web": (SourceChange(older, "except (ValueError, OverflowError) as error:", "except OverflowError as error:"),),
 }
 """Without each of them. `except ()` catches nothing."""
 EXAMPLES = {"prior": 400, "dbc": 100, "answers": 400, "web": 1500}

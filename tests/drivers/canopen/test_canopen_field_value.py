@@ -15,7 +15,7 @@ from drivers.profiles import load_profile
 from simulators.devices import Cia404Node, SlcanAdapter, cia404_node
 from simulators.devices.slcan_adapter import CanFrame
 from simulators.devices.source import SensorFault
-from tests.benches.changed_source import Change, changed
+from tests.benches.changed_source import SourceChange, changed
 
 pytestmark = pytest.mark.simulated_time
 
@@ -25,8 +25,10 @@ PHYSICAL_UNIT = re.compile(r"\[physical_unit\]\n.*\n")
 COUNTS = "scale = 0.05\noffset = -200.0"
 """The emulated converter sends 4000 at 0 degC and 20 more for each degree."""
 WITHOUT_LIMITS = (
-    Change(cia404_node, "SensorFault.OVER if value > _HIGH else SensorFault.UNDER if value < _LOW else None", "None"),
-    Change(cia404_node, "min(max(self._source()[channel], _LOW), _HIGH)", "self._source()[channel]"),
+    SourceChange(
+        cia404_node, "SensorFault.OVER if value > _HIGH else SensorFault.UNDER if value < _LOW else None", "None"
+    ),
+    SourceChange(cia404_node, "min(max(self._source()[channel], _LOW), _HIGH)", "self._source()[channel]"),
 )
 """The emulated node shows any temperature, and its status says nothing."""
 
