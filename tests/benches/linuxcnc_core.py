@@ -90,7 +90,7 @@ def core_us(situations: int, *, cold: bool = False) -> FloatArray:
         strict = ["-std=gnu11", *_AS_A_MODULE, "-Wall", "-Wextra", "-Werror", f"-DREPEATED={_REPEATED}"]
         command = ["gcc", *strict, f"-I{FILES}", "-x", "c", "-", "-o", str(program), "-lm"]
         subprocess.run(command, input=_SOURCE, text=True, check=True)
-        run = [program, str(situations), *(["cold"] if cold else [])]
+        run = [str(program), str(situations), *(["cold"] if cold else [])]
         said = subprocess.run(run, check=True, capture_output=True, text=True).stdout
     return np.array(said.split(), dtype=np.float64) / clocks_per_us()
 

@@ -50,7 +50,7 @@ def on_real_time_kernel(command: str, folder: Path) -> str:
     _make_archive(archive, folder / "files", modules, f"cd {shlex.quote(str(ROOT))} && {command}")
     emulator = [
         "qemu-system-x86_64", "-machine", "q35", "-accel", "tcg,thread=single", "-cpu", "max", "-smp", "1",
-        "-icount", "shift=0,sleep=off", "-m", "2G", "-display", "none", "-nodefaults", "-no-reboot",
+        "-icount", "shift=0,sleep=on", "-m", "2G", "-display", "none", "-nodefaults", "-no-reboot",
         "-kernel", str(kernel), "-initrd", str(archive), "-append", "console=ttyS0 quiet panic=-1",
         "-fsdev", "local,id=host,path=/,security_model=none,readonly=on,multidevs=remap",
         "-device", "virtio-9p-pci,fsdev=host,mount_tag=host",
