@@ -33,7 +33,7 @@ from talc.training import train
 
 SEEDS = range(1, 21)
 DEFAULT = TalcSettings(method="learner")
-LEARNER = replace(DEFAULT, learner=LearnerSettings(limit_um=3.0, limit_um_per_m=9.0))
+LEARNER = replace(DEFAULT, learner=LearnerSettings(limit_um=2.5, limit_um_per_m=7.5))
 """As in the demo's configuration."""
 HOURS = 72.0
 _EPOCH = datetime(2026, 1, 5, 6, tzinfo=UTC)

@@ -154,7 +154,7 @@ class LearnerSettings:
     policy: Literal["uncertainty", "fixed"] = "uncertainty"
     """When to measure: by the limits above, within the two bounds below; or at a fixed interval."""
     shortest_interval_steps: int = 4
-    """It measures at most this often."""
+    """It measures at most this often, but for the first measurement after the reference."""
     longest_interval_steps: int = 48
     """It measures at least this often."""
     measurement_interval_steps: int = 24

@@ -19,8 +19,8 @@ _EPOCH = datetime(2026, 1, 5, 6, tzinfo=UTC)
 """A Monday morning."""
 STEPS_PER_HOUR = 12
 _LIMITS = """[talc.learner]
-limit_um = 3.0                     # 5 and 15 by default; Y moves by 7 µm RMS, and is worth more measurements
-limit_um_per_m = 9.0
+limit_um = 2.5                     # 5 and 15 by default; Y moves by 7 µm RMS, and is worth more measurements
+limit_um_per_m = 7.5
 """
 _PLANNED_LOAD = """
 # What a person may plan; from the third day on, the page says when the machine would be ready (docs/page.md).

@@ -254,13 +254,17 @@ class LearningCourse:
             return Why.NO_GOOD
         if s.policy == "fixed":
             return Why.INTERVAL if since >= s.measurement_interval_steps else None
-        if since < s.shortest_interval_steps:
+        if since < self._shortest_interval():
             return None
         if self._wanted is not None:
             return self._wanted
         if since >= s.longest_interval_steps:
             return Why.INTERVAL
         return Why.UNCERTAINTY if self._unsure(after) else None
+
+    def _shortest_interval(self) -> int:
+        """The first measurement of a phase is not held back: from the reference alone nothing has been learnt."""
+        return self._settings.shortest_interval_steps if self._measured else 1
 
     def _unsure(self, estimate: Estimate) -> bool:
         return bool((TWO_SIDED_95 * estimate.sigma > self._limits).any())
@@ -274,7 +278,7 @@ class LearningCourse:
             return k + 1, Why.NO_GOOD
         if s.policy == "fixed":
             return max(k + 1, self._last_measured + s.measurement_interval_steps), Why.INTERVAL
-        first = max(k + 1, self._last_measured + s.shortest_interval_steps)
+        first = max(k + 1, self._last_measured + self._shortest_interval())
         if self._wanted is not None:
             return first, self._wanted
         last = max(first, self._last_measured + s.longest_interval_steps)
