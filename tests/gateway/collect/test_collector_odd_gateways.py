@@ -79,7 +79,10 @@ def test_rows_that_are_told_again_are_kept_once_and_an_empty_promise_of_more_is_
             StoredTable(E, 1, numbers=[1], columns=(ONE, StoredColumn("epoch", "number", [1.0]))),
             "column epoch: occurs twice",
         ),
-        (StoredTable(E, 1, numbers=[1], columns=(ONE, StoredColumn("day", "number", [1.0]))), "column day: occurs twice"),
+        (
+            StoredTable(E, 1, numbers=[1], columns=(ONE, StoredColumn("day", "number", [1.0]))),
+            "column day: occurs twice",
+        ),
         (StoredTable(E, 1, numbers=[1], columns=(ONE, StoredColumn("t", "text", [0.5], ("a",)))), "column t: "),
         (StoredTable(more=True), "events: has no epoch, not even from the beginning"),
         (StoredTable(problem="events cannot be read: a page is damaged"), "events cannot be read"),
