@@ -75,7 +75,7 @@ def rehearse(
     ------
     ValueError
         A column is missing, has two roles, or would become an input though it looks like an error, resembles one, or
-        has values only where an error has them. No error has a value, or one is named like another column of the
+        has values only where an error has them. No error has a value, or one has the name of another column of the
         result. The name of an error's column says another unit than `unit_um`.
     TypeError
         `df` is no DataFrame, or another argument is of a wrong type.
@@ -173,7 +173,7 @@ def _refuse_few_steps(rows: int, steps: int, step_s: float) -> None:
 
 
 def _refuse_a_name_twice(errors: Sequence[str]) -> None:
-    """ValueError: an error is named like another column of the result."""
+    """ValueError: an error has the name of another column of the result."""
     made = {f"{error}_{name}" for error in errors for name in (*_OF_A_DECISION, "measured", "trusted")} | set(
         _OF_A_STEP
     )

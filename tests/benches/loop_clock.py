@@ -35,6 +35,7 @@ class LoopClock(SteppedClock):
             return runner.run(main)
 
     async def _rest(self) -> None:
+        assert self._resting is None or self._resting.done(), "one `run_until` at a time"
         self._resting = asyncio.get_running_loop().create_future()
         await self._resting
 

@@ -41,7 +41,7 @@ class SiteRun:
     """What came out."""
 
     stored: int
-    """GrowingCount in all gateways' stores."""
+    """Rows in all gateways' stores."""
     lost: int
     doubled_or_moved: int
     live_p50_s: float

@@ -22,11 +22,6 @@ async def bench(tmp_path: Path) -> AsyncIterator[AgentBench]:
         yield it
 
 
-async def pass_time(bench: AgentBench, seconds: float) -> None:
-    """By the clock of LinuxCNC's own real-time thread, which counts while it moves an axis from 0."""
-    await bench.operator.ask("mdi", f"G53 G1 X{50.0 * seconds} F3000")
-
-
 async def test_snapshot_shows_what_the_control_does(bench: AgentBench) -> None:
     await bench.operator.ask("mdi", "G53 G0 X5 A-45 C90")
     at_rest = await bench.nc.snapshot()
@@ -121,7 +116,7 @@ async def test_silence_holds_the_offsets_then_takes_them_to_zero_and_a_beat_ends
     assert 0 < there[0] < 40.0
     assert there[1] > -10.0
     async with bench.beating(7):
-        await pass_time(bench, 0.2)  # a ramp would take 4 µm
+        await bench.pass_time(0.2)  # a ramp would take 4 µm
         assert await bench.nc.read_compensation() == pytest.approx(there, abs=0.2)
     began, from_um = time.monotonic(), there[0]
 
@@ -170,7 +165,7 @@ async def test_ramp_zero_holds_and_release_acts_at_once(bench: AgentBench) -> No
 
     await until(silent)
     held = await bench.nc.read_compensation()
-    await pass_time(bench, 0.3)
+    await bench.pass_time(0.3)
     assert await bench.nc.read_compensation() == held
     assert held[0] > 0
 
@@ -264,7 +259,7 @@ async def test_a_claim_after_a_release_that_the_real_time_thread_has_not_seen_ho
         await nc.release(7)
         await nc.claim(8, WatchdogTerms(600.0, 1.0))
         await bench.operator.ask("thaw", "rtapi_app")
-        await pass_time(bench, 2.0)
+        await bench.pass_time(2.0)
         assert await nc.read_compensation() == pytest.approx(there, abs=1e-3)
 
 
