@@ -18,6 +18,8 @@ from talc.search import BLOCKS
 from talc.settings import TrainingSettings
 from talc.window import Window
 
+__all__ = ["Cancelled", "Progress", "train"]
+
 _POLES = (0.7, 0.88, 0.95, 0.98)
 """Time constants at 5 min: 14 min, 39 min, 97 min, 4 h."""
 _LEAST_VALID = 0.8

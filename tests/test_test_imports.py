@@ -11,12 +11,17 @@ from pathlib import Path
 
 import pytest
 
+from tests.benches.private_names import private_of_others
+
 TESTS = Path(__file__).parent
 FILES = sorted(TESTS.rglob("*.py"))
 PRIVATE = re.compile(r"(?:\w*\.)*_(?!_)\w+")
 """Of an attribute, with the places before it or without."""
 KERNEL = "talc._kernel"
 """A module that is loaded by this name, as it is compiled."""
+CLOCK = "from tests.benches.loop_clock import LoopClock\n"
+"""A class with private names, its own and those of another module."""
+OVERRIDES = "A: _now overrides another's"
 PART_OF_A_TEXT = ("startswith", "endswith", "removeprefix", "removesuffix")
 
 
@@ -92,3 +97,41 @@ def test_a_private_name_in_a_text_is_found(source: str) -> None:
 @pytest.mark.parametrize("source", ["f'{name}_um'", "name.endswith('_um')", "'__init__'", "'a _um'", "'talc._kernel'"])
 def test_a_part_of_another_text_is_none(source: str) -> None:
     assert named_in_texts(source) == []
+
+
+def test_no_file_imports_inherits_or_overrides_what_is_private() -> None:
+    found = {str(file.relative_to(TESTS)): private_of_others(file.read_text("utf-8")) for file in FILES}
+    assert {file: names for file, names in found.items() if names} == {}
+
+
+@pytest.mark.parametrize(
+    ("source", "said"),
+    [
+        ("from talc.X import Progress", "talc.X.Progress"),
+        ("from talc import X", "talc.X"),
+        ("import talc.X as kernel", "talc.X"),
+        ("one.__class__ = Other", "one.__class__ ="),
+        ("class A(B):\n def f(self): return self.X", "A: X is not defined here"),
+        ("class A(B):\n async def f(self): await super().X()", "A: X is not defined here"),
+        (f"{CLOCK}class A(LoopClock):\n def _idle(self): pass", "A: _idle overrides another's"),
+        (f"{CLOCK}class B(LoopClock): pass\nclass A(B):\n def f(self): self._now = 1", OVERRIDES),
+        ("import tests.benches.loop_clock\nclass A(tests.benches.loop_clock.LoopClock):\n _now = 1", OVERRIDES),
+        ("import tests.benches.loop_clock as c\nclass A(c.LoopClock):\n _now: int", OVERRIDES),
+    ],
+)
+def test_what_is_private_and_another_file_s_is_found(source: str, said: str) -> None:
+    own = "_" + "own"
+    assert private_of_others(source.replace("X", own)) == [said.replace("X", own)]
+
+
+@pytest.mark.parametrize(
+    "source",
+    [
+        "from talc.training import Progress",
+        "class A(B):\n def _x(self): return self._y()\nclass B:\n def _y(self): pass",
+        "class A(B[int]):\n def __init__(self): self._x = self._y\n _y: int = 1",
+        f"{CLOCK}class A(LoopClock):\n def rest(self): self._mine = super().__init__()",
+    ],
+)
+def test_what_is_private_and_the_file_s_own_is_none(source: str) -> None:
+    assert private_of_others(source) == []

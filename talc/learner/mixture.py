@@ -6,8 +6,8 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
-from talc import _kernel
 from talc.frame import FloatArray
+from talc.learner import filters
 from talc.learner.experts import EXPERTS, OTHERS_EXPERTS, UNIT, Expert
 from talc.names import THERMAL_ERRORS
 
@@ -241,7 +241,7 @@ class Mixture:
         s, mean, variance = self._s, np.zeros(self._errors), np.zeros(self._errors)
         if not s.count.any():  # with many inputs, even zeros take long to read
             return mean, variance
-        _kernel.mixtures_predict(s.mean, s.weight, s.mixed, s.drift, s.elapsed + ahead, x, mean, variance)
+        filters.predict(s.mean, s.weight, s.mixed, s.drift, s.elapsed + ahead, x, mean, variance)
         return mean, variance + s.jolt + np.where(s.count > 0, s.weight @ self._misfit, 0.0)
 
     def each(self, x: FloatArray) -> FloatArray:
@@ -256,7 +256,7 @@ class Mixture:
         growth = s.drift * s.elapsed[:, None]
         growth[:, self._level] += s.jolt
         gain = np.empty_like(growth)
-        _kernel.mixtures_gain(s.mixed, x, gain)
+        filters.gain(s.mixed, x, gain)
         gain += growth * x
         here, there = s.mean @ x, s.mean[:, :, :-1] @ others.T
         apart = here - np.sum(s.weight * here, axis=1)[:, None]
@@ -272,7 +272,7 @@ class Mixture:
             which, g = np.nonzero(variance)
             more = (1.0 - 1.0 / factor[first[g] // lags] ** 2) / variance[which, g]
             own = s.covariance[j], s.mean[j], times, which, first[g], lags, more
-            _kernel.filters_rescale(*own, s.weight[j], _LEAST_MIXED, s.mixed[j])
+            filters.rescale(*own, s.weight[j], _LEAST_MIXED, s.mixed[j])
 
     def learn(self, x: FloatArray, errors: FloatArray, sigma: FloatArray, doubt: FloatArray) -> Surprise:
         """Take in a measurement: (9,) errors, NaN where there is none, and their standard uncertainties.
@@ -295,7 +295,7 @@ class Mixture:
             self._begin(j, y, noise)
         growth = self._growth * s.elapsed[j]
         growth[:, self._level] += s.jolt[j]
-        _kernel.filters_look(covariance, growth, x, gain, spread)
+        filters.look(covariance, growth, x, gain, spread)
         spread += self._misfit  # noise of the filter's own: the kernel needs the sum of both
         innovation = y - np.sum(mean * x, axis=1)
         weight = s.weight[j]
@@ -326,7 +326,7 @@ class Mixture:
         s.elapsed[j] = s.jolt[j] = 0.0
         renewed = self._evidence if s.count[j] >= _EVIDENCE_FROM else self._evidence[:0]
         groups = (s.cursor + self._groups) % max(self._inputs, 1)
-        _kernel.filters_learn(
+        filters.learn(
             covariance,
             mean,
             *(gain, spread, innovation, noise),

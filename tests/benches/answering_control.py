@@ -13,7 +13,8 @@ class AnsweringControl:
     answers: dict[str, Any] = field(default_factory=dict)
     asked: list[tuple[Any, ...]] = field(default_factory=list)
 
-    def _answer(self, operation: str, *given: object) -> Any:
+    def answer(self, operation: str, *given: object) -> Any:
+        """What every operation returns. Raises what is set as its answer, if that is an error."""
         self.asked.append((operation, *given))
         answer = self.answers.get(operation)
         if isinstance(answer, Exception):
@@ -21,37 +22,37 @@ class AnsweringControl:
         return answer
 
     async def connect(self) -> None:
-        self._answer("connect")
+        self.answer("connect")
 
     async def close(self) -> None:
-        self._answer("close")
+        self.answer("close")
 
     async def snapshot(self) -> NcSnapshot:
-        return cast("NcSnapshot", self._answer("snapshot"))
+        return cast("NcSnapshot", self.answer("snapshot"))
 
     async def request_probing(self, number: int) -> None:
-        self._answer("request_probing", number)
+        self.answer("request_probing", number)
 
     async def probing_status(self, number: int) -> RequestStatus:
-        return cast("RequestStatus", self._answer("probing_status", number))
+        return cast("RequestStatus", self.answer("probing_status", number))
 
     async def withdraw_probing(self, number: int) -> None:
-        self._answer("withdraw_probing", number)
+        self.answer("withdraw_probing", number)
 
     async def write_compensation(self, offsets_um: tuple[float, float, float]) -> None:
-        self._answer("write_compensation", offsets_um)
+        self.answer("write_compensation", offsets_um)
 
     async def read_compensation(self) -> tuple[float, float, float]:
-        return cast("tuple[float, float, float]", self._answer("read_compensation"))
+        return cast("tuple[float, float, float]", self.answer("read_compensation"))
 
     async def claim(self, owner: int, terms: WatchdogTerms, predecessor: int | None = None) -> None:
-        self._answer("claim", owner, terms, predecessor)
+        self.answer("claim", owner, terms, predecessor)
 
     async def heartbeat(self, owner: int) -> bool:
-        return cast("bool", self._answer("heartbeat", owner))
+        return cast("bool", self.answer("heartbeat", owner))
 
     async def release(self, owner: int) -> None:
-        self._answer("release", owner)
+        self.answer("release", owner)
 
 
 class AnsweringSlopes(AnsweringControl):
@@ -59,21 +60,21 @@ class AnsweringSlopes(AnsweringControl):
 
     @property
     def pairs(self) -> frozenset[tuple[int, int]]:
-        return cast("frozenset[tuple[int, int]]", self._answer("pairs"))
+        return cast("frozenset[tuple[int, int]]", self.answer("pairs"))
 
     @property
     def reference_mm(self) -> tuple[float, float, float]:
-        return cast("tuple[float, float, float]", self._answer("reference_mm"))
+        return cast("tuple[float, float, float]", self.answer("reference_mm"))
 
     @property
     def reach_mm(self) -> tuple[float, float, float]:
-        return cast("tuple[float, float, float]", self._answer("reach_mm"))
+        return cast("tuple[float, float, float]", self.answer("reach_mm"))
 
     async def write_linear(self, offsets: LinearOffsets) -> None:
-        self._answer("write_linear", offsets)
+        self.answer("write_linear", offsets)
 
     async def read_linear(self) -> LinearOffsets:
-        return cast("LinearOffsets", self._answer("read_linear"))
+        return cast("LinearOffsets", self.answer("read_linear"))
 
 
 class AnsweringErrors(AnsweringControl):
@@ -81,14 +82,14 @@ class AnsweringErrors(AnsweringControl):
 
     @property
     def error_reach_mm(self) -> tuple[float, float] | None:
-        return cast("tuple[float, float] | None", self._answer("error_reach_mm"))
+        return cast("tuple[float, float] | None", self.answer("error_reach_mm"))
 
     @property
     def slopes(self) -> TakesSlopes | None:
-        return cast("TakesSlopes | None", self._answer("slopes"))
+        return cast("TakesSlopes | None", self.answer("slopes"))
 
     async def write_errors(self, errors: NineErrors) -> None:
-        self._answer("write_errors", errors)
+        self.answer("write_errors", errors)
 
     async def read_errors(self, radius_mm: float) -> tuple[float, ...]:
-        return cast("tuple[float, ...]", self._answer("read_errors", radius_mm))
+        return cast("tuple[float, ...]", self.answer("read_errors", radius_mm))

@@ -34,7 +34,7 @@ class LoopClock(SteppedClock):
         with asyncio.Runner(loop_factory=lambda: asyncio.SelectorEventLoop(_TellingSelector(self._idle))) as runner:
             return runner.run(main)
 
-    async def _rest(self) -> None:
+    async def rest(self) -> None:
         assert self._resting is None or self._resting.done(), "one `run_until` at a time"
         self._resting = asyncio.get_running_loop().create_future()
         await self._resting

@@ -56,17 +56,17 @@ class ScriptedDevice:
         self._failed = False
         self.asked: list[float] = []
         self.hang = False
-        self._clock, self._bus = clock, bus
+        self.clock, self._bus = clock, bus
 
     async def connect(self) -> None:
         if self.fault_at_connect is not None:
-            self.asked.append(self._clock.monotonic())
+            self.asked.append(self.clock.monotonic())
             raise self.fault_at_connect
 
     async def read(self, *, again: bool = False) -> Sequence[Reading]:
-        assert self._clock.holds > 0, "a wire is used while simulated time runs"
+        assert self.clock.holds > 0, "a wire is used while simulated time runs"
         assert self._bus.is_open, "a device is read on a closed bus"
-        self.asked.append(self._clock.monotonic())
+        self.asked.append(self.clock.monotonic())
         if self.hang:
             await asyncio.Event().wait()
         if self.fault is not None:
@@ -76,14 +76,14 @@ class ScriptedDevice:
             self.fault, self.fault_then = self.fault_then, None
             self._fail(fault)
         self._failed = False
-        self._clock.spend(self.takes_s)
-        now = self._clock.monotonic()
-        return [Reading(self.channels[0], 20.0 + now / 1000, "degC", self.quality, self._clock.utc(), now)]
+        self.clock.spend(self.takes_s)
+        now = self.clock.monotonic()
+        return [Reading(self.channels[0], 20.0 + now / 1000, "degC", self.quality, self.clock.utc(), now)]
 
     def _fail(self, fault: Exception) -> NoReturn:
         first_s = None if self._failed else self.first_fault_takes_s
         self._failed = True
-        self._clock.spend(self.fault_takes_s if first_s is None else first_s)
+        self.clock.spend(self.fault_takes_s if first_s is None else first_s)
         if first_s is not None and isinstance(fault, NoAnswer):
             raise NoAnswer(str(fault), hurried=True)
         raise fault

@@ -63,15 +63,16 @@ class SteppedClock:
 
     async def run_until(self, monotonic_s: float) -> None:
         """Let time pass, waking every sleeper at its time."""
-        await self._rest()
+        await self.rest()
         while self._sleepers and self._sleepers[0][0] <= monotonic_s:
             at, _, future = heapq.heappop(self._sleepers)
             self._now = max(self._now, at)
             if not future.done():
                 future.set_result(None)
-            await self._rest()
+            await self.rest()
         self._now = max(self._now, monotonic_s)
 
-    async def _rest(self) -> None:
+    async def rest(self) -> None:
+        """Return when nothing more happens unless time goes on; overridden where something else counts too."""
         for _ in range(_IDLE_TURNS):
             await asyncio.sleep(0)

@@ -8,8 +8,8 @@ from tests.benches.stepped_clock import SteppedClock
 class WireClock(SteppedClock):
     """Simulated time that also waits for what goes over a real wire."""
 
-    async def _rest(self) -> None:
-        await super()._rest()
+    async def rest(self) -> None:
+        await super().rest()
         while self.holds:
             await asyncio.sleep(0.0005)
-            await super()._rest()
+            await super().rest()

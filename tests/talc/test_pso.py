@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from talc import criteria
-from talc._kernel import Progress
 from talc.admm import admm
 from talc.arx import Regression
 from talc.pso import Chosen, select_by_swarm
+from talc.training import Progress
 from talc.window import Structure, Window
 from tests.benches.thermal_series import series
 

@@ -7,12 +7,11 @@ import pytest
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from talc._kernel import Progress
 from talc.frame import TrainingJob, Why
 from talc.models import ModelSet
 from talc.output_error import Design, fit
 from talc.settings import TrainingSettings
-from talc.training import Cancelled, train
+from talc.training import Cancelled, Progress, train
 from tests.benches.thermal_series import ThermalSeries, series
 
 Array = NDArray[np.float64]

@@ -121,7 +121,7 @@ class LaterDevice(ScriptedDevice):
 
     async def ask_later(self) -> None:
         self.later += 1
-        self._clock.spend(0.3)
+        self.clock.spend(0.3)
 
 
 async def test_only_one_device_a_period_is_asked_for_what_it_left_out() -> None:

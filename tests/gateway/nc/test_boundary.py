@@ -178,7 +178,7 @@ async def test_the_traceback_of_each_place_is_logged_once(caplog: pytest.LogCapt
 class Unreliable(AnsweringControl):
     """Raises the same at two lines, in turn, for the same call."""
 
-    def _answer(self, operation: str, *given: object) -> Any:
+    def answer(self, operation: str, *given: object) -> Any:
         self.asked.append((operation, *given))
         if len(self.asked) % 2:
             raise ValueError("odd")

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from talc import _kernel
+from talc.learner import filters
 from talc.learner.experts import UNIT, Expert
 from talc.learner.mixture import Mixture
 from tests.benches.normal_posterior import Array, posterior
@@ -119,7 +119,7 @@ def test_a_renewed_prior_gives_the_posterior_of_a_filter_that_began_with_it() ->
         began = prior.copy()
         began[own] = after
         cov, mean = filtered(x, y, prior)
-        _kernel.filters_inform(
+        filters.inform(
             cov, mean, np.array([0]), np.array([own.start]), 2, np.array([1.0 / after - 1.0 / prior[own.start]])
         )
         wanted_cov, wanted_mean = filtered(x, y, began)
@@ -187,7 +187,7 @@ def filtered(x: Array, y: Array, prior: Array) -> tuple[Array, Array]:
     cov[0, np.arange(n) * (np.arange(n) + 3) // 2] = prior
     gain, spread, still = np.empty((1, n)), np.empty(1), np.zeros((1, n))
     for row, value in zip(x, y, strict=True):
-        _kernel.filters_look(cov, still, row, gain, spread)
+        filters.look(cov, still, row, gain, spread)
         learn(cov, mean, gain, spread, np.array([value - mean[0] @ row]), NOISE**2)
     return cov, mean
 
@@ -206,7 +206,7 @@ def learn(
     prior, first, groups, rules = evidence or (*np.ones((2, *mean.shape)), np.array([0]), np.ones(6))
     which, mixed = np.zeros(0 if evidence is None else 1, dtype=np.int64), np.empty(cov.shape[1])
     own = prior, first, which, groups, LAGS, rules
-    _kernel.filters_learn(cov, mean, gain, spread, innovation, noise, *own, np.array([0.5]), 0.0, mixed)
+    filters.learn(cov, mean, gain, spread, innovation, noise, *own, np.array([0.5]), 0.0, mixed)
     return mixed
 
 
@@ -222,7 +222,7 @@ def test_covariances_stay_positive_over_long_runs_without_drift() -> None:
     cov[0, np.arange(n) * (np.arange(n) + 3) // 2] = 900.0
     gain, spread, still = np.empty((1, n)), np.empty(1), np.zeros((1, n))
     for k, row in enumerate(x):
-        _kernel.filters_look(cov, still, row, gain, spread)
+        filters.look(cov, still, row, gain, spread)
         learn(cov, mean, gain, spread, np.zeros(1), 0.0625)
         if k % 1000 == 999:
             full = np.zeros((n, n))
