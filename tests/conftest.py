@@ -11,6 +11,7 @@ from collections.abc import AsyncIterator, Generator, Iterator
 import pytest
 from hypothesis import HealthCheck, settings
 
+from tests.benches import asked_again
 from tests.benches.dealing import dealt
 from tests.benches.processes import open_links
 from tests.benches.simulated_time import real_monotonic_s, simulated_time
@@ -41,6 +42,10 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     """After the choice of tests."""
     workers = int(getattr(config, "workerinput", {}).get("workercount", 1))
     items[:] = dealt(items, lambda item: item.path, _minutes, workers)
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    config.pluginmanager.register(asked_again)
 
 
 def pytest_collection_finish() -> None:

@@ -1,9 +1,12 @@
 """Asking a device of another program as the service does: again, when it is later than usual."""
 
 import asyncio
-from collections.abc import Awaitable, Callable, Sequence
+from collections import Counter
+from collections.abc import Awaitable, Callable, Generator, Iterable, Sequence
 from contextlib import suppress
 from typing import TypeVar
+
+import pytest
 
 from drivers.base import Driver, NoAnswer, Reading
 
@@ -13,12 +16,49 @@ MOST_REPEATS = 20
 
 Answer = TypeVar("Answer")
 
+_PROPERTY = "asked again"
+_counted = Counter[str]()
+"""Repeats so far in this process."""
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_call(item: pytest.Item) -> Generator[None, object, object]:
+    """The report of a test has its repeats in it, the one that a worker sends, too."""
+    before = _counted["repeats"]
+    try:
+        return (yield)
+    finally:
+        if repeats := _counted["repeats"] - before:
+            item.user_properties.append((_PROPERTY, repeats))
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """Write how often devices were asked again, if at all."""
+    if line := told(report for reports in terminalreporter.stats.values() for report in reports):
+        terminalreporter.write_line(line)
+
+
+def told(reports: Iterable[object]) -> str:
+    """A line for the summary; empty if no device was asked again."""
+    tests = {
+        report.nodeid: int(str(value))
+        for report in reports
+        if isinstance(report, pytest.TestReport) and report.when == "call"
+        for name, value in report.user_properties
+        if name == _PROPERTY
+    }
+    if not tests:
+        return ""
+    worst = max(tests, key=lambda test: tests[test])
+    return f"asked again: {sum(tests.values())} times in {len(tests)} tests, {tests[worst]} times in {worst}"
+
 
 async def answered(ask: Callable[[bool], Awaitable[Answer]]) -> Answer:
     """The answer to a question, which is told whether it continues with one that was not answered.
 
     On a serial line the driver learns from the first answer to wait no longer than 50 ms, and leaves it to who polls to
     ask again; a late answer is as good. On a busy computer another program is later now and then.
+    The summary of the tests tells how often.
 
     Raises NoAnswer after MOST_REPEATS, TimeoutError after LIMIT_S.
     """
@@ -26,6 +66,7 @@ async def answered(ask: Callable[[bool], Awaitable[Answer]]) -> Answer:
         for repeats in range(MOST_REPEATS):
             with suppress(NoAnswer):
                 return await ask(repeats > 0)
+            _counted["repeats"] += 1
         return await ask(True)
 
 
