@@ -212,7 +212,10 @@ def test_on_silence_the_errors_go_to_zero_no_faster_than_the_ramp_and_the_slew(r
     stood = channel.shift_um
     assert channel.turn(195)[-1] == pytest.approx(stood)
     rate = min(ramp_um_per_s, SLEW_UM_PER_S)
+    before = channel.in_force
     assert np.abs(np.diff(channel.turn(100), axis=0)).max() <= rate * IPO_S * (1 + 1e-9)
+    moved = LARGEST @ np.abs(channel.in_force - before)
+    assert moved.max() <= rate * 100 * IPO_S * (1 + 1e-9), "at no point of the travel"
     assert channel.r[STATE] == 2.0
     assert channel.shift_um != pytest.approx(stood)
     channel.want(WARM)  # a write that arrives now

@@ -93,6 +93,7 @@ async def test_offsets_stand_still_also_while_another_client_has_the_control_pro
         at.link.follow(wants(25.0))
         await at.clock.run_until(60.0)
         assert nck.cycle.started_s is not None
+        at.link.follow(wants(35.0))  # the ramp to 25 may have ended before the cycle began
         again = asyncio.create_task(at.link.measure(Why.INTERVAL))
         await at.clock.run_until(65.0)
         assert again.result().end is refused.end is End.REFUSED
@@ -102,7 +103,7 @@ async def test_offsets_stand_still_also_while_another_client_has_the_control_pro
         assert "request 900 waits" in refused.reason
         assert "cycle 900 is in progress" in (await again).reason
         assert at.written_meanwhile() == []
-        np.testing.assert_allclose(at.shift(), [0.0, 0.0, 25.0 if mode == "compensate" else 0.0], atol=1e-9)
+        np.testing.assert_allclose(at.shift(), [0.0, 0.0, 35.0 if mode == "compensate" else 0.0], atol=1e-9)
 
 
 async def test_who_is_displaced_by_a_request_of_the_same_moment_does_not_wait_for_it() -> None:
