@@ -25,6 +25,7 @@ from talc.models import ErrorModel, ModelSet
 from talc.names import ERROR_UNITS, MICROMETRE, THERMAL_ERRORS
 from talc.record import Record
 from talc.settings import TalcSettings
+from talc.stage import Stage
 
 _ENOUGH = 0.75
 """Share of the calibration's measurements that must have arrived."""
@@ -92,12 +93,10 @@ class Controller:
         self._control, self._training = settings.control, settings.training
         # The learner keeps what it needs of the past itself, so that its memory does not grow with age.
         self._record = Record(len(self._names), 1 if settings.method == "learner" else settings.training.window_steps)
-        self._phase = Phase.CALIBRATION
+        self._stage = Stage()
         self._models: list[FreeRunningModel | None] = [None] * _ERRORS
         self._held = np.full(_ERRORS, np.nan)
         self._learning = False
-        self._measured = 0
-        """Measurements since the phase began, or since the last training that found nothing."""
         self._last_measured: int | None = None
         self._substituted: frozenset[str] = frozenset()
         self._bounded: frozenset[str] = frozenset()
@@ -113,7 +112,7 @@ class Controller:
 
     @property
     def phase(self) -> Phase:
-        return self._phase if self._course is None else self._course.phase
+        return self._stage.phase if self._course is None else self._course.phase
 
     def between(self, inputs: FloatArray, valid: BoolArray, steps: float) -> FloatArray | None:
         """(9,) the learner's correction this many steps after the last frame, > 0, with the (n,) inputs of that moment:
@@ -156,7 +155,7 @@ class Controller:
             models=tuple(None if m is None else (m.model, m.state()) for m in self._models),
             held=self._held.copy(),
             learning=self._learning,
-            measured_in_phase=self._measured,
+            measured_in_phase=self._stage.measured,
             last_measured=self._last_measured,
             substituted=self._substituted,
             bounded=self._bounded,
@@ -178,7 +177,7 @@ class Controller:
         if self._course is not None and state.course is not None:
             self._course.restore(state.course)
         self._record.restore(state.inputs, state.valid, state.measured, state.last_k)
-        self._phase, self._learning, self._measured = state.phase, state.learning, state.measured_in_phase
+        self._stage, self._learning = Stage(state.phase, state.measured_in_phase), state.learning
         for i, known in enumerate(state.models):
             if known is not None:
                 model, progress = known
@@ -213,16 +212,16 @@ class Controller:
         limits = self._limits()
         if np.isfinite(measured).any():
             self._last_measured = frame.k
-            self._measured += 1
+            self._stage.measured += 1
             self._held = np.where(np.isfinite(measured), measured, self._held)
             self._judge(predicted, measured, limits, events)
-        if self._phase is not Phase.CALIBRATION:
+        if self._stage.phase is not Phase.CALIBRATION:
             no_model = [m is None for m in self._models]
             corrected = np.where(no_model, self._held, corrected)
         training = self._job(frame.k, events)
         return Decision(
             k=frame.k,
-            phase=self._phase,
+            phase=self._stage.phase,
             predicted=predicted,
             corrected=corrected,
             sigma=sigma,
@@ -253,7 +252,7 @@ class Controller:
             self._models[i] = fresh
             text = f"{model.error}: inputs {', '.join(model.inputs) or 'none'}; na {model.na}"
             events.append(Event(EventKind.MODELS_ADOPTED, text, model.error, model.residual_std, model.limit))
-        self._measured = 0
+        self._stage.measured = 0
         if all(m is None for m in self._models):
             events.append(Event(EventKind.MODEL_REJECTED, "no usable model was found; measuring continues"))
         else:
@@ -262,7 +261,7 @@ class Controller:
                 before = self._static or (None,) * _ERRORS
                 chosen = [None if m is None else m.model.inputs for m in self._models]
                 self._static = tuple(new if old is None else old for old, new in zip(before, chosen, strict=True))
-            self._enter(Phase.COMPENSATION, events)
+            self._stage.enter(Phase.COMPENSATION, events)
         return tuple(events)
 
     # Parts of a step -------------------------------------------------------------------------------------------------
@@ -307,7 +306,7 @@ class Controller:
         self._substituted = missing
 
     def _judge(self, predicted: FloatArray, measured: FloatArray, limits: FloatArray, events: list[Event]) -> None:
-        if self._phase is Phase.CALIBRATION:
+        if self._stage.phase is Phase.CALIBRATION:
             return
         events.append(Event(EventKind.STATE_UPDATE, "a measurement corrected the models' state"))
         residual = np.abs(measured - predicted)
@@ -315,25 +314,25 @@ class Controller:
             name = THERMAL_ERRORS[i]
             text = f"{name}: residual {residual[i]:.1f} {ERROR_UNITS[name]} above its limit {limits[i]:.1f}"
             events.append(Event(EventKind.LIMIT_EXCEEDED, text, name, float(residual[i]), float(limits[i])))
-            if self._phase is Phase.COMPENSATION and not self._learning:
-                self._enter(Phase.NO_GOOD, events)
+            if self._stage.phase is Phase.COMPENSATION and not self._learning:
+                self._stage.enter(Phase.NO_GOOD, events)
 
     def _job(self, k: int, events: list[Event]) -> TrainingJob | None:
         if self._learning:
             return None
-        match self._phase:
+        match self._stage.phase:
             case Phase.CALIBRATION:
                 steps, every = self._control.calibration_steps, self._control.calibration_interval_steps
-                enough = len(self._record) >= steps and self._measured >= _ENOUGH * steps / every
+                enough = len(self._record) >= steps and self._stage.measured >= _ENOUGH * steps / every
                 why = Why.CALIBRATION
             case Phase.NO_GOOD:
-                enough, why = self._measured >= self._control.no_good_measurements, Why.NO_GOOD
+                enough, why = self._stage.measured >= self._control.no_good_measurements, Why.NO_GOOD
             case Phase.COMPENSATION:
                 return None
         if not enough:
             return None
         self._learning = True
-        events.append(Event(EventKind.TRAINING_WANTED, f"after {self._measured} measurements ({why.value})"))
+        events.append(Event(EventKind.TRAINING_WANTED, f"after {self._stage.measured} measurements ({why.value})"))
         rows = slice(-self._training.window_steps if self._training.window_steps else None, None)
         return TrainingJob(
             k=k,
@@ -348,7 +347,7 @@ class Controller:
 
     def _why_measure(self, k: int, novel: bool, sigma: FloatArray, limits: FloatArray) -> Why | None:
         since = k + 1 - self._last_measured if self._last_measured is not None else k + 1
-        match self._phase:
+        match self._stage.phase:
             case Phase.CALIBRATION:
                 due = self._last_measured is None or since >= self._control.calibration_interval_steps
                 return Why.CALIBRATION if due else None
@@ -385,11 +384,6 @@ class Controller:
                 case "adaptive":
                     limits[i] = model.model.limit
         return limits
-
-    def _enter(self, phase: Phase, events: list[Event]) -> None:
-        if phase is not self._phase:
-            events.append(Event(EventKind.PHASE_CHANGED, f"{self._phase.value} -> {phase.value}"))
-        self._phase, self._measured = phase, 0
 
 
 def _note_impossible(measurement: Measurement, events: list[Event]) -> None:

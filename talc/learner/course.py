@@ -26,6 +26,7 @@ from talc.learner.prior import Prior
 from talc.learner.reasons import Reasons, reasons_for
 from talc.names import ERROR_UNITS, MICROMETRE, THERMAL_ERRORS
 from talc.settings import LearnerSettings
+from talc.stage import Stage
 
 _SETTLED_S = 3600.0
 """After a gap longer than this a measurement is wanted at once."""
@@ -82,18 +83,17 @@ class LearningCourse:
         self._experts = EXPERTS if prior is None else (*EXPERTS, *OTHERS_EXPERTS)
         self._step_s = step_s
         self._long_gap, self._unknown_gap = round(_SETTLED_S / step_s), round(_UNKNOWN_PAUSE_S / step_s)
-        self._phase = Phase.CALIBRATION
+        self._stage = Stage()
         self._last_k: int | None = None
         self._last_measured: int | None = None
         self._wanted: Why | None = None
         """Set after a gap or a surprise until the next measurement."""
-        self._measured = 0
         self._trusted = np.zeros(len(self._errors), dtype=np.bool_)
         self._substituted: frozenset[str] = frozenset()
 
     @property
     def phase(self) -> Phase:
-        return self._phase
+        return self._stage.phase
 
     def step(self, frame: Frame, measured: FloatArray) -> Decision:
         """Take one frame; measured: (9,) its errors without impossible ones."""
@@ -116,12 +116,12 @@ class LearningCourse:
             surprise = self._learner.learn(measured, sigma)
             after = self._learner.estimate()
             self._last_measured, self._wanted = frame.k, None
-            self._measured += 1
+            self._stage.measured += 1
             self._judge(before, measured, surprise, events)
         self._note_trust(after.trusted, events)
         return Decision(
             k=frame.k,
-            phase=self._phase,
+            phase=self._stage.phase,
             predicted=before.value,
             corrected=after.value,
             sigma=after.sigma,
@@ -183,11 +183,11 @@ class LearningCourse:
         """A copy of everything that is known."""
         return CourseState(
             learner=self._learner.state(),
-            phase=self._phase,
+            phase=self._stage.phase,
             last_k=self._last_k,
             last_measured=self._last_measured,
             wanted=self._wanted,
-            measured_in_phase=self._measured,
+            measured_in_phase=self._stage.measured,
             trusted=self._trusted.copy(),
             substituted=self._substituted,
         )
@@ -195,8 +195,8 @@ class LearningCourse:
     def restore(self, state: CourseState) -> None:
         """Continue from a state. ValueError: it has other inputs."""
         self._learner.restore(state.learner)
-        self._phase, self._last_k, self._last_measured = state.phase, state.last_k, state.last_measured
-        self._wanted, self._measured = state.wanted, state.measured_in_phase
+        self._stage, self._wanted = Stage(state.phase, state.measured_in_phase), state.wanted
+        self._last_k, self._last_measured = state.last_k, state.last_measured
         self._trusted, self._substituted = state.trusted.copy(), state.substituted
 
     # Parts of a step -------------------------------------------------------------------------------------------------
@@ -215,8 +215,8 @@ class LearningCourse:
         self._substituted = missing
 
     def _judge(self, before: Estimate, measured: FloatArray, surprise: Surprise, events: list[Event]) -> None:
-        if self._phase is Phase.CALIBRATION:
-            self._enter(Phase.COMPENSATION, events)
+        if self._stage.phase is Phase.CALIBRATION:
+            self._stage.enter(Phase.COMPENSATION, events)
         else:
             events.append(Event(EventKind.STATE_UPDATE, "a measurement was learnt from"))
         residual = np.abs(measured - before.value)
@@ -232,11 +232,11 @@ class LearningCourse:
                 Event(EventKind.MEASUREMENT_REJECTED, f"{text}; it has little effect unless the next one agrees", name)
             )
             self._wanted = Why.RETRY
-        if self._phase is Phase.NO_GOOD:
-            if self._measured >= self._settings.no_good_measurements:
-                self._enter(Phase.COMPENSATION, events)
+        if self._stage.phase is Phase.NO_GOOD:
+            if self._stage.measured >= self._settings.no_good_measurements:
+                self._stage.enter(Phase.COMPENSATION, events)
         elif exceeded.any() and self._settings.no_good_measurements:
-            self._enter(Phase.NO_GOOD, events)
+            self._stage.enter(Phase.NO_GOOD, events)
 
     def _note_trust(self, trusted: BoolArray, events: list[Event]) -> None:
         for i in np.flatnonzero(trusted != self._trusted):
@@ -250,7 +250,7 @@ class LearningCourse:
         if self._last_measured is None:
             return Why.CALIBRATION
         since = k + 1 - self._last_measured
-        if self._phase is Phase.NO_GOOD:
+        if self._stage.phase is Phase.NO_GOOD:
             return Why.NO_GOOD
         if s.policy == "fixed":
             return Why.INTERVAL if since >= s.measurement_interval_steps else None
@@ -264,7 +264,7 @@ class LearningCourse:
 
     def _shortest_interval(self) -> int:
         """The first measurement of a phase is not held back: from the reference alone nothing has been learnt."""
-        return self._settings.shortest_interval_steps if self._measured else 1
+        return self._settings.shortest_interval_steps if self._stage.measured else 1
 
     def _unsure(self, estimate: Estimate) -> bool:
         return bool((TWO_SIDED_95 * estimate.sigma > self._limits).any())
@@ -274,7 +274,7 @@ class LearningCourse:
         s = self._settings
         if self._last_measured is None:
             return k + 1, Why.CALIBRATION
-        if self._phase is Phase.NO_GOOD:
+        if self._stage.phase is Phase.NO_GOOD:
             return k + 1, Why.NO_GOOD
         if s.policy == "fixed":
             return max(k + 1, self._last_measured + s.measurement_interval_steps), Why.INTERVAL
@@ -286,8 +286,3 @@ class LearningCourse:
             return last, Why.INTERVAL
         at = bisect_left(range(first, last), 1, key=lambda m: int(self._unsure(self._learner.estimate(m - 1 - k))))
         return first + at, Why.UNCERTAINTY
-
-    def _enter(self, phase: Phase, events: list[Event]) -> None:
-        if phase is not self._phase:
-            events.append(Event(EventKind.PHASE_CHANGED, f"{self._phase.value} -> {phase.value}"))
-        self._phase, self._measured = phase, 0

@@ -79,6 +79,7 @@ MODULES: Mapping[str, Sequence[str]] = {
     "gateway.storage.readings": _STORE,
     "talc.control": _CONTROLLER,
     "talc.record": _CONTROLLER,
+    "talc.stage": _CONTROLLER,
     "talc.learner.course": ("tests/talc/learner/test_course.py", "tests/talc/learner/test_reasons.py"),
 }
 """Of each module the tests that are to kill its mutants: quick ones, on simulated time."""
