@@ -8,11 +8,12 @@ from time import monotonic
 
 from gateway.heard import instant
 from gateway.outlets.outlet import Outlet, OutletError, OutletMessage, OutletSettings, Unacceptable
+from gateway.polling import Breaker
 from gateway.telemetry import ReadingMessage, keys
 
 log = logging.getLogger(__name__)
 
-_FIRST_PAUSE_S, _LONGEST_PAUSE_S = 1.0, 60.0
+_SHORTEST_PAUSE_S, _LONGEST_PAUSE_S = 1.0, 60.0
 
 
 class Feed:
@@ -33,7 +34,8 @@ class Feed:
         """When the oldest of those that wait came to the front, monotonic."""
         self._passed: dict[tuple[str, str], ReadingMessage] = {}
         self._stopping = False
-        self._open, self._problem, self._again_s, self._pause_s = False, "", 0.0, _FIRST_PAUSE_S
+        self._open, self._problem = False, ""
+        self._breaker = Breaker(_SHORTEST_PAUSE_S, _LONGEST_PAUSE_S)
         self._gone_s, self._refusal, self._dropped_before = 0.0, "", 0
         self.sent = 0
         self.dropped = 0
@@ -148,7 +150,7 @@ class Feed:
     def _due_s(self, now_s: float) -> float:
         """When the next turn has something to do, monotonic."""
         if self._problem:
-            return self._again_s
+            return self._breaker.retry_at
         with self._news:
             if not self._waiting:
                 return now_s + _LONGEST_PAUSE_S
@@ -174,13 +176,13 @@ class Feed:
                 "%s: %s; messages wait, at most %d", self._settings.name, str(error), self._settings.most_waiting
             )
         self._problem = str(error)
-        self._again_s = now_s + self._pause_s
-        self._pause_s = min(2.0 * self._pause_s, _LONGEST_PAUSE_S)
-        return self._again_s
+        self._breaker.failed(now_s)
+        return self._breaker.retry_at
 
     def _back(self, now_s: float) -> None:
         if self._problem:
             lost = self.dropped - self._dropped_before
             log.warning("%s: is back after %.0f s; %d messages were dropped meanwhile", self._settings.name,
                         now_s - self._gone_s, lost)  # fmt: skip
-        self._problem, self._pause_s = "", _FIRST_PAUSE_S
+        self._problem = ""
+        self._breaker.succeeded()
