@@ -15,7 +15,9 @@ from asyncua.server.server import Server
 from asyncua.ua.uaerrors import UaError
 
 from drivers.opcua.certificates import application_uri, check_key, valid_certificate
+from gateway.clock import RealClock
 from gateway.heard import SiteSeen
+from gateway.polling import Periodic
 from gateway.umati.model import URIS, machine_nodes
 from gateway.umati.readers import Readers
 from gateway.umati.settings import OpcUaServing, ServerSecurity, ShownMachine
@@ -25,7 +27,7 @@ from gateway.umati.values import NodeShown, Path, shown_now
 
 log = logging.getLogger(__name__)
 
-EVERY_S = 1.0
+_EVERY_S = 1.0
 _MOST_CONNECTIONS, _MOST_SUBSCRIPTIONS = 50, 200
 _MOST_BYTES, _CHUNK_BYTES = 1 << 20, 65535
 """Limits of what a client sends: it only asks."""
@@ -76,7 +78,8 @@ class MachineToolServer:
         server.set_endpoint(f"opc.tcp://{host}:{self._port}/")
         await server.start()
         self._server = server
-        self._showing = asyncio.create_task(self._show_on(), name="opcua values")
+        showing = Periodic(RealClock(), _EVERY_S).run(self._show_again)
+        self._showing = asyncio.create_task(showing, name="opcua values")
         return self
 
     async def __aexit__(
@@ -111,13 +114,11 @@ class MachineToolServer:
         for name, values, units in found:
             await space.show(name, values, units)
 
-    async def _show_on(self) -> None:
-        while True:
-            await asyncio.sleep(EVERY_S)
-            try:
-                await self.show()
-            except (UaError, ValueError, TypeError):
-                log.exception("values could not be shown")
+    async def _show_again(self, _: float) -> None:
+        try:
+            await self.show()
+        except (UaError, ValueError, TypeError):
+            log.exception("values could not be shown")
 
 
 async def _secure(server: Server, security: ServerSecurity | None) -> None:
