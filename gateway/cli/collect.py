@@ -3,8 +3,7 @@
 import logging
 import signal
 import threading
-import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -16,8 +15,6 @@ from gateway.cli.extras import need_extra
 
 if TYPE_CHECKING:
     from gateway.config import Telemetry
-
-log = logging.getLogger(__name__)
 
 
 @click.command()
@@ -67,7 +64,7 @@ def collect(
             signal.signal(number, lambda *_: stop.set())
         collector = Collector(network, kept, every_s=every)
         click.echo(f"{site}: collecting what gateways at {', '.join(connect)} have stored")
-        _go_on(collector.turn, stop, every)
+        collector.run(stop)
     for name, asked in sorted(collector.machines.items()):
         rows = ", ".join(f"{many} {table}" for table, many in asked.rows.items()) or "nothing new"
         click.echo(f"{name}: {rows}")
@@ -103,19 +100,3 @@ def _telemetry(
     for problem in credential_problems(telemetry, datetime.now(UTC)):
         raise click.UsageError(str(problem))
     return telemetry
-
-
-def _go_on(turn: Callable[[float], float], stop: threading.Event, every_s: float) -> None:
-    """Turn after turn until `stop`; a failure of the network as a whole is reported, and the turn is tried again."""
-    told = ""
-    while not stop.is_set():
-        try:
-            due_s = turn(time.monotonic())
-        except OSError as error:
-            due_s = time.monotonic() + every_s
-            if str(error) != told:
-                log.warning("%s", error)
-            told = str(error)
-        else:
-            told = ""
-        stop.wait(max(0.0, due_s - time.monotonic()))

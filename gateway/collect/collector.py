@@ -12,9 +12,11 @@ from typing import Protocol
 
 import pyarrow as pa
 
+from drivers.base import SystemClock
 from gateway.collect.folder import Commit
 from gateway.collect.progress import CollectProgress, TablePlace
 from gateway.collect.tables import arrow_of, check_end
+from gateway.polling import Problems
 from gateway.storage import NUMBERS
 from gateway.telemetry import StoredRows, StoredTable
 
@@ -103,6 +105,20 @@ class Collector:
         self._gateways, self._kept, self._every_s, self._limit, self._utc = gateways, kept, every_s, limit, utc
         self.machines: dict[str, MachineAsked] = {}
         self._heard, self._writing = True, threading.Semaphore(_WRITTEN_AT_ONCE)
+
+    def run(self, stop: threading.Event) -> None:
+        """Turn after turn until `stop`. What holds up all machines is logged when it begins and when it ends."""
+        clock = SystemClock()
+        problems = Problems(clock, self._every_s, lambda _: None, log)
+        while not stop.is_set():
+            try:
+                due_s = self.turn(clock.monotonic())
+            except OSError as error:
+                due_s = clock.monotonic() + self._every_s
+                problems.report("site", str(error), str(error))
+            else:
+                problems.clear("site", "collecting again")
+            stop.wait(max(0.0, due_s - clock.monotonic()))
 
     def turn(self, now_s: float) -> float:
         """Ask each machine that runs and is due once: those with a backlog get one page each, so that none waits for

@@ -1,6 +1,9 @@
 """When the machines of a large site are asked."""
 
+import threading
 from pathlib import Path
+
+import pytest
 
 from gateway.collect import Collector, SiteFolder
 from gateway.telemetry import StoredRows
@@ -42,3 +45,29 @@ def test_the_turns_of_many_machines_are_spread_over_the_time_and_stay_so(tmp_pat
     assert max(first) <= 45.5
     assert len(later) > 500
     assert set(later) == {30.0}
+
+
+def test_what_holds_up_all_machines_is_told_when_it_begins_and_when_it_ends(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    stop, refused = threading.Event(), OSError("database: connection refused")
+    turns = iter([refused, refused, OSError("database: it is full"), None, None, refused, None])
+
+    class OftenAway(SiteFolder):
+        """A place that is away in some turns; after the last one the collector is stopped."""
+
+        def ready(self) -> None:
+            if (away := next(turns, stop)) is stop:
+                stop.set()
+            elif isinstance(away, OSError):
+                raise away
+
+    with OftenAway(tmp_path / "site") as kept:
+        Collector(NothingNew(0), kept, every_s=0.001).run(stop)
+    assert [record.message for record in caplog.records if "gateway" not in record.message] == [
+        "database: connection refused",
+        "database: it is full",
+        "collecting again",
+        "database: connection refused",
+        "collecting again",
+    ]
