@@ -6,14 +6,15 @@ from contextlib import suppress
 from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from gateway.config import ConfigError, GatewayConfig, cautions, load, parse, validate
+from drivers.build import BUS_KINDS
+from gateway.config import BusSection, ConfigError, GatewayConfig, cautions, load, parse, validate
 from gateway.config.file import from_data
 from gateway.config.reference import reference
 from simulators.bench import gateway_toml
@@ -244,6 +245,13 @@ def test_password_is_not_in_the_canonical_text(tmp_path: Path) -> None:
     file = tmp_path / "gateway.toml"
     file.write_text(valid_text() + 'user = "gw"\npassword_file = "secret"\n')
     assert "hunter2" not in load(file).canonical()
+
+
+def test_a_file_names_the_same_kinds_of_bus_as_the_drivers() -> None:
+    (kinds, _) = get_args(BusSection)
+    named = {get_args(section.model_fields["kind"].annotation): section for section in get_args(kinds)}
+    assert named.keys() == {(kind,) for kind in BUS_KINDS}
+    assert all(issubclass(named[kind,], settings) for kind, settings in BUS_KINDS.items())
 
 
 def test_reference_is_the_program_s() -> None:
