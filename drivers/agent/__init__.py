@@ -16,6 +16,7 @@ if TYPE_CHECKING:
         STATES,
         AgentAddress,
         AgentBusSettings,
+        AgentRequests,
         AgentSettings,
     )
 else:
@@ -33,6 +34,7 @@ else:
                 "STATES",
                 "AgentAddress",
                 "AgentBusSettings",
+                "AgentRequests",
                 "AgentSettings",
             ),
         },
@@ -49,6 +51,7 @@ __all__ = [
     "AgentControl",
     "AgentDevice",
     "AgentProfile",
+    "AgentRequests",
     "AgentSettings",
     "Capability",
     "Greeting",

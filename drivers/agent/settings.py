@@ -2,6 +2,8 @@
 
 from typing import ClassVar, Final
 
+from pydantic import Field
+
 from drivers.base import SetupError
 from drivers.nc import AXES
 from drivers.section import FilePath, HostName, NotNegative, Port, Positive, Section
@@ -38,15 +40,20 @@ class AgentBusSettings(AgentAddress):
         return f"{self.host}:{self.port}"
 
 
-class AgentSettings(AgentAddress):
+class AgentRequests(AgentAddress):
+    """The same of an agent that is asked for probing cycles."""
+
+    request_valid_for_s: NotNegative = 900.0
+    """A request for a probing cycle that reaches no safe point within this time is refused; 0: never."""
+
+
+class AgentSettings(AgentRequests):
     """Settings of one control with an agent."""
 
-    poses: int = 6
+    poses: int = Field(default=6, ge=1)
     """Number of poses that one probing cycle touches."""
     poses_deg: tuple[tuple[float, float], ...] = ()
     """A and C of each pose, degrees, compared with those of an agent that tells its own; empty: not compared."""
-    request_valid_for_s: NotNegative = 900.0
-    """A request that reaches no safe point within this time is refused; 0: never."""
     largest_um: Positive = LARGEST_UM
     """Larger offsets are never sent; the agent also has its own bound."""
     device: str = "nc"

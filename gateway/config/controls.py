@@ -6,27 +6,25 @@ from urllib.parse import urlsplit
 
 from pydantic import Field
 
-from drivers.agent import LARGEST_UM, AgentAddress, AgentSettings
+from drivers.agent import LARGEST_UM, AgentAddress, AgentRequests, AgentSettings
 from drivers.agent import STATES as AGENT_STATES
 from drivers.bus_settings import is_loopback
 from drivers.linuxcnc import LinuxCncSettings
 from drivers.mtconnect import MtConnectSettings
 from drivers.problems import settings_of
-from drivers.section import NotNegative, Positive
 from drivers.sinumerik import SinumerikControl, SinumerikSettings, StateNode, default_states
 from gateway.config.credentials import agent_cautions
 from gateway.config.extensions import ControlSection, Poses
 from gateway.config.fields import Name
 from gateway.config.opcua_cautions import server_cautions
+from gateway.config.polled import PolledControl
 
 
-class SinumerikNc(SinumerikControl):
+class SinumerikNc(PolledControl, SinumerikControl):
     """A SINUMERIK control over OPC UA; docs/nc.md explains what these fields mean on the control."""
 
     kind: Literal["sinumerik"]
     """`sinumerik`."""
-    period_s: Positive = 1.0
-    """Interval at which positions and states are read and compensation is written."""
     states: Mapping[Name, StateNode] = Field(default_factory=dict)
 
     def settings(
@@ -60,7 +58,6 @@ class SinumerikNc(SinumerikControl):
         return f', or give its address: [nc.states.{name}] path = "/Plc/..."'
 
     largest_is: ClassVar[str] = "[nc.compensation] largest_um"
-    only_read: ClassVar[bool] = False
 
     @property
     def address(self) -> str:
@@ -78,11 +75,8 @@ class SinumerikNc(SinumerikControl):
         yield from server_cautions(self, in_the_clear=exposed)
 
 
-class AgentConnection(AgentAddress):
+class AgentConnection(PolledControl, AgentAddress):
     """What every control with an agent has in common."""
-
-    period_s: Positive = 1.0
-    """Interval at which positions and states are read and compensation is written."""
 
     def settings(self, poses_deg: Poses, states: Iterable[str]) -> AgentSettings:  # noqa: ARG002 - it reports them all
         """The driver's settings for a probing cycle of these poses. Raises SetupError; no network."""
@@ -100,9 +94,6 @@ class AgentConnection(AgentAddress):
     def other_states(self, name: str) -> str:  # noqa: ARG002
         """An unknown state has no hint."""
         return ""
-
-    largest_is: ClassVar[str] = "the driver's largest_um"
-    only_read: ClassVar[bool] = False
 
     @property
     def address(self) -> str:
@@ -130,13 +121,11 @@ class LinuxCncNc(AgentConnection):
         return settings_of(LinuxCncSettings, self._given(LinuxCncSettings) | {"poses": len(poses_deg)})
 
 
-class AgentNc(AgentConnection):
+class AgentNc(AgentConnection, AgentRequests):
     """Any control with an agent that speaks the protocol of docs/agent.md."""
 
     kind: Literal["agent"]
     """`agent`."""
-    request_valid_for_s: NotNegative = 900.0
-    """A request for a probing cycle that reaches no safe point within this time is refused; 0: never."""
     states: tuple[Name, ...] = ()
     """Machine states that this agent reports beside `spindle_speed`, `speed_X` to `speed_C` and `coolant`."""
 
@@ -154,15 +143,12 @@ class AgentNc(AgentConnection):
         return f', or name it, if the agent reports it: [nc] states = ["{name}"]'
 
 
-class MtConnectNc(MtConnectSettings):
+class MtConnectNc(PolledControl, MtConnectSettings):
     """A machine with an MTConnect agent, only read; see docs/read-only-controls.md."""
 
     kind: Literal["mtconnect"]
     """`mtconnect`."""
-    period_s: Positive = 1.0
-    """Interval at which positions and states are read."""
 
-    largest_is: ClassVar[str] = "the driver's largest_um"
     only_read: ClassVar[bool] = True
 
     def settings(self, poses_deg: Poses, states: Iterable[str]) -> MtConnectSettings:  # noqa: ARG002 - it cannot probe

@@ -9,13 +9,13 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from importlib.metadata import EntryPoint, entry_points
-from typing import Any, ClassVar, Final, TypeVar
+from typing import Any, Final, TypeVar
 
 from drivers.base import Bus, Clock, Driver, DriverError, SetupError, SystemClock
 from drivers.nc import NumericalControl
-from drivers.section import Positive, Section
+from drivers.section import Positive
 from drivers.tap import Tap
-from gateway.config.polled import Polled
+from gateway.config.polled import Polled, PolledControl
 from gateway.config.problems import Problem
 from gateway.config.sections import Device
 
@@ -27,17 +27,11 @@ Poses = Sequence[tuple[float, float]]
 """A and C of each pose, degrees."""
 
 
-class ControlSection(Section, ABC):
+class ControlSection(PolledControl, ABC):
     """`[nc]` of a kind of another package, whose class derives from it and has `kind: Literal["..."]`."""
 
     kind: str
     """The entry point's name."""
-    period_s: Positive = 1.0
-    """Interval at which positions and states are read and compensation is written."""
-
-    largest_is: ClassVar[str] = "the driver's largest_um"
-    only_read: ClassVar[bool] = False
-    """Whether it can only be read: `check` then accepts neither armed probing nor `mode = "compensate"`."""
 
     @abstractmethod
     def control(self, poses_deg: Poses, states: Iterable[str], clock: Clock) -> NumericalControl:

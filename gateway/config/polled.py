@@ -1,4 +1,6 @@
-"""How any bus is polled."""
+"""How any bus and any control is polled."""
+
+from typing import ClassVar
 
 from pydantic import Field
 
@@ -17,3 +19,15 @@ class Polled(Section):
     """How long one whole read of a device may take; after that the bus is closed and opened again."""
     retry_max_periods: int = Field(default=60, ge=1, le=3600)
     """A silent device, or a bus that does not open, is tried again after 1, 2, 4 ... periods, up to this number."""
+
+
+class PolledControl(Section):
+    """How the gateway polls a control of any kind, and what that kind can do."""
+
+    period_s: Positive = 1.0
+    """Interval at which positions and states are read and compensation, if any, is written."""
+
+    largest_is: ClassVar[str] = "the driver's largest_um"
+    """What bounds the offsets, in words."""
+    only_read: ClassVar[bool] = False
+    """Whether it can only be read: `check` then accepts neither armed probing nor `mode = "compensate"`."""

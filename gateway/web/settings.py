@@ -7,7 +7,7 @@ from typing import Annotated
 from pydantic import Field, model_validator
 
 from drivers.section import FilePath, Positive, Section, matching
-from gateway.config import Name, read_as
+from gateway.config import Name, Probing, read_as
 from gateway.passwords import UserName, hash_printed_by
 
 
@@ -29,14 +29,17 @@ class Proxy(Section):
     """Addresses of the proxy; from others the header counts for nothing."""
 
 
+_SHIPPED = Probing()
+
+
 class MachineUse(Section):
     """What is declared of one machine."""
 
     tolerance_um: Positive | None = None
     """Tolerance of the job: how far the tool may be off in X, Y or Z. A browser may set another one for itself."""
-    sphere_radius_mm: Positive = 120.0
+    sphere_radius_mm: Positive = _SHIPPED.sphere_radius_mm
     """[probing] sphere_radius_mm of its gateway, which no message tells."""
-    sphere_height_mm: float = 80.0
+    sphere_height_mm: float = _SHIPPED.sphere_height_mm
     """[probing] sphere_height_mm of its gateway."""
 
 

@@ -5,9 +5,10 @@ from typing import Any
 
 import pytest
 
-from drivers.agent import AgentControl
-from drivers.base import BadAnswer, DriverError, Refused, SystemClock, WrongDevice
+from drivers.agent import AgentControl, AgentSettings
+from drivers.base import BadAnswer, DriverError, Refused, SetupError, SystemClock, WrongDevice
 from drivers.nc import LinearOffsets, NotSendable, WatchdogTerms
+from drivers.problems import settings_of
 from tests.benches.fake_agent import agent_and_driver
 from tests.benches.reference_agent import POSES_DEG, REFERENCE, served_agent
 
@@ -15,6 +16,11 @@ pytestmark = pytest.mark.simulated_time
 
 TRAVEL = {"pairs": ["XX", "YX"], "reference_mm": [10, 0, 0], "reach_mm": [300, 200, 100]}
 FLAT = ((0.0, 0.0, 0.0),) * 3
+
+
+def test_a_cycle_without_poses_is_refused_before_any_agent_is_asked() -> None:
+    with pytest.raises(SetupError, match="poses: 0: expected at least 1"):
+        settings_of(AgentSettings, {"key_file": Path("talc.key"), "poses": 0})
 
 
 @pytest.mark.parametrize(
