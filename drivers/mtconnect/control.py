@@ -10,14 +10,14 @@ from drivers.mtconnect.settings import MtConnectSettings
 from drivers.nc import AXES, LINEAR_AXES, NcSnapshot, OperatingMode, ProgramState
 from drivers.only_read import ONLY_READ, OnlyRead
 
-MODES = {
+_MODES = {
     "AUTOMATIC": OperatingMode.AUTO,
     "SEMI_AUTOMATIC": OperatingMode.AUTO,
     "MANUAL": OperatingMode.JOG,
     "MANUAL_DATA_INPUT": OperatingMode.MDA,
     "EDIT": OperatingMode.UNKNOWN,
 }
-PROGRAMS = {
+_PROGRAMS = {
     "ACTIVE": ProgramState.RUNNING,
     "READY": ProgramState.STOPPED,
     "STOPPED": ProgramState.STOPPED,
@@ -28,7 +28,7 @@ PROGRAMS = {
     "PROGRAM_STOPPED": ProgramState.INTERRUPTED,
     "OPTIONAL_STOP": ProgramState.INTERRUPTED,
 }
-STOPS = ("ARMED", "TRIGGERED")
+_STOPS = ("ARMED", "TRIGGERED")
 """States of an emergency stop."""
 
 
@@ -81,8 +81,8 @@ class MtConnectControl(OnlyRead):
                     states[name] = self._value(name, item, told)
                 except BadAnswer:
                     not_known[name] = self._shown(item, told)
-        words = ("mode", settings.mode, MODES), ("program", settings.program, PROGRAMS)
-        for name, item, known in (*words, ("emergency_stop", settings.emergency_stop, STOPS)):
+        words = ("mode", settings.mode, _MODES), ("program", settings.program, _PROGRAMS)
+        for name, item, known in (*words, ("emergency_stop", settings.emergency_stop, _STOPS)):
             if item in told and told[item] not in known:
                 not_known[name] = self._shown(item, told)
         return NcSnapshot(
@@ -91,8 +91,8 @@ class MtConnectControl(OnlyRead):
             positions=positions,
             states={name: abs(value) if name in SPEED_UNITS else value for name, value in states.items()},
             not_known=not_known,
-            mode=MODES.get(told.get(settings.mode, ""), OperatingMode.UNKNOWN),
-            program=PROGRAMS.get(told.get(settings.program, ""), ProgramState.UNKNOWN),
+            mode=_MODES.get(told.get(settings.mode, ""), OperatingMode.UNKNOWN),
+            program=_PROGRAMS.get(told.get(settings.program, ""), ProgramState.UNKNOWN),
             tool=self._tool(told.get(settings.tool, "")),
             ready=False if told.get(settings.emergency_stop) == "TRIGGERED" else None,
             cannot_probe=ONLY_READ,

@@ -8,14 +8,14 @@ from drivers.base import BadAnswer, ConnectError, NoAnswer
 from drivers.hang_up import HangUp
 from drivers.mtconnect.document import AgentError, elements
 
-MOST_BYTES = 8_000_000
+_MOST_BYTES = 8_000_000
 """Largest size of one answer."""
 
 
 async def ask_agent(url: str, machine: str, request: str, timeout_s: float) -> bytes:
     """The body of the answer to `probe` or `current` within `timeout_s` seconds; `machine` empty: of all machines.
 
-    Raises NoAnswer, ConnectError, and BadAnswer: another HTTP status than 200, or more than MOST_BYTES.
+    Raises NoAnswer, ConnectError, and BadAnswer: another HTTP status than 200, or more than _MOST_BYTES.
     """
     exchange = _Exchange(url, f"/{machine}/{request}" if machine else f"/{request}")
     try:
@@ -27,8 +27,8 @@ async def ask_agent(url: str, machine: str, request: str, timeout_s: float) -> b
         raise ConnectError(f"{url}: {str(error) or type(error).__name__}", device="nc") from error
     finally:
         exchange.hang_up.now()
-    if len(body) > MOST_BYTES:
-        raise BadAnswer(f"{request}: more than {MOST_BYTES} bytes", device="nc")
+    if len(body) > _MOST_BYTES:
+        raise BadAnswer(f"{request}: more than {_MOST_BYTES} bytes", device="nc")
     if status != http.HTTPStatus.OK:
         why = await asyncio.to_thread(_why, body)
         raise BadAnswer(f"{request}: HTTP status {status}{why}", device="nc", hint="check url and machine")
@@ -45,14 +45,14 @@ class _Exchange:
         self.hang_up = HangUp()
 
     def run(self, timeout_s: float) -> tuple[int, bytes]:
-        """HTTP status and body, at most one byte more than MOST_BYTES. Blocks."""
+        """HTTP status and body, at most one byte more than _MOST_BYTES. Blocks."""
         connection = http.client.HTTPConnection(self._host, self._port, timeout=timeout_s)
         try:
             connection.connect()
             self.hang_up.take(connection.sock)
             connection.request("GET", self._path, headers={"Accept": "text/xml", "Connection": "close"})
             response = connection.getresponse()
-            return response.status, response.read(MOST_BYTES + 1)
+            return response.status, response.read(_MOST_BYTES + 1)
         finally:
             connection.close()
 

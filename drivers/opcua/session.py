@@ -21,7 +21,7 @@ from drivers.opcua.answers import SERVER_TIME, node_id, node_value, time_in
 from drivers.opcua.certificates import application_uri, check_key, valid_certificate
 from drivers.opcua.nodes import NO_NAMESPACE, NodeName, NodeValue
 from drivers.opcua.settings import OpcUaServer, with_port
-from drivers.opcua.status_codes import CERTIFICATE, DENIED, LOST, UNKNOWN
+from drivers.opcua.status_codes import CERTIFICATE, DENIED, LOST, UNKNOWN_NODE
 from drivers.opcua.subscription import Subscription
 
 # Our errors report a lost connection; a handler that the service installs still receives the library's messages.
@@ -239,14 +239,14 @@ class OpcUaSession:
     def _value(self, path: str, value: DataValue) -> OpcUaNumber | None:
         status = value.StatusCode
         if status is not None and not status.is_good():
-            if status.value in UNKNOWN or status.value in DENIED:
+            if status.value in UNKNOWN_NODE or status.value in DENIED:
                 raise self._bad_status(path, status, "read")
             return None
         number = value.Value.Value if value.Value is not None else None
         return number if isinstance(number, (int, float)) else None
 
     def _bad_status(self, path: str, status: StatusCode, verb: str) -> DriverError:
-        if status.value in UNKNOWN:
+        if status.value in UNKNOWN_NODE:
             return WrongDevice(
                 f"{path} does not exist ({status.name})",
                 device=self._device,

@@ -11,7 +11,7 @@ DENIED = frozenset(
         StatusCodes.BadIdentityTokenRejected,
     }
 )
-UNKNOWN = frozenset(
+UNKNOWN_NODE = frozenset(
     {
         StatusCodes.BadNodeIdUnknown,
         StatusCodes.BadNodeIdInvalid,

@@ -19,7 +19,7 @@ from drivers.nc import (
 from drivers.opcua.session import OpcUaNumber, OpcUaSession
 from drivers.sinumerik.settings import SinumerikSettings
 
-RIGHTS: Final = {
+_RIGHTS: Final = {
     "_SEA_ACX": "Sea",
     "_TEA_ACX": "Tea",
     "_N_NC_GD": "Gud",
@@ -32,8 +32,8 @@ RIGHTS: Final = {
 }
 """Part of a node's name, and the right it needs; Read or Write is added to it (manual, list of rights)."""
 
-MODES: Final = {0: OperatingMode.JOG, 1: OperatingMode.MDA, 2: OperatingMode.AUTO}
-PROGRAM_STATES: Final = {
+_MODES: Final = {0: OperatingMode.JOG, 1: OperatingMode.MDA, 2: OperatingMode.AUTO}
+_PROGRAM_STATES: Final = {
     1: ProgramState.INTERRUPTED,
     2: ProgramState.STOPPED,
     3: ProgramState.RUNNING,
@@ -49,7 +49,7 @@ PROBING_STATES: Final = {
 }
 UNDER_WAY: Final = frozenset({ProbingState.ACCEPTED, ProbingState.RUNNING})
 FINAL: Final = frozenset({ProbingState.DONE, ProbingState.REFUSED, ProbingState.FAILED})
-REASONS: Final = {
+PROBING_REASONS: Final = {
     0: "",
     1: "an alarm is active",
     2: "the touch probe is missing or does not answer",
@@ -76,7 +76,7 @@ class Sinumerik:
     def __init__(self, settings: SinumerikSettings, clock: Clock) -> None:
         self._settings = settings
         self._clock = clock
-        self._session = OpcUaSession(settings, settings.device, RIGHTS, settings.namespace_uri, settings.session_s)
+        self._session = OpcUaSession(settings, settings.device, _RIGHTS, settings.namespace_uri, settings.session_s)
         paths = settings.nodes
         self._positions = tuple(paths.position.format(n=settings.axis_numbers[axis]) for axis in AXES)
         self._states = settings.state_sources
@@ -182,8 +182,8 @@ class Sinumerik:
             monotonic_s=monotonic_s,
             positions=dict(zip(AXES, (*self._from_origin(x, y, z), *rotary), strict=True)),
             states=states,
-            mode=MODES.get(_code(named.get("mode")), OperatingMode.UNKNOWN),
-            program=PROGRAM_STATES.get(_code(named.get("program")), ProgramState.UNKNOWN),
+            mode=_MODES.get(_code(named.get("mode")), OperatingMode.UNKNOWN),
+            program=_PROGRAM_STATES.get(_code(named.get("program")), ProgramState.UNKNOWN),
             tool=None if tool is None or not math.isfinite(tool) else int(tool),
             probe_in_spindle=None if probe is None or not math.isfinite(probe) else bool(probe),
             alarms=alarms,
@@ -227,7 +227,7 @@ class Sinumerik:
         if answers_again != answers or state_again != state:
             return RequestStatus(number, ProbingState.REQUESTED)
         if known is not ProbingState.DONE:
-            return RequestStatus(number, known, reason=REASONS.get(_code(reason), f"reason {reason:g}"))
+            return RequestStatus(number, known, reason=PROBING_REASONS.get(_code(reason), f"reason {reason:g}"))
         if result_of != number:
             raise BadAnswer(
                 f"the control reports cycle {number} as done, but its results belong to cycle {result_of:g}",

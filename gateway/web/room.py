@@ -47,7 +47,7 @@ PLANNED: Final = ("planned.ready", "planned.stays", "planned.may_leave", "planne
                   "planned.unknown")  # fmt: skip
 """One of them for each planned load, below the others."""
 
-ORDERS: Final = ("notice.disarmed", "notice.paused")
+ORDER_NOTICES: Final = ("notice.disarmed", "notice.paused")
 """Both may stand between the verdict and what is then said of what helps: HELPS_ORDERED and PLANNED."""
 
 HELPS_ORDERED: Final = (HELPS[0], HELPS[-1])

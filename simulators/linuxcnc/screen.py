@@ -19,7 +19,7 @@ from typing import Any
 
 import linuxcnc
 
-LIMIT_S = 60.0
+_LIMIT_S = 60.0
 ARRIVED = 1e-7
 """How near to its setpoint an axis has arrived, in the machine's units and degrees."""
 _LISTENS = "0A"
@@ -34,7 +34,7 @@ class ControlScreen:
 
     def until(self, what: str, condition: Any) -> None:
         """Wait for a state: an acknowledged command has not yet been carried out."""
-        deadline = time.monotonic() + LIMIT_S
+        deadline = time.monotonic() + _LIMIT_S
         while True:
             self.stat.poll()
             if condition(self.stat):
@@ -69,7 +69,7 @@ class ControlScreen:
         self.command.mode(linuxcnc.MODE_MDI)
         self.until("MDI mode", lambda s: s.task_mode == linuxcnc.MODE_MDI)
         self.command.mdi(block)
-        if self.command.wait_complete(LIMIT_S) != linuxcnc.RCS_DONE:
+        if self.command.wait_complete(_LIMIT_S) != linuxcnc.RCS_DONE:
             raise RuntimeError(f"{block}: {self.errors.poll()}")
         # A block is done when its last setpoint is planned; the interpolator reaches it some servo periods later.
         self.until("axes where the block sent them", _arrived)
@@ -106,14 +106,14 @@ class ControlScreen:
 
     def greeting(self, port: int) -> str:
         """The agent's greeting to a connection from this computer."""
-        with socket.create_connection(("127.0.0.1", port), LIMIT_S) as line, line.makefile() as lines:
+        with socket.create_connection(("127.0.0.1", port), _LIMIT_S) as line, line.makefile() as lines:
             return lines.readline()
 
     def freeze(self, name: str) -> None:
         """Freeze a part of LinuxCNC until `thaw`, as if its computer hung; returns when none of its threads runs."""
         processes = _signal(name, signal.SIGSTOP)
         # One thread takes the signal and stops the others: beside busy programs they run on until it has a core.
-        deadline = time.monotonic() + LIMIT_S
+        deadline = time.monotonic() + _LIMIT_S
         while not all(map(_stopped, processes)):
             if time.monotonic() > deadline:
                 raise TimeoutError(f"{name} runs on")
@@ -185,7 +185,7 @@ class ControlScreen:
         return rows
 
     def hal(self, *words: str) -> str:
-        done = subprocess.run(["halcmd", *words], capture_output=True, text=True, timeout=LIMIT_S, check=False)
+        done = subprocess.run(["halcmd", *words], capture_output=True, text=True, timeout=_LIMIT_S, check=False)
         if done.returncode:
             raise RuntimeError(f"halcmd {' '.join(words)}: {done.stderr.strip()}")
         return done.stdout.strip()

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from drivers.sinumerik.control import REASONS
+from drivers.sinumerik.control import PROBING_REASONS
 from simulators.nc.cycle import CycleSettings
 from tests.benches.part_program import PartPrograms, ProbedMachine
 
@@ -52,7 +52,7 @@ def test_a_height_at_which_it_would_meet_the_sphere_is_refused_before_anything_m
     before = dict(programs.machine.at)
     programs.safe_point()
     assert (programs.r[STATE], programs.machine.at, programs.machine.tool) == (4, before, 3)
-    assert "TALC_SAFE_Z" in REASONS[int(programs.r[REASON])]
+    assert "TALC_SAFE_Z" in PROBING_REASONS[int(programs.r[REASON])]
 
 
 def test_a_touch_without_a_sphere_fails_and_leaves_the_probe_above_it() -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from drivers.nc import LINEAR_AXES, ProbingState
-from drivers.sinumerik.control import PROBING_STATES, REASONS
+from drivers.sinumerik.control import PROBING_REASONS, PROBING_STATES
 from drivers.sinumerik.settings import Handshake, LeaseParameters, OffsetRoute, SinumerikSettings
 from gateway.config import Probing
 from simulators.nc.cycle import CycleSettings
@@ -73,7 +73,7 @@ def test_states_and_reasons_are_those_the_driver_knows() -> None:
             if number == HAND.state:
                 assert int(value) in {0, *PROBING_STATES}
     reasons = re.findall(r"\bREASON = (\d+)|\bR66 = (\d+)", "\n".join(statements("TALC_SAFE_POINT.SPF")))
-    assert {int(a or b) for a, b in reasons} <= set(REASONS)
+    assert {int(a or b) for a, b in reasons} <= set(PROBING_REASONS)
 
 
 def test_old_state_and_results_go_before_the_new_number_comes() -> None:

@@ -33,4 +33,4 @@ def test_every_line_of_what_helps_has_its_room() -> None:
 
 
 def test_every_order_has_its_room() -> None:
-    assert set(room.ORDERS) == group("notice") - {"notice.unarmed", "notice.not_armed"}
+    assert set(room.ORDER_NOTICES) == group("notice") - {"notice.unarmed", "notice.not_armed"}
