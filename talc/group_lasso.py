@@ -34,47 +34,6 @@ class Solution:
         return tuple(s for s, t in enumerate(self.coefficients) if t.any())
 
 
-class Gram:
-    """X'X, X'y and y'y of the rows seen so far: later rows are added without rebuilding anything.
-
-    Parameters
-    ----------
-    columns: of X
-    """
-
-    def __init__(self, columns: int) -> None:
-        self.rows = 0
-        self.gram: FloatArray = np.zeros((columns, columns))
-        self.moment: FloatArray = np.zeros(columns)
-        self.energy = 0.0
-
-    def add(self, x: FloatArray, y: FloatArray) -> None:
-        """More rows: x (n, columns), y (n,). ValueError: shapes that do not fit, or values that are not finite."""
-        if x.ndim != 2 or x.shape != (len(y), self.moment.size):
-            raise ValueError(f"x has shape {x.shape}, y {y.shape}: expected (n, {self.moment.size}) and (n,)")
-        if not (np.isfinite(x).all() and np.isfinite(y).all()):
-            raise ValueError("x or y holds a value that is not finite")
-        self.gram += x.T @ x
-        self.moment += x.T @ y
-        self.energy += float(y @ y)
-        self.rows += len(y)
-
-    def without(self, free: Sequence[int]) -> "Gram":
-        """The same regression with unpenalised columns projected out (Schur complement), and dropped."""
-        out = np.asarray(free, dtype=np.intp)
-        kept = np.setdiff1d(np.arange(self.moment.size), out)
-        own = self.gram[np.ix_(out, out)]
-        scale = np.sqrt(np.maximum(np.diag(own), 1e-300))
-        onto = np.linalg.pinv(own / np.outer(scale, scale), rcond=1e-12, hermitian=True) / np.outer(scale, scale)
-        across = self.gram[np.ix_(out, kept)]
-        rest = Gram(kept.size)
-        rest.rows = self.rows
-        rest.gram = self.gram[np.ix_(kept, kept)] - across.T @ onto @ across
-        rest.moment = self.moment[kept] - across.T @ onto @ self.moment[out]
-        rest.energy = max(self.energy - float(self.moment[out] @ onto @ self.moment[out]), 0.0)
-        return rest
-
-
 class GroupLasso:
     """One regression, many penalties.
 

@@ -1,24 +1,18 @@
 """Measurements at the same times for all methods, and the residuals, judged before a row's own measurement."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
-from benchmarks.recordings.methods import Given, Method, MethodCourse, given_of
+from benchmarks.recordings.methods import Method, MethodCourse, given_of
 from benchmarks.recordings.series import Series
 from talc.frame import BoolArray, FloatArray
 from talc.indicators import TWO_SIDED_95
 
 FIRST_HOURS = (0.0, 2.0, 6.0, 24.0, np.inf)
 """Edges of the learning curve's windows, in hours since the beginning."""
-_MOVED = 1000.0
-"""By how much measurements are shifted to detect methods that used them too early: standard uncertainties."""
-
-
-class Peeked(Exception):
-    """A method's estimate is based on a measurement that had not been made yet."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,29 +69,6 @@ def _left(series: Series, course: MethodCourse, dense_h: float) -> float:
     left = residual(series, course)[after]
     swing = np.maximum(np.nanstd(series.truth, axis=0), 1e-9)
     return float(np.sqrt(np.nanmean((left / swing) ** 2)))
-
-
-def check_causal(method: Method, given: Given, seeds: Sequence[int] = (0,)) -> None:
-    """Raise Peeked if changing the measurements from some row on changes an estimate up to that row.
-
-    seeds: one row for each
-    """
-    rows = np.flatnonzero(given.used)
-    if len(rows) < 3:
-        return
-    courses = method.courses(given)
-    for seed in seeds:
-        row = int(np.random.default_rng([seed, 23]).choice(rows[len(rows) // 2 :]))
-        other = given.measured.copy()
-        other[row:] += _MOVED * given.sigma
-        for course, moved in zip(courses, method.courses(replace(given, measured=other)), strict=True):
-            here = slice(None, row + 1)
-            # Before the row even the stated uncertainty must not know of it.
-            if not (
-                np.array_equal(course.estimate[here], moved.estimate[here], equal_nan=True)
-                and np.array_equal(course.sigma[here], moved.sigma[here], equal_nan=True)
-            ):
-                raise Peeked(f"{method.name}: an estimate up to row {row} changes with the measurement of row {row}")
 
 
 def residual(series: Series, course: MethodCourse) -> FloatArray:

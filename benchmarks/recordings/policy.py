@@ -1,12 +1,12 @@
 """Policies compared with a fixed interval: how many measurements they need for equal errors."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 
-from benchmarks.recordings.judge import Figures, Peeked, carry_out, judge_course, moments
+from benchmarks.recordings.judge import Figures, carry_out, judge_course, moments
 from benchmarks.recordings.methods import Given, Method, MethodCourse, given_of
 from benchmarks.recordings.series import Series
 from talc.frame import BoolArray, FloatArray
@@ -109,13 +109,3 @@ def _needed(measurements: Sequence[int], left: Sequence[float], target: float) -
         return float("nan")
     better = np.append(True, np.diff(best) < 0)
     return float(np.exp(np.interp(-np.log(target), -best[better], n[better])))
-
-
-def check_asked(method: Deciding, given: Given, limit: float) -> None:
-    """Raise Peeked if measurements that the method did not make change its estimates."""
-    course, used = method.decide(given, limit)
-    other = np.where(used[:, None], given.measured, given.measured + 1000.0 * given.sigma)
-    moved, moved_used = method.decide(replace(given, measured=other), limit)
-    same = np.array_equal(course.estimate, moved.estimate, equal_nan=True) and np.array_equal(used, moved_used)
-    if not same:
-        raise Peeked(f"{method.name}: its estimates change with measurements that it did not ask for")

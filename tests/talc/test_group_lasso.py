@@ -12,7 +12,7 @@ from scipy import sparse
 from simulators.cases import SEASONS, random_axes
 from simulators.plant import Plant, load_machine, record_drive
 from talc.admm import admm, duality_gap
-from talc.group_lasso import Gram, GroupLasso
+from talc.group_lasso import GroupLasso
 
 Array = NDArray[np.float64]
 
@@ -150,32 +150,6 @@ def test_duplicates_constants_and_no_rows_are_survived() -> None:
     assert np.isfinite(one_row).all()
 
 
-def test_adding_rows_is_building_anew() -> None:
-    draw = np.random.default_rng(6)
-    x, y = draw.normal(size=(90, 5)), draw.normal(size=90)
-    grown = Gram(5)
-    for part in (slice(0, 30), slice(30, 31), slice(31, 90)):
-        grown.add(x[part], y[part])
-    np.testing.assert_allclose(grown.gram, x.T @ x)
-    np.testing.assert_allclose(grown.moment, x.T @ y)
-    assert grown.energy == pytest.approx(float(y @ y))
-    assert grown.rows == 90
-
-
-def test_unpenalised_columns_are_projected_out() -> None:
-    draw = np.random.default_rng(7)
-    x, y = draw.normal(size=(80, 6)) + 3.0, draw.normal(size=80)
-    whole = Gram(6)
-    whole.add(x, y)
-    rest = whole.without([0, 3])
-    q = np.linalg.qr(x[:, [0, 3]])[0]
-    left, target = x[:, [1, 2, 4, 5]], y - q @ (q.T @ y)
-    left = left - q @ (q.T @ left)
-    np.testing.assert_allclose(rest.gram, left.T @ left, atol=1e-9)
-    np.testing.assert_allclose(rest.moment, left.T @ target, atol=1e-9)
-    assert rest.energy == pytest.approx(float(target @ target))
-
-
 @pytest.mark.parametrize(
     ("gram", "sizes", "message"),
     [
@@ -198,8 +172,6 @@ def test_bad_outputs_and_penalties_are_refused() -> None:
         solver.solve(np.zeros(2), 1.0, -1.0)
     with pytest.raises(ValueError, match="not finite"):
         solver.solve(np.array([np.nan, 0.0]), 1.0, 1.0)
-    with pytest.raises(ValueError, match="x has shape"):
-        Gram(2).add(np.zeros((3, 3)), np.zeros(3))
     other = GroupLasso(np.eye(1), (1,)).solve(np.ones(1), 1.0, 0.1)
     with pytest.raises(ValueError, match="start has 1 coefficients: expected 2"):
         solver.solve(np.zeros(2), 1.0, 1.0, other)

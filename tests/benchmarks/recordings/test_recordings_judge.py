@@ -7,14 +7,15 @@ import numpy as np
 import pytest
 
 from benchmarks.recordings.description import InputColumn
-from benchmarks.recordings.judge import Peeked, carry_out, check_causal, coverage, judge_course, moments
+from benchmarks.recordings.judge import carry_out, coverage, judge_course, moments
 from benchmarks.recordings.learner import Learning
 from benchmarks.recordings.methods import Given, HoldLast, Method, MethodCourse, Nothing, Ridge, given_of
 from benchmarks.recordings.models import Models, papers, slots
-from benchmarks.recordings.policy import Point, Sweep, check_asked, savings
+from benchmarks.recordings.policy import Point, Sweep, savings
 from benchmarks.recordings.series import Series
 from talc.frame import BoolArray, FloatArray
 from talc.settings import TrainingSettings
+from tests.benches.peeking import Peeked, check_asked, check_causal
 
 
 def series_of(
