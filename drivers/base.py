@@ -143,7 +143,7 @@ class LimitedBus(Protocol):
     """A bus whose requests can be told when the time for them ends."""
 
     def limit(self, left_s: float) -> None:
-        """A request that is not answered within so many seconds from now is given up; infinite: no limit."""
+        """A request that is not answered within `left_s` from now is given up; infinite: no limit."""
         ...
 
 

@@ -29,7 +29,7 @@ class Recognition:
     """The device at one address."""
 
     profile: str
-    """Name of the profile; empty if something answers that no supplied profile is known to fit."""
+    """Name of the profile; empty if something answers that matches no supplied profile."""
     inputs: tuple[int, ...]
     """The profile's channel numbers that can be used."""
     evidence: str
@@ -75,7 +75,7 @@ async def recognise_modbus(bus: ModbusBus, unit: int) -> Recognition:
             continue
         if found is not None:
             return found
-    return Recognition("", (), "a Modbus unit that no supplied profile is known to fit; write one for it")
+    return Recognition("", (), "a Modbus unit that matches no supplied profile; write one")
 
 
 async def _by_type_codes(registers: _Registers, profile: ModbusProfile) -> Recognition | None:

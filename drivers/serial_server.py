@@ -76,7 +76,7 @@ class Rfc2217Stream:
     def is_open(self) -> bool:
         return self._port is not None and self._inbox.lost is None
 
-    async def open(self, timeout_s: float) -> None:  # noqa: ARG002 - pyserial has limits of its own, 5 s and 3 s
+    async def open(self, timeout_s: float) -> None:  # noqa: ARG002 - pyserial has its own limits, 5 s and 3 s
         await self.close()
         loop = asyncio.get_running_loop()
         opening = loop.run_in_executor(None, self._opened)

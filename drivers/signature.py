@@ -21,8 +21,8 @@ def session_key(key: bytes, challenge: str, nonce: str) -> bytes:
 
 
 def signature(session: bytes, who: str, count: int, text: bytes) -> bytes:
-    """The signature of one text, hexadecimal. who: the side that says it; count: exchanges before this one in the
-    session."""
+    """The signature of one text, hexadecimal. who: the side that sends it; count: how many exchanges of the session
+    came before."""
     return hmac.digest(session, f"{who} {count} ".encode() + text, "sha256").hex().encode()
 
 

@@ -144,7 +144,7 @@ class Health:
     clock_synchronised: bool | None
     """Whether the computer's clock is kept by a time server; None: unknown, or the clock is simulated."""
     waits_for: tuple[str, ...]
-    """What has to come before the gateway learns and corrects with everything that it has, one text each."""
+    """What must happen before the gateway learns and corrects fully, one text each."""
     store: StoreHealth
     paused: Pause | None = None
     """The compensation's pause; None: it is not paused."""

@@ -54,7 +54,7 @@ class GuessingBrake:
 
 
 def make_hash(password: str) -> str:
-    """The hash of a password, with a salt of its own."""
+    """The hash of a password, with its own salt."""
     salt = os.urandom(_SALT)
     return _text(salt, _hashed(password, salt, _N, _R, _P))
 

@@ -133,12 +133,12 @@ class Controller:
         return None if self._course is None else self._course.reasons()
 
     def forecast(self, steps: Sequence[int]) -> Forecast | None:
-        """The learner's estimates so many steps ahead. Takes as long as a few steps."""
+        """The learner's estimates for each of these numbers of steps ahead. Takes as long as a few steps."""
         return None if self._course is None else self._course.forecast(steps)
 
     def along(self, changes: FloatArray, steps: Sequence[int]) -> PlannedForecast:
-        """The learner's estimates so many steps ahead, if the inputs differ from the last frame's by (T, n) at each of
-        the next T steps. ValueError: the method has no forecasts."""
+        """The learner's estimates for each of these numbers of steps ahead, if the inputs differ from the last
+        frame's by (T, n) at each of the next T steps. ValueError: the method has no forecasts."""
         if self._course is None:
             raise ValueError("the method models makes no forecasts")
         return self._course.along(changes, steps)

@@ -47,7 +47,7 @@ class Finding:
 
     kind: Literal["offset", "swap"]
     inputs: tuple[str, ...]
-    """The input with the offset, or the two that are exchanged."""
+    """The input with the offset, or the two that are swapped."""
     offset_K: float  # noqa: N815
     """Estimate of an offset. NaN for a swap."""
     score: float
@@ -58,7 +58,7 @@ class Finding:
     def text(self) -> str:
         """The finding in words, for a person."""
         if self.kind == "swap":
-            return f"{self.inputs[0]} and {self.inputs[1]} look exchanged: check the wiring"
+            return f"{self.inputs[0]} and {self.inputs[1]} may be swapped: check the wiring"
         names = " or ".join((*self.inputs, *self.alternatives))
         return f"{names} is off by {self.offset_K:+.1f} K against the other sensors"
 
@@ -72,7 +72,7 @@ class Judgement:
     smallest_offset_K: Mapping[str, float] = field(default_factory=dict)  # noqa: N815
     """Input to the offset that this window would have shown. Inputs that could not be judged are missing."""
     alike: tuple[tuple[str, str], ...] = ()
-    """Pairs that could be exchanged unnoticed in this window: sensors side by side, or a machine at rest."""
+    """Pairs that could be swapped unnoticed in this window: sensors side by side, or a machine at rest."""
     loads: tuple[str, ...] = ()
     """Loads from which the inputs were predicted, beside each other."""
 

@@ -18,7 +18,7 @@ class StepCounter:
     """The grid step of rows that come about a step apart, or further, at any moment of their step, late or early.
 
     Boundaries at multiples of the step would put two rows into one step and none into the next. Each row is therefore
-    a step of its own, and steps are missing where rows are missing.
+    one step, and steps are missing where rows are missing.
 
     Parameters
     ----------

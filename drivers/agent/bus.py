@@ -1,4 +1,4 @@
-"""A control's agent as a bus: a connection of its own that only reads. See docs/agent.md, `values`."""
+"""A control's agent as a bus: its own connection, which only reads. See docs/agent.md, `values`."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -100,12 +100,12 @@ def _parts(names: Sequence[str]) -> list[int]:
 
 def _listed(told: Json, names: Sequence[str]) -> list[float | str | None]:
     if not isinstance(told, list) or len(told) != len(names):
-        raise BadAnswer(f"values: expected a list of {len(names)}", hint="is the agent of another version?")
+        raise BadAnswer(f"values: expected a list of {len(names)}", hint="does the agent have a different version?")
     pairs = zip(told, names, strict=True)
     return [v if v is None or isinstance(v, str) else finite_number(v, f"value {name}", "") for v, name in pairs]
 
 
 def _why(told: Json) -> str:
     if not isinstance(told, str):
-        raise BadAnswer(f"stale = {told!r}: expected a text", hint="is the agent of another version?")
+        raise BadAnswer(f"stale = {told!r}: expected a text", hint="does the agent have a different version?")
     return told

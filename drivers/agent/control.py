@@ -35,7 +35,7 @@ _OFFSETS: Final = frozenset({Capability.SHIFT, Capability.SLOPES, Capability.ERR
 class AgentControl:
     """One control. Construction validates and uses no network; see NumericalControl for the operations.
 
-    Every operation raises a DriverError: after any but Refused the line is closed and `connect` is needed.
+    Every operation raises a DriverError: after any but Refused the connection is closed and `connect` is needed.
     """
 
     def __init__(self, settings: AgentSettings, clock: Clock) -> None:
@@ -141,7 +141,7 @@ class AgentControl:
         await self._until(there)
 
     async def _until(self, done: Callable[[], Awaitable[bool]]) -> None:
-        """Ask until it is so, for timeout_s. No question is cancelled, which would close the line."""
+        """Ask until it is so, for timeout_s. No question is cancelled, which would close the connection."""
         loop = asyncio.get_running_loop()
         latest_s = loop.time() + self._settings.timeout_s
         while not await done() and loop.time() < latest_s:

@@ -10,7 +10,7 @@ from drivers.base import BadAnswer, WrongDevice
 from drivers.nc import LINEAR_AXES, Triple
 
 VERSION: Final = 3
-"""The newest version of the line that this driver speaks; it speaks every earlier one."""
+"""The newest version of the protocol that this driver speaks; it speaks every earlier one."""
 _SAME_DEG = 1e-3
 
 

@@ -14,7 +14,7 @@ Json = None | bool | int | float | str | list["Json"] | dict[str, "Json"]
 
 
 class AgentLine:
-    """Asks one question at a time. Any fault closes the line: later answers could belong to earlier questions."""
+    """Asks one question at a time. Any fault closes the connection: later answers could belong to earlier questions."""
 
     def __init__(self, settings: AgentSettings) -> None:
         self._settings, self._device = settings, settings.device
@@ -57,7 +57,8 @@ class AgentLine:
             await self._stream.close()
 
     async def ask(self, do: str, **arguments: Json) -> Json:
-        """The answer. Raises Refused with the agent's reason; ConnectError, NoAnswer and BadAnswer close the line."""
+        """The answer. Raises Refused with the agent's reason; ConnectError, NoAnswer and BadAnswer close the
+        connection."""
         async with self._lock:
             if not self._stream.is_open:
                 raise ConnectError("not connected", device=self._device, hint="connect first")

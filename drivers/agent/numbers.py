@@ -6,7 +6,7 @@ from contextlib import suppress
 from drivers.agent.line import Json
 from drivers.base import BadAnswer
 
-_HINT = "is the agent of another version?"
+_HINT = "does the agent have a different version?"
 
 
 def json_object(answer: Json, what: str, device: str) -> dict[str, Json]:
@@ -25,7 +25,7 @@ def finite_number(value: Json, what: str, device: str) -> float:
 
 
 def finite_numbers(value: Json, count: int, what: str, device: str) -> tuple[float, ...]:
-    """So many finite numbers."""
+    """A list of `count` finite numbers."""
     if not isinstance(value, list) or len(value) != count:
         words = {2: "two", 3: "three", 9: "nine"}
         raise BadAnswer(f"{what} = {value!r}: expected {words[count]} numbers", device=device, hint=_HINT)

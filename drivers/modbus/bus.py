@@ -52,7 +52,7 @@ class ModbusBus(StreamBus, ABC):
     has_checksum = False
     """Whether a changed byte in a frame is noticed."""
     reopens = False
-    """Whether a connection that the other side closed is opened anew for the next request, and once more when it is
+    """Whether a connection that the other side closed is opened again for the next request, and once more when it is
     closed while that is under way: some hosts close it after each answer, or when nobody asks for a while."""
 
     def __init__(self, name: str, stream: ByteStream, patience: Patience, timeout_s: float) -> None:
@@ -122,7 +122,7 @@ class ModbusBus(StreamBus, ABC):
         await asyncio.sleep(rest_s)
 
     async def _answer(self, device: str, unit: int, block: Block, again: bool) -> ModbusPDU:
-        """As `_exchange`, on a connection that may have to be opened anew."""
+        """As `_exchange`, on a connection that may have to be opened again."""
         if self.left_s < _SHORTEST_S:
             raise NotAsked(
                 f"unit {unit}: no time was left to ask for all its values", hurried=True, bus=self._name, device=device

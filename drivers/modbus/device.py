@@ -18,7 +18,7 @@ _ASK_REFUSED_AGAIN_S = 60.0
 """After this time the device is asked again for what it refused: a module may have been added or set up."""
 
 _CHECK_AGAIN_S = 60.0
-"""After this time one more request asks for settings or type codes: somebody may have set the module anew."""
+"""After this time one more request asks for settings or type codes: somebody may have changed the module's settings."""
 
 _SAME_UNIT_S = 2.0
 """For so long what a unit has answered in a check that failed is kept: nobody exchanges it faster."""

@@ -149,7 +149,7 @@ class ReadPlan:
         self._unanswered[request] += 1 if hurried else 2
         if self._unanswered[request] < _SILENT or len(self.requests) == 1:
             return False
-        self._unanswered[request] = _SILENT - 1  # once more is enough if everything is asked for anew
+        self._unanswered[request] = _SILENT - 1  # once more is enough if everything is asked for again
         self.requests.remove(request)
         self._silences.add(request, self._inside(request), now_s)
         return True

@@ -18,7 +18,7 @@ _REMEMBERED_S = 60.0
 _LONGEST_S = 0.2
 """No copy is waited for longer than this."""
 _EQUAL_OFTEN = 3
-"""After so many checks two blocks that hold the same words are no longer suspected."""
+"""After this many checks two blocks that hold the same words are no longer suspected."""
 _REFUSAL = 0x80
 
 

@@ -310,7 +310,7 @@ class ModbusRtuBus(RtuFramedBus):
             gap_s=gap_s,
             pause_s=max(pause_s(settings), 4 * gap_s),
         )
-        self.reopens = settings.port.startswith("socket:")  # negotiating RFC 2217 anew takes longer than a period
+        self.reopens = settings.port.startswith("socket:")  # negotiating RFC 2217 again takes longer than a period
 
 
 class ModbusRtuTcpBus(RtuFramedBus):

@@ -164,7 +164,7 @@ class StatusRegister(Section):
         return (1 << self.bit_stride) - 1 if self.bit_stride else 0xFFFF
 
     def check_for(self, channels: int) -> None:
-        """For validators: raises an error if the status of one of so many channels would not be in a register."""
+        """For validators: raises an error if the status of one of this many channels would not be in a register."""
         last = min(self.channels_per_register, channels) - 1
         highest = self.bits.bit_length() - 1 + last * self.bit_stride
         if highest >= REGISTER_BITS:

@@ -141,9 +141,9 @@ class MqttBus:
             self._refused = await asyncio.to_thread(connection.subscribe, sorted(self._refused))
 
     async def heard(self, seconds: float, most: int) -> dict[str, TopicMessage]:
-        """What has arrived after so many seconds, or of so many topics: of wildcards that are wanted, all of theirs.
+        """The latest message of each topic, after `seconds` or once `most` topics have one.
 
-        Raises ConnectError when the connection is lost.
+        A wildcard that is wanted brings every topic that matches it. Raises ConnectError when the connection is lost.
         """
         await self._wait(lambda: len(self._latest) >= most, monotonic() + seconds, "")
         return dict(self._latest)

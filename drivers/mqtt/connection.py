@@ -133,7 +133,7 @@ class MqttConnection:
         except TimeoutError as error:
             raise NoAnswer(f"{server.url} does not answer within {self._timeout_s:g} s") from error
         except OSError as error:
-            hint = "is the broker running, is the port right?"
+            hint = "is the broker running, and is the port correct?"
             raise ConnectError(f"cannot open {server.url}: {error.strerror or error}", hint=hint) from error
         self._client.loop_start()
         try:

@@ -54,7 +54,7 @@ class MtConnectControl(OnlyRead):
         await self.snapshot()
 
     async def close(self) -> None:
-        """Each request has a connection of its own."""
+        """Each request has its own connection."""
         self._factors = {}
 
     async def snapshot(self) -> NcSnapshot:

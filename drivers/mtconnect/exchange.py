@@ -36,7 +36,7 @@ async def ask_agent(url: str, machine: str, request: str, timeout_s: float) -> b
 
 
 class _Exchange:
-    """One request and its answer, on a connection of its own, in a thread of its own."""
+    """One request and its answer, on its own connection and in its own thread."""
 
     def __init__(self, url: str, path: str) -> None:
         parts = urlsplit(url)

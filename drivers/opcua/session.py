@@ -308,7 +308,7 @@ class OpcUaSession:
             if self._settings.security != "none":
                 hint = "is server_certificate this control's own, and does the control trust the gateway's certificate?"
             return NoAnswer(f"{url} does not answer within {self._settings.timeout_s:g} s", device=device, hint=hint)
-        hint = "is it on, is its OPC UA server licensed and running, is the port right?"
+        hint = "is it on, is its OPC UA server licensed and running, and is the port correct?"
         return ConnectError(f"cannot open {url}: {_say(error)}", device=device, hint=hint)
 
     def _password(self, path: Path) -> str:

@@ -84,7 +84,7 @@ class Paths:
                 raise SetupError(f"{name} = {path!r}: expected a node name beginning with / that holds {{n}} once")
         if self.referenced and not re.fullmatch(r"/[^{}]*\{n\}[^{}]*", self.referenced):
             raise SetupError(
-                f"referenced = {self.referenced!r}: expected a node name that holds {{n}} once, or nothing"
+                f"referenced = {self.referenced!r}: expected a node name that holds {{n}} once, or an empty text"
             )
         for name in ("mode", "program", "tool", "probe_in_spindle", "metric", "drives_on"):
             path = getattr(self, name)

@@ -8,7 +8,7 @@ _WINDOW_S = 60.0
 """A rate is judged over a minute or more: one step of a sensor's resolution in a second is not a rate."""
 
 _SAME_S = 0.05
-"""A number that was measured within so many seconds of the last one is the same measurement, read again: the driver
+"""A number that was measured within this many seconds of the last one is the same measurement, read again: the driver
 tells its age (MQTT, plain CAN, OPC UA, timed TPDOs). It says nothing new about a spike."""
 
 

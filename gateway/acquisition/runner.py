@@ -258,7 +258,7 @@ class BusRunner:
         return error is None
 
     async def _ask_once_more(self, unsure: _Unsure, due: float, within_s: float = math.inf) -> bool:
-        """The same for a device that may answer this time, within so many seconds; otherwise it may be asked again."""
+        """The same for a device that may answer this time, within `within_s`; otherwise it may be asked again."""
         error = await self._read(unsure.device, again=True, within_s=within_s)
         if error is not None:
             unsure.asks += 1

@@ -107,7 +107,7 @@ class BareLine:
             raise Broken("the end of the connection") from None
 
     async def check_ends(self, within_s: float | None = None) -> None:
-        """Raises Broken unless the agent ends the connection; an unsigned error before that is well."""
+        """Raises Broken unless the agent ends the connection; an unsigned error before that is allowed."""
         try:
             async with asyncio.timeout(within_s or self.target.timeout_s):
                 rest = await self._reader.read(LONGEST_ANSWER)

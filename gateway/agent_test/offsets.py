@@ -50,7 +50,8 @@ async def comes(line: BareLine, wanted: tuple[float, ...], within_s: float, *, a
 async def claimed(
     target: AgentUnderTest, silence_s: float = _LONG_S, ramp_um_per_s: float = _FAST_UM_PER_S
 ) -> AsyncIterator[BareLine]:
-    """A line whose claim is watched; nothing is in force. It is released, and what was written is gone, at the end."""
+    """A connection whose claim is watched; nothing is in force. At the end it is released, and what was written is
+    gone."""
     async with logged_in(target) as line:
         if not same(found := await in_force(line), (0.0, 0.0, 0.0)):
             raise Broken(f"{um_text(found)} µm in force before anything was written: wait until it is zero")

@@ -3,7 +3,7 @@
 systemd gives the service its control group to divide (`Delegate=cpu` in the unit file). The gateway makes two groups
 below it: one for itself and one for the processes that learn. All of these together then get a tenth of the
 gateway's processor time while both want it, however many processes and threads they are; with their niceness alone
-(gateway.apart.__main__), every further thread takes a tenth of its own. The files are those of the kernel's
+(gateway.apart.__main__), every further thread takes another tenth. The files are those of the kernel's
 Documentation/admin-guide/cgroup-v2.rst.
 """
 

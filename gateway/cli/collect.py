@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 @click.option("--prefix", default="talc", show_default=True, help="First part of the keys.")
 @click.option("--every", type=FiniteNumber(min=0.1), default=30.0, show_default=True,
               help="Seconds after which a gateway is asked again.")  # fmt: skip
-@click.option("--database-password-file", type=PemPath, help="Holds the password of ADDRESS's user alone.")
+@click.option("--database-password-file", type=PemPath, help="File that contains only the password of ADDRESS's user.")
 @access_options
 def collect(
     site: str,

@@ -28,7 +28,9 @@ def status(config: Path, as_json: bool) -> None:
 @click.command()
 @ConfigPath
 def doctor(config: Path) -> None:
-    """Look for what is wrong around the gateway of CONFIG; say why it matters and what to do. Exit code 3: found.
+    """Look for what is wrong around the gateway of CONFIG; say why it matters and what to do.
+
+    Exit code 3 if something was found.
 
     Clock, disk, supply voltage, CAN interfaces, other programs on a serial port, certificates, probing that scatters
     more than at first, sensors that are the same all day. It reads files only.

@@ -1,4 +1,4 @@
-"""Answers queries on `report`: the page of one day, made in a process of its own."""
+"""Answers queries on `report`: the page of one day, made in a separate process."""
 
 import asyncio
 import gzip
@@ -30,7 +30,7 @@ _STORED_WITHIN = timedelta(minutes=30)
 
 
 def made(database: Path, day: date, zone: str) -> bytes:
-    """The page of a day, HTML compressed with gzip; runs in a process of its own. Raises StoreError, ValueError."""
+    """The page of a day, HTML compressed with gzip; runs in a separate process. Raises StoreError, ValueError."""
     resource.setrlimit(resource.RLIMIT_DATA, (_MEMORY, _MEMORY))
     from gateway.cli.report import Reader, collect, empty_page  # loads what draws: never in the gateway itself
     from gateway.report import build
@@ -53,7 +53,7 @@ def _zone(name: str) -> ZoneInfo | None:
 
 
 async def _made_apart(database: Path, day: date, zone: str) -> bytes:
-    """In a process of its own. Raises WorkError."""
+    """In a separate process. Raises WorkError."""
     return await apart(made, database, day, zone)
 
 

@@ -1,4 +1,4 @@
-"""The emulated machine of the demo, in a process of its own, and the gateway's configuration for it."""
+"""The emulated machine of the demo, in a separate process, and the gateway's configuration for it."""
 
 import asyncio
 import json
@@ -53,7 +53,7 @@ class Demo:
 
 @asynccontextmanager
 async def on_emulated_machine(demo: Demo) -> AsyncIterator[tuple[GatewayConfig, SharedClock]]:
-    """The emulated machine in a process of its own, the gateway's configuration for it, and the clock, not started.
+    """The emulated machine in a separate process, the gateway's configuration for it, and the clock, not started.
 
     Raises DriverError when the machine does not start.
     """

@@ -1,4 +1,4 @@
-"""The demo's page: `talc-gateway web` for its machine, in a process of its own that ends when the demo does."""
+"""The demo's page: `talc-gateway web` for its machine, in a separate process that ends when the demo does."""
 
 import asyncio
 import os

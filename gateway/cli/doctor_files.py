@@ -44,7 +44,7 @@ class UnreadFile:
         name = self.field.rsplit(maxsplit=1)[-1]
         secret = name in _SECRETS
         if isinstance(self.error, FileNotFoundError):
-            guard = ", readable by the gateway's user alone (chmod 600)" if secret else ""
+            guard = ", readable only by the gateway's user (chmod 600)" if secret else ""
             return f"make the file ({self.page}) or copy it there{guard}, or change {name} in the configuration"
         if self.reader:
             return f"chown {self.reader} {self.path}; or LoadCredential= in a drop-in (docs/install-pi.md)"

@@ -30,7 +30,7 @@ _MOST_SHOWN = 60
 @click.argument("topics", nargs=-1)
 @click.option("--seconds", type=FiniteNumber(min=0.1), default=10.0, show_default=True, help="How long to listen.")
 @click.option("--most", type=click.IntRange(1), default=1000, show_default=True,
-              help="Stop when so many topics have had a message.")  # fmt: skip
+              help="Stop when this many topics have had a message.")  # fmt: skip
 @click.option("--user", help="User name; needs --password-file. Default: anonymous.")
 @click.option("--password-file", help="File that contains only the user's password.")
 @click.option(

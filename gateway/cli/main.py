@@ -66,7 +66,7 @@ def _with_simulators() -> None:
 @click.option("--limit", type=FiniteNumber(min=1), default=LIMIT_S, show_default=True,
               help="Scan each wire at most this many seconds.")  # fmt: skip
 def init(config: Path, answers: Path | None, limit: float) -> None:
-    """Write a first CONFIG: ask what no scan can tell, find the devices, arm nothing.
+    """Write a first CONFIG: ask for what a scan cannot find, find the devices, arm nothing.
 
     \b
     Asks for the machine's name, wires and control, scans the wires (reads only), and writes a commented file that

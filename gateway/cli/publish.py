@@ -18,9 +18,9 @@ def publish(outlets: Path, only_check: bool) -> None:
     """Forward what gateways publish to the systems of OUTLETS, a TOML file: MQTT, InfluxDB (docs/outlets.md).
 
     \b
-    A process of its own: it only listens to the gateways, so that nothing here can delay or change a machine. A system
-    that is away is tried again; meanwhile messages wait in memory, and the oldest are dropped when there are too many.
-    It runs until SIGINT or SIGTERM, and says at the end what was sent.
+    It is a separate process, which only listens to the gateways, so that nothing here can delay or change a machine. A
+    system that is away is tried again; meanwhile messages wait in memory, and the oldest are dropped when there are
+    too many. It runs until SIGINT or SIGTERM, and says at the end what was sent.
     """
     from time import monotonic
 

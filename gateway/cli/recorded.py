@@ -32,13 +32,14 @@ from gateway.cli.extras import need_extra
 )
 @click.option("--time", "time_column", default="time", show_default=True, help="Column of the time.")
 @click.option("--time-of-day", "time_of_day", metavar="COLUMN", default="",
-              help="Column of the time of day, if that of the time holds the date alone.")  # fmt: skip
+              help="Column of the time of day, if the time column contains only the date.")  # fmt: skip
 @click.option("--time-unit", "time_unit", metavar="UNIT", default="",
               help="Unit of times that are plain numbers: ns, us, ms, s, min, h or days.")  # fmt: skip
 @click.option("--time-format", metavar="FORMAT", default="",
               help="How times are written, such as '%d.%m.%Y %H:%M', or `excel` for its numbers.")  # fmt: skip
 @click.option("--time-zone", metavar="ZONE", help="Time zone of times without one, such as Europe/Zurich.")
-@click.option("--error", "errors", multiple=True, metavar="NAME=COLUMN", help="Column of an error; any name.")
+@click.option("--error", "errors", multiple=True, metavar="NAME=COLUMN",
+              help="Column of a thermal error; NAME may be any name.")  # fmt: skip
 @click.option("--unit", "units", multiple=True, metavar="NAME=UNIT", help="Unit of an error's column, such as mm.")
 @click.option(
     "--input",
@@ -127,7 +128,7 @@ def prior() -> None:
 @click.argument("given", metavar="DATABASE|FOLDER|ADDRESS...", nargs=-1, required=True, type=_SourceOrAddress())
 @click.option("--kind", help="[machine] kind of the machines that count. Default: all, if they have the same.")
 @click.option("-o", "--output", type=click.Path(dir_okay=False, path_type=Path), required=True, help="JSON file.")
-@click.option("--database-password-file", type=PemPath, help="Holds the password of ADDRESS's user alone.")
+@click.option("--database-password-file", type=PemPath, help="File that contains only the password of ADDRESS's user.")
 def make_prior(
     given: tuple[Path | str, ...], kind: str | None, output: Path, database_password_file: Path | None
 ) -> None:

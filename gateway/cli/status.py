@@ -174,7 +174,7 @@ def _held(path: Path) -> bool:
 def file_system_of(opened: str, mounts: str) -> str:
     """Major and minor number of the file system of an open file, as /proc/locks has them; empty: not known.
 
-    `stat` has others on file systems with volumes of their own.
+    `stat` has others on file systems with their own volumes.
 
     Parameters
     ----------

@@ -65,7 +65,7 @@ def _printable(value: Any) -> Any:
 
 
 class _Followed:
-    """One gateway as its messages show it. Zenoh calls `take` and `life` from threads of its own."""
+    """One gateway as its messages show it. Zenoh calls `take` and `life` from its own threads."""
 
     def __init__(self, machine: str, root: str) -> None:
         self.state, self.ended = ViewState(machine), threading.Event()

@@ -35,14 +35,14 @@ def machines_in_database(url: str, password_file: Path | None = None) -> list[Co
     """Every machine of a database of `talc-gateway collect`.
 
     Raises ValueError for an address that is invalid or holds a password; CollectError if the database cannot be
-    reached, or holds no run of a machine that can be read.
+    reached, or contains no run of any machine that can be read.
     """
     read = partial(_reading, database_parameters(url), password_file)
     with read() as connection:
         there = all(relation_columns(connection, table) for table in ("progress", "runs", "steps"))
         begun = connection.execute(_BEGUN).fetchall() if there else []
         if not begun:
-            raise CollectError(f"{url}: holds no run of a machine; give a database of `talc-gateway collect`")
+            raise CollectError(f"{url}: contains no run of any machine; give a database of `talc-gateway collect`")
         return [_machine(connection, name, places, read) for name, places in begun]
 
 

@@ -47,7 +47,7 @@ class Commit:
 class SiteFolder:
     """One site's, as a context manager; one collector writes to it at a time.
 
-    part_rows: a part of so many rows grows no more
+    part_rows: a part with this many rows grows no more
 
     Raises CollectError on entry when another collector uses it, or when it cannot be written.
     """

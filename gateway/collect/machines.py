@@ -77,7 +77,7 @@ def machines_in(site: Path) -> list[CollectedMachine]:
     """
     found = [_machine(site, folder) for folder in sorted((site / "runs").glob("machine=*"))]
     if not found:
-        raise CollectError(f"{site}: holds no run of a machine; give a folder of `talc-gateway collect`")
+        raise CollectError(f"{site}: contains no run of any machine; give a folder of `talc-gateway collect`")
     return found
 
 

@@ -37,7 +37,7 @@ from talc.probing import check_poses
 _SLOPE_UM_PER_MM = 0.1
 """Slope of a table that has grown by 12 µm at 120 mm, or an axis tilted by 100 µm/m: usual on a warm machine."""
 _MOST_CHANNELS = 1000
-"""A database numbers 2047, in its life and each unit of a channel anew."""
+"""A database has 2047 numbers for channels in its life, and a channel whose unit changes takes another one."""
 _MUCH_MEMORY = 300e6
 """Bytes of a learner; a snapshot and a start take as many again, and the Debian package's service may have 1 GB."""
 _FEW_INPUTS = 100

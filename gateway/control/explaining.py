@@ -23,8 +23,8 @@ class Explanations:
     controller: has made the decisions
     step_s: of the grid
     sink: receives reasons and forecasts
-    planned: by planned load, how the inputs (steps, n) will differ from the last frame's at each of so many steps;
-        None: unknown
+    planned: by planned load, how the inputs (steps, n) will differ from the last frame's at each of these
+        steps; None: unknown
     """
 
     def __init__(

@@ -76,21 +76,21 @@ class Schedule:
         offset = utc.timestamp() - monotonic_s
         wanted = offset + self._lead_s
         moved = 0.0 if self._anchor_s is None else offset - self._seen_s
-        anew = self._anchor_s is None or self.moved(utc, monotonic_s)
+        again = self._anchor_s is None or self.moved(utc, monotonic_s)
         if self._anchor_s is not None and known and not self._known:
-            anew = anew or abs(wanted - self._anchor_s) > self._step / 2
-        anchor = wanted if self._anchor_s is None or anew else self._anchor_s
+            again = again or abs(wanted - self._anchor_s) > self._step / 2
+        anchor = wanted if self._anchor_s is None or again else self._anchor_s
         self._seen_s, self._known = offset, known
         k = math.floor((monotonic_s + anchor) / self._step) + 1
-        absurd = anew and not known and self._absurd(k)
+        absurd = again and not known and self._absurd(k)
         if self._last_k is not None and (k <= self._last_k or absurd):
             behind_s = self._last_k * self._step - monotonic_s - anchor
-            if absurd or (anew and behind_s > self._step / 2):  # number on from the last frame, on the same instants
+            if absurd or (again and behind_s > self._step / 2):  # number on from the last frame, on the same instants
                 anchor += (self._last_k + 1 - k) * self._step
                 self._lead_s = anchor - offset if known else self._lead_s
             k = self._last_k + 1
         self._anchor_s, self._last_k = anchor, k
-        return Instant(k, k * self._step - anchor, moved if anew else 0.0, known, self._lead_s)
+        return Instant(k, k * self._step - anchor, moved if again else 0.0, known, self._lead_s)
 
     def moved(self, utc: datetime, monotonic_s: float) -> bool:
         """Whether UTC has moved against the monotonic clock, by more than half a step, since the last instant."""

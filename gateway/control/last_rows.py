@@ -6,9 +6,9 @@ from talc.frame import BoolArray, FloatArray
 
 
 class LastRows:
-    """Rows of m inputs and their masks, at most so many; another one takes the place of the oldest.
+    """Rows of m inputs and their masks, at most `most`; another one takes the place of the oldest.
 
-    As two arrays: a row of 36 inputs takes 324 bytes, as two objects of its own 780. What is not used yet takes none.
+    As two arrays: a row of 36 inputs takes 324 bytes, as two separate objects 780. What is not used yet takes none.
 
     Parameters
     ----------
@@ -30,7 +30,7 @@ class LastRows:
         self._rows = min(self._rows + 1, len(self._inputs))
 
     def append_gap(self, rows: int) -> None:
-        """So many rows without values: NaN, none valid."""
+        """Append this many rows without values: NaN, none valid."""
         for _ in range(min(rows, len(self._inputs))):
             self.append(np.full(self._inputs.shape[1], np.nan), np.zeros(self._inputs.shape[1], dtype=np.bool_))
 

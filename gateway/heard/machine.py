@@ -175,7 +175,7 @@ class MachineSeen:
     def appear(self, now: datetime) -> None:
         """The liveliness token is there. What was heard before it went does not hold until it is heard again."""
         if self.gone is not None:
-            self._begin_anew(self.boot)
+            self._begin_again(self.boot)
         self.alive, self.heard, self.gone = True, now, None
 
     @property
@@ -207,7 +207,7 @@ class MachineSeen:
             return
         self.heard = now
         if message.boot != self.boot:
-            self._begin_anew(message.boot)
+            self._begin_again(message.boot)
         if message.seq <= self._sequence.get(suffix, -1):
             return
         self._sequence[suffix] = message.seq
@@ -216,7 +216,7 @@ class MachineSeen:
         self.simulated = message.clock == "simulated"
         self._take(message, at)
 
-    def _begin_anew(self, boot: str) -> None:
+    def _begin_again(self, boot: str) -> None:
         """The gateway is another one, or was away: nothing that was heard holds for now. The past is kept."""
         self.boot, self.latest, self._newest = boot, None, -1
         self.decision, self.compensation, self.status, self.probing = None, None, None, None

@@ -39,7 +39,7 @@ def listened_to(telemetry: Telemetry) -> tuple[str, ...]:
 
 
 class SiteSeen:
-    """The machines under one prefix. Zenoh calls from threads of its own; `machines` holds them off.
+    """The machines under one prefix. Zenoh calls from its own threads; `machines` holds them off.
 
     Parameters
     ----------

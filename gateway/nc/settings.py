@@ -14,7 +14,7 @@ from talc.frame import FloatArray
 
 @dataclass(frozen=True, slots=True)
 class Identity:
-    """Who claims a control. Each run has a number of its own, so that a copy of this computer is another gateway.
+    """Who claims a control. Each run has its own number, so that a copy of this computer is another gateway.
 
     After a crash the control may still believe the run before this one to be alive. The database tells a gateway which
     run that was, if it ran on this computer since the computer was switched on: in a copy, it may run elsewhere.

@@ -151,8 +151,8 @@ class OffsetWriter:
             self._record(step, snapshot, k, written=written, read_back=read_back)
 
     async def _too_soon(self, now_s: float) -> bool:
-        """Whether a write would act within one period of the last one, which came late because this process or the line
-        stood still: both together would be a step of two periods. A little earlier than due, it waits."""
+        """Whether a write would act within one period of the last one, which came late because this process or the
+        connection stood still: both together would be a step of two periods. A little earlier than due, it waits."""
         if self._form.together:
             return False  # the control slews
         due_s = self._acted_s + _APART * self._period

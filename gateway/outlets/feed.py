@@ -98,7 +98,7 @@ class Feed:
             self.dropped += 1
 
     def run(self, clock: Callable[[], float] = monotonic) -> None:
-        """Send until `stop`. Runs in a thread of its own."""
+        """Send until `stop`. Runs in its own thread."""
         while not self._ended():
             self.turn(clock())
             with self._news:
@@ -117,7 +117,7 @@ class Feed:
         return self._stopping
 
     def turn(self, now_s: float) -> float:
-        """Send one batch, if it is time; when to come again, monotonic."""
+        """Send one batch, if it is time. Returns when the next turn is due, monotonic."""
         due_s = self._due_s(now_s)
         if due_s > now_s and (self._open or self._problem):
             return due_s

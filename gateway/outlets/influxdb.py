@@ -51,7 +51,7 @@ class InfluxDbSettings(OutletSettings, UrlServer):
     gather_for_s: NotNegative = 5.0
     """Send lines together that come within this time."""
     lines_at_once: int = Field(default=1000, ge=1, le=10_000)
-    """Send as soon as so many messages wait."""
+    """Send as soon as this many messages wait."""
 
     @model_validator(mode="after")
     def _sensible(self) -> Self:

@@ -109,7 +109,7 @@ def past_in(
 ) -> Past:
     """`past_of` what a store holds. A damaged one is set aside first, and what can be read of it counts.
 
-    A rebuild of years takes minutes: it stores a snapshot every so many steps, from which the next start continues.
+    A rebuild of years takes minutes: every n steps it stores a snapshot, from which the next start continues.
 
     Raises StoreError as `past_of`, or when the damaged one cannot be set aside; SetupError if the computer has
     not the memory; Interrupted as `progress`.

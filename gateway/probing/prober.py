@@ -112,8 +112,8 @@ class Prober:
                 self._waiting_for = None
 
     async def settle(self) -> None:
-        """While no measurement runs: withdraw what a lost line or an earlier run left behind. Raises DriverError, but
-        not for what the control refuses."""
+        """While no measurement runs: withdraw what a lost connection or an earlier run left behind. Raises DriverError,
+        but not for what the control refuses."""
         try:
             await self.withdraw()
         except Refused as error:

@@ -13,7 +13,7 @@ T = TypeVar("T")
 async def to_its_end(work: Coroutine[object, object, T]) -> T:
     """Await `work` to its end, even if the caller is cancelled meanwhile; the cancellation then takes effect.
 
-    After half a request it is unknown what is in force, and a line with ordered answers must be closed. A second
+    After half a request it is unknown what is in force, and a connection with ordered answers must be closed. A second
     cancellation does reach the work.
     """
     task = asyncio.create_task(work)

@@ -37,7 +37,7 @@ class Columns:
     clock: TimeFormat = field(default_factory=TimeFormat)
     """How the times are written."""
     time_of_day: str = ""
-    """Column of the time of day, where that of the time holds the date alone; empty: none."""
+    """Column of the time of day, where the time column contains only the date; empty: none."""
     layout: TextLayout = field(default_factory=TextLayout)
     """Lines that are left out, and cells without a value."""
 
@@ -95,7 +95,7 @@ def _index_in(head: Sequence[str]) -> str | None:
 
 
 def _named_once(head: Sequence[str], problems: FileProblems) -> None:
-    """Every column but the first must have a name of its own."""
+    """Every column but the first must have its own name."""
     for number, name in enumerate(head):
         if name in head[:number]:
             problems.add(f"column {number + 1}", f"{name!r} occurs twice")

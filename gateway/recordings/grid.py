@@ -56,7 +56,7 @@ class Recording:
 
 
 def read_recording(path: Path, columns: Columns, step_s: float) -> Recording:
-    """The recording on a grid of `step_s`, or of its own median spacing if that is about as long or longer.
+    """The recording on a grid of `step_s`, or of the file's median spacing if that is about as long or longer.
 
     Raises RecordingError with every problem: line (row in Parquet), column and value.
     """

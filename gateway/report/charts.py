@@ -14,7 +14,7 @@ from talc.models import ModelSet
 from talc.names import ERROR_UNITS, MICROMETRE, THERMAL_ERRORS
 
 _ALIKE = 0.1
-"""Share of the largest line of a chart: a smaller line has an axis of its own."""
+"""Share of the largest line of a chart: a smaller line has its own axis."""
 _MOST_INPUTS = 8
 """Lines in a chart of inputs that can be told apart."""
 _LONGEST_TITLE, _LONGEST_NAME = 34, 23

@@ -32,7 +32,7 @@
     if (key === "x" && !following && min != null && (min !== view[0] || max !== view[1])) queueMicrotask(() => show(min, max));
   };
 
-  // The lines of a chart have instants of their own: the cursor reads the nearest value of each.
+  // Each line of a chart has its own instants: the cursor reads the nearest value of each.
   const nearest = (u, s, i) => {
     const y = u.data[s];
     if (s === 0 || y[i] != null) return i;

@@ -148,7 +148,7 @@ class DiskWork(Generic[OnDisk]):
             self._unwanted(self._found[0])
 
     def suspend(self, whether: bool) -> None:
-        """The limit does not count, or counts anew from now on."""
+        """The limit does not count, or counts again, from now on."""
         with self._changed:
             self._since_s = None if whether else time.monotonic()
             self._changed.notify_all()

@@ -13,7 +13,7 @@ from gateway.storage.faults import StoreError
 
 def link_followed(path: Path) -> Path:
     """The file that a symbolic link leads to: one database has one lock, whatever name leads to it, and what is set
-    aside or begun anew is on the disk where it is.
+    aside or started again is on the disk where it is.
 
     Raises StoreError for a link to a folder that is not there, such as that of a disk which is not mounted.
     """

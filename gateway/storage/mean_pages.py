@@ -40,7 +40,7 @@ def means_page(
     every_s: int,
     after: str | None = None,
 ) -> ReadingsPage:
-    """The next page of the means of good readings in intervals of so many seconds, counted from `begin`.
+    """The next page of the means of good readings in intervals of `every_s` seconds, counted from `begin`.
 
     `time` is where an interval begins; one in which a channel had no good reading is left out. Means of older readings
     are of minutes: such a minute counts where it begins. Where `every_s` is whole minutes, all do.

@@ -51,7 +51,7 @@ def mend(path: Path, why: str, now: datetime, known: Known) -> str:
         target.executescript(NEW)
         counts, lost = _copy(path, target)
         _restore(target, known)
-        anew = _settle(target, counts, reference_known=known.reference is not None)
+        begun = _settle(target, counts, reference_known=known.reference is not None)
         lost += _recounted(target, counts)
         begin_epoch(target)
         target.commit()
@@ -68,10 +68,10 @@ def mend(path: Path, why: str, now: datetime, known: Known) -> str:
         f"storage: {path} was damaged ({' '.join(why.split())}) and is set aside as {aside.name}; read from it: {kept}"
     )
     text += f"; at least {lost} other rows are lost" if lost else ""
-    return text + (f"; {anew}" if anew else "; raw readings stay there")
+    return text + (f"; {begun}" if begun else "; raw readings stay there")
 
 
-def begin_anew(path: Path, known: Known) -> str:
+def begin_again(path: Path, known: Known) -> str:
     """Begin another database in the place of one that was deleted. Returns what was done, in words.
 
     Raises sqlite3.Error or OSError.

@@ -164,7 +164,7 @@ def _bits(array: NDArray[Any]) -> NDArray[np.uint64]:
 
 
 def _unpacked(data: memoryview, kind: str, shape: tuple[int, ...]) -> tuple[NDArray[Any], memoryview]:
-    """An array of its own memory, and what follows it."""
+    """An array with its own memory, and what follows it."""
     dtype, size = np.dtype(kind), int(np.prod(shape))
     if kind != _SPARSE:
         end = size * dtype.itemsize

@@ -38,7 +38,7 @@ from gateway.storage.damage import unreadable_rows
 from gateway.storage.epochs import begin_epoch
 from gateway.storage.faults import DamagedError, StoreError
 from gateway.storage.lock import FileLock, link_followed
-from gateway.storage.mending import Known, begin_anew, mend
+from gateway.storage.mending import Known, begin_again, mend
 from gateway.storage.readings import MOST_BOOTS, Channels, Pruning, Retention, last_boot
 from gateway.storage.schema import UNREADABLE, connect, is_damage, make_schema, unusable
 from gateway.storage.snapshot import Snapshot
@@ -292,7 +292,7 @@ class Store:
     def _mend_and_number(self, why: str) -> str:
         """While it runs: the channels keep their numbers."""
         self._writer.put(_CHANNEL, self._channels.rows())
-        return self._mend(why) if self._path.exists() else begin_anew(self._path, self._known)
+        return self._mend(why) if self._path.exists() else begin_again(self._path, self._known)
 
     def _mark(self, connection: sqlite3.Connection) -> None:
         self._pruning.mark(connection, self._clock.monotonic())

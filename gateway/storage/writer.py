@@ -326,7 +326,7 @@ class DatabaseWriter:
                 place.look()
 
     def _delete_old(self, connection: sqlite3.Connection) -> None:
-        """In a transaction of its own. When the gateway is stopped meanwhile and it takes long: not this time."""
+        """In its own transaction. When the gateway is stopped meanwhile and it takes long: not this time."""
         if self._open:  # an empty commit succeeds on a disk that fails, and would end the problem
             self._commit(connection)
         self._pruning = True

@@ -27,6 +27,7 @@ ASKER, GATEWAY = "client", "gateway"
 """Who signs."""
 _LONGEST, _LONGEST_REASON = 4096, 300
 _TELL_EVERY_S = 60.0
+_MAY_NOT = "may not give this command: it is not in `may` of their [[telemetry.operator]]"
 
 Give = Callable[[Command, str], CommandOutcome]
 """Obeys a command, or refuses it for the reason that is given. Raises OSError while nobody does."""
@@ -107,7 +108,7 @@ class CommandDoor:
         except ValueError as error:
             self._store_refusal(name, f"{str(error)[:_LONGEST_REASON]}{claimed}")
             raise
-        refused = "" if name in operator.may else f"[[telemetry.operator]] may of {request.by} does not have it"
+        refused = "" if name in operator.may else f"{request.by} {_MAY_NOT}"
         outcome = self._give(Command(name, request.by), refused)
         payload = encode(
             CommandAnswer(

@@ -275,9 +275,7 @@ class StatusMessage(Message, frozen=True):
     clock_synchronised: Annotated[
         bool | None, Meta(description="Whether a time server keeps the computer's clock; null: unknown, or simulated")
     ] = None
-    waits_for: Annotated[
-        tuple[str, ...], Meta(description="What has to come before it learns and corrects with all that it has")
-    ] = ()
+    waits_for: Annotated[tuple[str, ...], Meta(description="What must happen before it learns and corrects fully")] = ()
     certificates: Annotated[dict[str, Utc], Meta(description="By field of the configuration: when it ends")] = {}
     paused: Annotated[
         PauseStanding | None, Meta(description="The compensation is paused by a command; null: it is not")

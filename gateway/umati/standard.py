@@ -38,8 +38,8 @@ class NodePack:
 
 
 def pack_standard() -> list[NodePack]:
-    """Make what the library makes of the published nodes, and pack it. Takes seconds, and memory: work for a process
-    of its own."""
+    """Make what the library makes of the published nodes, and pack it. Takes seconds, and memory: work for a separate
+    process."""
     from asyncua.server.standard_address_space.standard_address_space import fill_address_space
 
     space = AddressSpace()

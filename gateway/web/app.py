@@ -193,7 +193,7 @@ class _Pages:
         return HTMLResponse(html)
 
     def _first(self, machine: str | None) -> Markup | None:
-        """The state that the page draws at once, for a browser that asks for nothing of its own; JSON.
+        """The state that the page draws at once, for a browser in which no tolerance or point was set; JSON.
 
         None: no page is served that could go on from there.
         """

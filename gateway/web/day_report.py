@@ -21,7 +21,7 @@ _POLICY: Final = (
     "sandbox allow-scripts; default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; "
     "img-src data:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 )
-"""The report has its scripts within. The sandbox gives it an origin of its own: it reaches neither this server with the
+"""The report has its scripts within. The sandbox gives it its own origin: it reaches neither this server with the
 user's password nor any other, and it loads nothing."""
 _MOST_BYTES = 4_000_000
 """A report has at most 3 MB; a gateway of another program could send anything."""

@@ -161,7 +161,7 @@ def doubts(seen: MachineSeen) -> Iterator[Sentence]:
 
 def _finding(finding: SensorFinding, since: datetime | None, loads: tuple[str, ...]) -> Sentence:
     off = believable(finding.offset_K)
-    if since is None or not math.isfinite(off):  # of two exchanged ones, or of an earlier program
+    if since is None or not math.isfinite(off):  # a swap has no offset, and an earlier program sent no `since_k`
         return Sentence("doubt.finding", {"text": ToldName(finding.text)})
     names = " / ".join((*finding.inputs, *finding.alternatives))
     values: dict[str, Atom] = {"names": ToldName(names), "off": Amount(abs(off), "K"), "at": at(since)}

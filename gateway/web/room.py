@@ -37,7 +37,7 @@ HELPS: Final[tuple[tuple[str, ...], ...]] = (
 )
 """All of these lines may stand there, in each of them one of its sentences."""
 AFAR: Final = 2
-"""So many of them, the first, are read from two metres."""
+"""The first ones, this many, are read from two metres."""
 
 WHAT: Final = ("help.wait", "help.probe", "help.warm")
 OPTION: Final = ("help.little", "help.enough", "help.option", "help.unforeseeable")

@@ -15,7 +15,7 @@ from gateway.web.sensitivity import MOST_ESTIMATES, SensitivityWeeks, sensitivit
 from gateway.web.weeks import MOST_MEASUREMENTS, WEEKS, ScatterWeeks, scatter_by_week
 
 AskCourse = Callable[[str, datetime, datetime, int], CoursePage]
-"""A machine's stored estimates of a span, at most so many. Blocks. Raises OSError."""
+"""A machine's stored estimates of a span, at most as many as the last argument says. Blocks. Raises OSError."""
 _Weeks = TypeVar("_Weeks", ScatterWeeks, SensitivityWeeks)
 _ENCODER = msgspec.json.Encoder()
 

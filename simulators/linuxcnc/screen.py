@@ -1,8 +1,8 @@
 #!/usr/bin/python3
 """The operator of LinuxCNC, started by it as its screen: commands on standard input, answers through TALC_SCREEN_FD.
 
-One JSON object per line. LinuxCNC's programs write to the standard output of all at any moment, so answers have a pipe
-of their own. Runs under the system's Python, which has LinuxCNC's modules; its end shuts LinuxCNC down.
+One JSON object per line. LinuxCNC's programs write to the standard output of all at any moment, so answers have their
+own pipe. Runs under the system's Python, which has LinuxCNC's modules; its end shuts LinuxCNC down.
 """
 
 import json
@@ -167,7 +167,7 @@ class ControlScreen:
         }
 
     def sample(self, count: int, *signals: str) -> list[list[float]]:
-        """Values of the signals in so many servo periods, one after the other: at most ten, the first time it is asked.
+        """Values of the signals in `count` servo periods, one after the other: at most ten, the first time it is asked.
 
         The periods are the real-time thread's own, whatever else this computer does.
         """

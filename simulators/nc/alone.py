@@ -1,4 +1,4 @@
-"""The emulated control as a program of its own: an imagined machine in real time, and what it says while it runs."""
+"""The emulated control as a separate program: an imagined machine in real time, and what it says while it runs."""
 
 import asyncio
 import math
@@ -16,9 +16,9 @@ from simulators.nc.watchdog import R_OWNER, R_SILENCE, R_WATCH, WatchState
 GROWTH_UM = (0.0, 4.0, 6.0)
 """How far the table has moved in X, Y, Z once it is warm: above the probing noise, and hardly ever a surprise."""
 REFERENCE_CYCLES = 5
-"""So many probing cycles end before the table moves: a gateway's reference, [probing] reference_cycles."""
+"""This many probing cycles end before the table moves: a gateway's reference, [probing] reference_cycles."""
 REST_S, WORK_S, PARTS = 50.0, 10.0, 10000
-"""The machine rests and works by turns, so many times, a week; then it rests. It is probed while it rests."""
+"""The machine alternately rests and works, this many times, a week; then it rests. It is probed while it rests."""
 WORK = MeanLoads(x=1200.0, y=900.0, z=400.0, a=0.5, c=2.0, spindle=8000.0, coolant=1.0)
 LOOK_S = 0.1
 TOLD_UM = 0.5
@@ -111,7 +111,7 @@ class ControlTold:
 
 
 def lone_control(clock: OwnTime, cycle: CycleSettings, warm_s: float, port: int) -> EmulatedControl:
-    """The control of a machine whose table grows, and which rests and works by turns.
+    """The control of a machine whose table grows, and which alternately rests and works.
 
     warm_s: time constant of the growth, s; port: 0 takes a free one
     """

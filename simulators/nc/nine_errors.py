@@ -43,7 +43,7 @@ class ErrorFollower:
     r: all R-parameters, R_COUNT_WITH_ERRORS at least
     k0_mm: SD43900 of X, Y, Z
     sign: of K0: -1 if a positive value moves the tool in the negative direction
-    watchdog: has R96, and no offsets of its own
+    watchdog: has R96, and writes no offsets itself
     positions: X Y Z in mm, A C in degrees at a time
     """
 

@@ -24,7 +24,7 @@ class StandardServer(InternalServer):
         self.subscription_service = self.subscriptions
 
     async def load_standard_address_space(self, shelf_file: Path | None = None) -> None:  # noqa: ARG002
-        """In place of making them anew. As in the library's own loading from a shelf, nodes come when they are used."""
+        """Instead of making them again. As in the library's own loading from a shelf, nodes come when they are used."""
         standard = await asyncio.to_thread(_standard)
         self.aspace._nodes = _Copied(standard)  # type: ignore[assignment]
 

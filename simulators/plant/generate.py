@@ -101,7 +101,7 @@ _SHAPED = tuple(name for name in MACHINES if machine_tables(name).reduced == nam
 @click.option("--folder", type=click.Path(file_okay=False, path_type=Path), default=HERE / "reduced",
               help="Where the files go. Default: where the simulators read them.")  # fmt: skip
 def main(names: tuple[str, ...], folder: Path) -> None:
-    """Write the matrices of the machines NAME; without a name, of every machine that has a shape of its own."""
+    """Write the matrices of the machines NAME; without a name, of every machine that has its own shape."""
     for name in names or _SHAPED:
         chosen = machine_tables(name)
         small = reduce_bodies(chosen.machine, assemble_bodies(read_shape(chosen.shape)))

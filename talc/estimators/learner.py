@@ -24,7 +24,7 @@ from talc.learner.learner import RowLearner
 class Learner(Conventions):
     """Errors as weighted lags of the inputs, learnt at every measurement (docs/control.md).
 
-    Rows are a time series: what one row leads to depends on the rows before it. `fit` starts anew, `partial_fit` goes
+    Rows are a time series: what one row leads to depends on the rows before it. `fit` starts again, `partial_fit` goes
     on, and `predict` takes the rows that follow the fitted ones, without learning from them or remembering them.
 
     Nothing is tuned to the data. Sizes count in µm: it expects errors from one to some hundreds, and believes no

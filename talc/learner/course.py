@@ -159,7 +159,7 @@ class LearningCourse:
         return Reasons(self._last_k, next_k, why, errors)
 
     def forecast(self, steps: Sequence[int]) -> Forecast | None:
-        """The estimates so many steps ahead; None before the first frame."""
+        """The estimates for each of these numbers of steps ahead; None before the first frame."""
         if self._last_k is None:
             return None
         stays, measured_sigma, usual = self._learner.forecast(steps)
@@ -175,7 +175,8 @@ class LearningCourse:
         )
 
     def along(self, changes: FloatArray, steps: Sequence[int]) -> PlannedForecast:
-        """The estimates so many steps ahead, if the inputs differ from now by (T, n) at each of the next T steps."""
+        """The estimates for each of these numbers of steps ahead, if the inputs differ from now by (T, n) at each
+        of the next T steps."""
         found = self._learner.along(changes, steps)
         return PlannedForecast(np.stack([e.value for e in found]), np.stack([e.sigma for e in found]))
 

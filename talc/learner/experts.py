@@ -25,7 +25,7 @@ class Expert:
     """Uses only inputs without lags: a regression."""
 
     misfit: float = 0.0
-    """Standard deviation of what neither the inputs nor the level express, anew at each measurement."""
+    """Standard deviation of what neither the inputs nor the level express, another value at each measurement."""
 
     others: bool = False
     """Starts with what other machines have learnt; `weight` then multiplies its standard deviations."""

@@ -97,7 +97,7 @@ class Weights:
 
 
 def learner_bytes(inputs: int) -> int:
-    """The most memory that a learner of nine errors takes with so many inputs, from their first measurements on."""
+    """The most memory that a learner of nine errors takes with this many inputs, from their first measurements on."""
     return mixture_bytes(inputs, len(TIME_CONSTANTS_S))
 
 
@@ -198,7 +198,7 @@ class RowLearner:
         return [self._estimate(features, steps) for features, steps in zip(later, ahead, strict=True)]
 
     def _estimate(self, x: FloatArray, ahead: int) -> Estimate:
-        """With features x (n,), so many steps ahead."""
+        """With features x (n,), `ahead` steps ahead."""
         mean, variance = self._mixture.predict(x, ahead)
         variance = self._scale**2 * variance + self._doubt
         believed = self._mixture.believed

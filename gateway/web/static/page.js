@@ -15,7 +15,7 @@ let latest = null, state = "heard", showAgain = () => {};
 const showAll = () => document.body.classList.remove("waiting");
 const UNKNOWN = { alive: false, unarmed: false, notices: [] };
 const NAME = document.title;
-// now: "heard"; "lost", when the server does not answer; "full", when it takes no more than so many browsers; "resting",
+// now: "heard"; "lost", when the server does not answer; "full", when it takes no more than `most` browsers; "resting",
 // while nobody sees this tab and it does not listen.
 const become = (now, most) => {
   if (now === state) return;

@@ -1,6 +1,7 @@
 // Listens to what the server sends, again when that is cut, and not in tabs that nobody sees.
-const SILENT_MS = 7000, SOON_MS = 300, LATER_MS = 3000, ANEW_MS = 10000;
-// A browser has six connections to one server, for all of its tabs: beyond so many, those that nobody sees do without.
+const SILENT_MS = 7000, SOON_MS = 300, LATER_MS = 3000, AGAIN_MS = 10000;
+// A browser has six connections to one server, for all of its tabs: beyond this many, those that nobody sees do
+// without.
 const UNSEEN = 2;
 
 // address: of the stream; kinds: what takes each kind of message; become: told "heard", "lost", "full" or "resting"; "full":
@@ -42,7 +43,7 @@ export const stream = (address, kinds, become, early) => {
     if (now - heardMs <= SILENT_MS) return;
     become("lost");
     // A connection that broke without a word would stay silent for ever.
-    if (now - openedMs > ANEW_MS) { cut = true; open(); }
+    if (now - openedMs > AGAIN_MS) { cut = true; open(); }
   }, 1000);
 
   const seen = () => document.visibilityState !== "hidden";

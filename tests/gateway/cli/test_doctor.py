@@ -272,7 +272,7 @@ def test_of_a_missing_key_it_says_which_file_of_which_setting_and_what_to_do(
     assert ailment.what == f"{field}: '{tmp_path / name}' does not exist"
     assert ailment.why == why
     assert ailment.remedy == (
-        f"make the file ({page}) or copy it there, readable by the gateway's user alone (chmod 600), or change"
+        f"make the file ({page}) or copy it there, readable only by the gateway's user (chmod 600), or change"
         f" {field.split()[-1]} in the configuration"
     )
 

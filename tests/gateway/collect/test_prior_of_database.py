@@ -95,11 +95,11 @@ def test_a_collector_may_write_meanwhile(url: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("changed", "said"),
     [
-        ("DROP SCHEMA talc CASCADE", "holds no run of a machine; give a database of `talc-gateway collect`"),
+        ("DROP SCHEMA talc CASCADE", "contains no run of any machine; give a database of `talc-gateway collect`"),
         ("UPDATE talc.runs SET talc = '{'", "talc.runs, machine mill10: its latest run cannot be read"),
         ("UPDATE talc.runs SET inputs = NULL", "talc.runs, machine mill10: its latest run cannot be read"),
         ("DELETE FROM talc.runs", "talc.runs, machine mill10: its latest run cannot be read: there is none"),
-        ("DELETE FROM talc.progress", "holds no run of a machine; give a database of `talc-gateway collect`"),
+        ("DELETE FROM talc.progress", "contains no run of any machine; give a database of `talc-gateway collect`"),
         ("UPDATE talc.progress SET places = '[]'", "talc.progress, machine mill10, places"),
     ],
 )

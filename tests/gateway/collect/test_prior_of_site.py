@@ -50,7 +50,7 @@ def test_rows_that_are_there_twice_and_a_grid_of_another_step_change_nothing(
 
 
 def test_a_folder_that_cannot_be_read_is_refused(site: Path, tmp_path: Path) -> None:
-    with pytest.raises(CollectError, match="holds no run of a machine; give a folder of `talc-gateway collect`"):
+    with pytest.raises(CollectError, match="contains no run of any machine; give a folder of `talc-gateway collect`"):
         machines_in(tmp_path)
     (tmp_path / "runs" / "machine=mill").mkdir(parents=True)
     with pytest.raises(CollectError, match="its latest run cannot be read"):

@@ -10,7 +10,7 @@ from gateway.events import CommandGiven
 from gateway.nc import Source
 from gateway.replay import replay
 from gateway.storage import History, Store
-from gateway.storage.mending import Known, begin_anew, mend
+from gateway.storage.mending import Known, begin_again, mend
 from talc.frame import EventKind, Why
 from tests.benches.commanded import CONFIG, NOWHERE, STEP_S, commanded
 from tests.benches.nc_link_bench import LinkBench
@@ -163,7 +163,9 @@ async def test_each_command_is_an_event_and_a_row_with_who_when_and_what_became_
     async with commanded(bench, follow=0.0) as at:
         with Store(path, "boot", bench.clock) as store:
             await at.give(PAUSE)
-            await at.give(MEASURE, "ben", "[[telemetry.operator]] may of ben does not have it")
+            await at.give(
+                MEASURE, "ben", "ben may not give this command: it is not in `may` of their [[telemetry.operator]]"
+            )
             for event in at.told.all:
                 store.record(event)
     given = [event.outcome for event in at.told.of(CommandGiven)]
@@ -173,7 +175,7 @@ async def test_each_command_is_an_event_and_a_row_with_who_when_and_what_became_
         (Command(PAUSE, "anna"), EPOCH, True), (Command(MEASURE, "ben"), EPOCH, False),
     ]  # fmt: skip
     assert at.told.texts(EventKind.COMMAND)[1] == (
-        "ben: measure refused: [[telemetry.operator]] may of ben does not have it"
+        "ben: measure refused: ben may not give this command: it is not in `may` of their [[telemetry.operator]]"
     )
 
 
@@ -263,7 +265,7 @@ async def test_a_pause_survives_restarts_and_the_loss_of_the_database_until_it_i
             mend(path, "a bit has flipped", EPOCH, known)
             assert restarted(config).paused == pause
         path.unlink()
-        begin_anew(path, Known(standing={PAUSE: row}))
+        begin_again(path, Known(standing={PAUSE: row}))
         assert restarted(config).paused == pause
         with Store(path, "second", again.clock) as store:
             store.record(CommandGiven(await at.give(RESUME, "ben")))

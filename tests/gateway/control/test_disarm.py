@@ -182,7 +182,7 @@ async def test_a_reload_is_answered_with_what_is_applied_or_with_what_needs_a_re
             "to apply it",
         )
         assert (await at.give(RELOAD)).accepted
-        await at.give(RELOAD, "ben", refused="may of ben does not have it")
+        await at.give(RELOAD, "ben", refused="ben may not give this command")
         assert asked == 2
         given = [event.outcome.command for event in at.told.of(CommandGiven)]
         assert given == [*[Command(RELOAD, "anna")] * 3, Command(RELOAD, "ben")]

@@ -198,7 +198,10 @@ def test_a_challenge_is_valid_for_thirty_seconds_after_many_others() -> None:
 def test_what_the_configuration_does_not_allow_is_refused_in_the_operator_s_name() -> None:
     gate = Gate()
     answer = gate.send(CommandSigner("ben", OTHER_KEY).sign(PAUSE, gate.terms(), "mill"))
-    assert (answer.accepted, answer.text) == (False, "[[telemetry.operator]] may of ben does not have it")
+    assert (answer.accepted, answer.text) == (
+        False,
+        "ben may not give this command: it is not in `may` of their [[telemetry.operator]]",
+    )
     assert gate.given == [(Command(PAUSE, "ben"), answer.text)]
 
 
