@@ -17,8 +17,8 @@ SINCE: Final = ("since.at", "since.before")
 
 BECAUSE: Final = ("because.left", "because.no_good", "because.not_taken", "because.bounded", "because.no_estimate",
                   "because.no_measurement")  # fmt: skip
-"""One of them stands there when something is said of what helps. What else may stand there, such as that the gateway is
-gone, is longer, and needs the room of what helps, too."""
+"""One of them stands there while the page shows what helps. Other texts for this place, such as that the gateway is
+gone, are longer, and take the room of what helps as well."""
 
 HELPS: Final[tuple[tuple[str, ...], ...]] = (
     (
@@ -35,9 +35,9 @@ HELPS: Final[tuple[tuple[str, ...], ...]] = (
     ("help.stop",),
     ("when.next_measurement",),
 )
-"""All of these lines may stand there, in each of them one of its sentences."""
+"""All of these lines may stand there, each with one of its sentences."""
 AFAR: Final = 2
-"""The first ones, this many, are read from two metres."""
+"""This many of them, from the first on, can be read from two metres."""
 
 WHAT: Final = ("help.wait", "help.probe", "help.warm")
 OPTION: Final = ("help.little", "help.enough", "help.option", "help.unforeseeable")
@@ -48,7 +48,7 @@ PLANNED: Final = ("planned.ready", "planned.stays", "planned.may_leave", "planne
 """One of them for each planned load, below the others."""
 
 ORDER_NOTICES: Final = ("notice.disarmed", "notice.paused")
-"""Both may stand between the verdict and what is then said of what helps: HELPS_ORDERED and PLANNED."""
+"""Both may stand between the verdict and what helps then, HELPS_ORDERED and PLANNED."""
 
 HELPS_ORDERED: Final = (HELPS[0], HELPS[-1])
 """As HELPS, while an order stands."""
