@@ -1,6 +1,7 @@
 """Every page of the documentation wraps its prose at the code's width, and its links resolve."""
 
 import re
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -10,7 +11,12 @@ from tests.benches.page_rig import SCREENS
 ROOT = Path(__file__).parents[1]
 WIDTH = 120
 EARLY = 20
-"""Columns that may stay free before a word that would have fitted: code need not be cut in two."""
+"""Columns that may stay free before what would have fitted."""
+CODE = re.compile(r"(?<!`)`[^`]+`(?!`)")
+BEGINS = re.compile(r"\s*(?:#|<|\[\^?[^]]+\]: |[-*] |\d+\. |$)")
+"""A line that begins something else than the one before."""
+LONGEST_CODE = 60
+"""Longer code may be cut in two."""
 FOLDERS = (".github", "benchmarks", "deploy", "docs", "examples", "tests")
 PAGES = sorted(
     page.relative_to(ROOT).as_posix()
@@ -28,6 +34,27 @@ def prose(text: str) -> list[tuple[int, str]]:
         elif not (in_code or line.startswith(("|", "    ")) or len(line.split()) == 1):
             lines.append((number, line))
     return lines
+
+
+def whole_word(line: str) -> str:
+    """What a line begins with and may not be cut: a word, with all of the code in it."""
+    at, end = 0, re.match(r"\s*\S+", line)
+    found = end[0] if end else ""
+    for code in CODE.finditer(line):
+        if code.start() < len(found):
+            at = code.end()
+    return found if at <= len(found) else line[:at]
+
+
+def paragraphs(lines: dict[int, str]) -> Iterator[tuple[int, str]]:
+    """Line numbers of their beginnings, and their texts."""
+    for number, line in lines.items():
+        if number - 1 in lines and not BEGINS.match(line):
+            continue
+        text, following = line, number + 1
+        while following in lines and not BEGINS.match(lines[following]):
+            text, following = f"{text}\n{lines[following]}", following + 1
+        yield number, text
 
 
 def anchors(page: Path) -> set[str]:
@@ -54,11 +81,23 @@ def test_no_line_ends_long_before_the_width(page: str) -> None:
         number
         for number, line in lines.items()
         if (following := lines.get(number + 1, ""))
-        and not re.match(r"\s*(?:#|<|\[\^?[^]]+\]: |[-*] |\d+\. |$)", following)
+        and not BEGINS.match(following)
         and not re.match(r"#|<|---|\[\^?[^]]+\]: |$", line)
-        and len(line) + 1 + len(following.split()[0]) + EARLY <= WIDTH
+        and len(line) + 1 + len(whole_word(following)) + EARLY <= WIDTH
     ]
     assert early == []
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_code_is_on_one_line(page: str) -> None:
+    """Else nobody finds it by searching, or can copy it."""
+    cut = [
+        (number, code)
+        for number, text in paragraphs(dict(prose((ROOT / page).read_text(encoding="utf-8"))))
+        for code in CODE.findall(text)
+        if "\n" in code and len(code) <= LONGEST_CODE
+    ]
+    assert cut == []
 
 
 @pytest.mark.parametrize("page", PAGES)
