@@ -58,7 +58,7 @@ class Finding:
     def text(self) -> str:
         """The finding in words, for a person."""
         if self.kind == "swap":
-            return f"{self.inputs[0]} and {self.inputs[1]} may be swapped: check the wiring"
+            return f"{self.inputs[0]} and {self.inputs[1]} may be exchanged: check the wiring"
         names = " or ".join((*self.inputs, *self.alternatives))
         return f"{names} is off by {self.offset_K:+.1f} K against the other sensors"
 

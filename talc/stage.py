@@ -14,8 +14,8 @@ class Stage:
     measured: int = 0
     """Measurements since it began, or since the last training that found nothing."""
 
-    def enter(self, phase: Phase, events: list[Event]) -> None:
-        """Begin a phase, also the same one again; a change is one of the events."""
+    def enter(self, phase: Phase, events: list[Event], measured: int = 0) -> None:
+        """Begin a phase, also the same one again; a change is one of the events. measured: what counts already."""
         if phase is not self.phase:
             events.append(Event(EventKind.PHASE_CHANGED, f"{self.phase.value} -> {phase.value}"))
-        self.phase, self.measured = phase, 0
+        self.phase, self.measured = phase, measured

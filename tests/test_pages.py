@@ -31,7 +31,7 @@ def prose(text: str) -> list[tuple[int, str]]:
     for number, line in enumerate(text.splitlines(), start=1):
         if line.lstrip().startswith("```"):
             in_code = not in_code
-        elif not (in_code or line.startswith(("|", "    ")) or len(line.split()) == 1):
+        elif not (in_code or line.startswith(("|", "    ")) or (len(line.split()) == 1 and len(line) > WIDTH)):
             lines.append((number, line))
     return lines
 

@@ -109,7 +109,8 @@ def past_in(
 ) -> Past:
     """`past_of` what a store holds. A damaged one is set aside first, and what can be read of it counts.
 
-    A rebuild of years takes minutes: every n steps it stores a snapshot, from which the next start continues.
+    A rebuild of years takes minutes: every `save_every` steps it stores a snapshot, from which the next start
+    continues.
 
     Raises StoreError as `past_of`, or when the damaged one cannot be set aside; SetupError if the computer has
     not the memory; Interrupted as `progress`.

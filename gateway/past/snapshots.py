@@ -12,7 +12,7 @@ EVERY_STEPS = 288
 
 
 class SnapshotKeeper:
-    """A sink, after the store's own, that takes a snapshot of the controller every n steps.
+    """A sink, after the store's own, that takes a snapshot of the controller every `every_steps` steps.
 
     Parameters
     ----------

@@ -113,7 +113,7 @@ async def _look(
     for node, code in heard.emergencies.items():
         report.remarks.append(f"node {node} sent an emergency: error code 0x{code:04X}")
     for node in sorted(heard.doubled):
-        report.remarks.append(f"node {node} answered twice: two nodes have this id; change one of them")
+        report.remarks.append(f"node {node} answered twice: two nodes have this id; give one of them another")
     _note_others(heard, report)
     if heard.error_frames:
         report.remarks.append(

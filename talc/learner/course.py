@@ -235,7 +235,7 @@ class LearningCourse:
             self._wanted = Why.RETRY
         if self._stage.phase is Phase.NO_GOOD:
             if self._stage.measured >= self._settings.no_good_measurements:
-                self._stage.enter(Phase.COMPENSATION, events)
+                self._stage.enter(Phase.COMPENSATION, events, measured=1)  # unlike after the reference, much is known
         elif exceeded.any() and self._settings.no_good_measurements:
             self._stage.enter(Phase.NO_GOOD, events)
 
@@ -264,7 +264,7 @@ class LearningCourse:
         return Why.UNCERTAINTY if self._unsure(after) else None
 
     def _shortest_interval(self) -> int:
-        """The first measurement of a phase is not held back: from the reference alone nothing has been learnt."""
+        """From the reference alone nothing has been learnt, so the next measurement is not held back."""
         return self._settings.shortest_interval_steps if self._stage.measured else 1
 
     def _unsure(self, estimate: Estimate) -> bool:

@@ -25,7 +25,7 @@ class Expert:
     """Uses only inputs without lags: a regression."""
 
     misfit: float = 0.0
-    """Standard deviation of what neither the inputs nor the level express, another value at each measurement."""
+    """Standard deviation of what inputs and level do not express; independent from one measurement to the next."""
 
     others: bool = False
     """Starts with what other machines have learnt; `weight` then multiplies its standard deviations."""

@@ -151,7 +151,7 @@ async def test_node_that_is_heard_but_stopped_is_reported() -> None:
 async def test_two_nodes_with_one_id_are_reported() -> None:
     async with bus([node(5), node(5, "axiomatic")]) as (_, what):
         report = await scan(what)
-    assert "node 5 answered twice: two nodes have this id; change one of them" in report.remarks
+    assert "node 5 answered twice: two nodes have this id; give one of them another" in report.remarks
 
 
 @pytest.mark.simulated_time

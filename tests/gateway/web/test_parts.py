@@ -110,7 +110,7 @@ def test_abnormal_heat_says_where_how_much_and_since_when() -> None:
     heard.decision(1)
     motor = SensorFinding("offset", ("motor",), ("a_drive",), 4.5, 1.2, "motor or a_drive is off", since_k=-11)
     cold = SensorFinding("offset", ("bed",), (), -2.0, 1.2, "bed is off", since_k=1)
-    swap = SensorFinding("swap", ("a", "b"), (), None, 1.2, "a and b may be swapped", since_k=1)
+    swap = SensorFinding("swap", ("a", "b"), (), None, 1.2, "a and b may be exchanged", since_k=1)
     earlier = SensorFinding("offset", ("bed",), (), 2.0, 1.2, "bed is off by +2.0 K")
     heard.sensors({"motor": 1.0}, motor, cold, swap, earlier)
     values: dict[str, Atom] = {
@@ -121,7 +121,7 @@ def test_abnormal_heat_says_where_how_much_and_since_when() -> None:
     warmer, colder, exchanged, without = parts.doubts(heard.seen)
     assert warmer == Sentence("doubt.warmer", values)
     assert (colder.say, colder.values["off"]) == ("doubt.colder", Amount(2.0, "K"))
-    assert exchanged == Sentence("doubt.finding", {"text": ToldName("a and b may be swapped")})
+    assert exchanged == Sentence("doubt.finding", {"text": ToldName("a and b may be exchanged")})
     assert without == Sentence("doubt.finding", {"text": ToldName("bed is off by +2.0 K")}), "of an earlier program"
     heard.sensors({"motor": 1.0}, motor, cold, loads=("spindle_speed",))
     warmer, colder = parts.doubts(heard.seen)

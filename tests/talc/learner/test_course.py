@@ -206,6 +206,25 @@ def test_the_policy_asks_by_its_limits(days: ThermalSeries) -> None:
     assert counts[0] > counts[1]
 
 
+def test_after_a_no_good_phase_the_shortest_interval_holds(days: ThermalSeries) -> None:
+    settings = LearnerSettings(limit_um=1.5, limit_um_per_m=3.0, no_good_measurements=2)
+    controller, asked, phases, measured = (
+        Controller(days.names, TalcSettings(method="learner", learner=settings)),
+        True,
+        [],
+        [],
+    )
+    for k in range(576):
+        measured += [k] if asked else []
+        decision = step(controller, days, k, k, asked)
+        phases.append(decision.phase)
+        asked = decision.measure is not None
+    left = [k for k in range(1, 576) if (phases[k - 1], phases[k]) == (Phase.NO_GOOD, Phase.COMPENSATION)]
+    apart = [min(later) - k for k in left if (later := [each for each in measured if each > k])]
+    assert len(apart) > 2
+    assert min(apart) >= settings.shortest_interval_steps
+
+
 def test_contributions_add_up_to_the_estimate(days: ThermalSeries) -> None:
     controller, decisions = run(days, rows=range(300))
     why = controller.explain()
