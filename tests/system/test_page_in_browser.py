@@ -333,8 +333,8 @@ def test_a_user_with_a_key_gives_commands_after_a_second_confirmation(tmp_path: 
             expect(page.locator("#command-pause")).to_have_text("Pause the compensation")
             page.click("#command-measure")
             page.click("#confirm-yes")
-            assert gateway.hear().startswith("anna measure [[telemetry.operator]] may of anna")
-            expect(page.locator("#command-answer")).to_contain_text("Refused: [[telemetry.operator]] may of anna")
+            assert gateway.hear().startswith("anna measure anna may not give this command")
+            expect(page.locator("#command-answer")).to_contain_text("Refused: anna may not give this command")
             expect(page.locator("#events")).to_contain_text("anna: resume")
         with rig.page("/machine/mill?lang=de", user=("anna", "secret")) as page:
             page.click("#command-measure")
