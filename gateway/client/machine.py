@@ -200,7 +200,7 @@ class Machine:
         """Stored readings from `begin` on and before `end`, page by page: first means of minutes, as older ones are
         kept, then single readings.
 
-        every_s: rather means over this many seconds from `begin` on, which the gateway makes
+        every_s: rather means over `every_s` seconds each from `begin` on, which the gateway makes
 
         Raises ValueError for times without an offset from UTC, MachineError with the gateway's own words when it
         refuses or does not answer.
@@ -231,7 +231,7 @@ class Machine:
 
         What was not read at that very time, or was not good, is NaN; `pages` has the quality.
 
-        every_s: rather a row every this many seconds from `begin` on, with the mean of what was read meanwhile; of
+        every_s: rather a row for each `every_s` seconds from `begin` on, with the mean of what was read meanwhile; of
             whole minutes the gateway has the means already, so of many days these are much the fastest
 
         Raises as `pages`.

@@ -119,7 +119,7 @@ class Feed:
     def turn(self, now_s: float) -> float:
         """Send one batch, if it is time. Returns when the next turn is due, monotonic."""
         due_s = self._due_s(now_s)
-        if due_s > now_s and (self._open or self._problem):
+        if due_s > now_s and (self._open or self._breaker.failing):
             return due_s
         batch: list[OutletMessage] = []
         try:
@@ -149,7 +149,7 @@ class Feed:
 
     def _due_s(self, now_s: float) -> float:
         """When the next turn has something to do, monotonic."""
-        if self._problem:
+        if self._breaker.failing:
             return self._breaker.retry_at
         with self._news:
             if not self._waiting:
@@ -170,7 +170,7 @@ class Feed:
         with self._news:
             self._waiting.extendleft(reversed(batch))
             self._bound()
-        if not self._problem:
+        if not self._breaker.failing:
             self._gone_s, self._dropped_before = now_s, self.dropped
             log.warning(
                 "%s: %s; messages wait, at most %d", self._settings.name, str(error), self._settings.most_waiting
@@ -180,7 +180,7 @@ class Feed:
         return self._breaker.retry_at
 
     def _back(self, now_s: float) -> None:
-        if self._problem:
+        if self._breaker.failing:
             lost = self.dropped - self._dropped_before
             log.warning("%s: is back after %.0f s; %d messages were dropped meanwhile", self._settings.name,
                         now_s - self._gone_s, lost)  # fmt: skip
