@@ -58,7 +58,7 @@ def _scatter(draw: np.random.Generator, sigma: float) -> float:
     return float(np.exp(draw.normal(0, sigma)))
 
 
-def machine(
+def machine_days(
     kind: str, seed: int, hours: int, *, noise_seed: int | None = None, off: Callable[[int], bool] | None = None
 ) -> Days:
     """`day`: a shop's day of operations (simulators.nc.LoadCase); `axes`: Z22's random loads. The seed determines

@@ -22,7 +22,7 @@ from gateway.control import GridSampler, Instant
 from gateway.nc import ByErrors, Slew
 from gateway.probing import End, Probe, Standing, excess, probe_of, schedule_of
 from gateway.report import ReportData, Summary, SummaryRow, Truth, summary
-from simulators.bench.machine import TERMS, BenchMachine
+from simulators.bench.machine import DEMO_TERMS, BenchMachine
 from simulators.nc import MachineState
 from simulators.plant import RADIUS_MM, load_machine
 from talc.control import Controller
@@ -103,9 +103,15 @@ class DemoLoop:
         control = make_sinumerik(read_settings(SinumerikSettings, place), self._clock)  # never connected
         if not isinstance(control, FollowsErrors):
             raise TypeError(f"{type(control).__name__} does not follow the nine errors")
-        self._form = ByErrors(control, TERMS.reach_mm, RADIUS_MM * 1e-3, TERMS.bound_um)
+        self._form = ByErrors(control, DEMO_TERMS.reach_mm, RADIUS_MM * 1e-3, DEMO_TERMS.bound_um)
         self._slew = Slew(
-            TERMS.bound_um, TERMS.slew_um_per_s, "zero", _NC_S, np.zeros((3, 9)), 0.0, together=self._form.together
+            DEMO_TERMS.bound_um,
+            DEMO_TERMS.slew_um_per_s,
+            "zero",
+            _NC_S,
+            np.zeros((3, 9)),
+            0.0,
+            together=self._form.together,
         )
         for number, value in ((_SILENCE, math.inf), (_OWNER, 1.0), (_BEAT, 1.0)):
             self._nck.write_r(number, value, 0.0)
@@ -250,10 +256,10 @@ def rows() -> list[BenchRow]:
     with ProcessPoolExecutor() as pool:
         found = list(pool.map(demo, SEEDS, repeat(LEARNER), repeat(HOURS)))
         default = list(pool.map(demo, SEEDS, repeat(DEFAULT), repeat(HOURS)))
-    return [*table(found), *_cost(default, "default limits: ")]
+    return [*demo_table(found), *_cost(default, "default limits: ")]
 
 
-def table(found: Sequence[Summary]) -> Iterator[BenchRow]:
+def demo_table(found: Sequence[Summary]) -> Iterator[BenchRow]:
     """Medians of the runs, and their ranges in brackets."""
     yield from _figures([s.rows for s in found])
     yield from _cost(found)

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.optimize import nnls
 
 from benchmarks.demo import LEARNER, DemoLoop, spread
-from benchmarks.learner_bounds import predictions
+from benchmarks.learner_bounds import bounded_predictions
 from benchmarks.rows import BenchRow
 from gateway.report import ReportData, SummaryRow, summary
 from studies import Days
@@ -56,7 +56,7 @@ def _weighed(
     measured = [np.full(9, np.nan) if f.measurement is None else f.measurement.errors for f in frames]
     days = Days((), np.array([f.inputs for f in frames]), truth, np.array(measured), measurement.sigma)
     later = replace(days, inputs=days.inputs[first:], truth=truth[first:], measured=days.measured[first:])
-    each, _, _ = predictions(later, used[first:], after=True)
+    each, _, _ = bounded_predictions(later, used[first:], after=True)
     found = np.zeros_like(truth)
     for j in range(truth.shape[1]):
         found[first:, j] = each[:, j] @ nnls(each[:, j], truth[first:, j])[0]
@@ -78,10 +78,10 @@ def figures(seed: int, hours: float) -> list[tuple[tuple[SummaryRow, ...], int]]
 def rows() -> list[BenchRow]:
     """All rows of the table; takes some minutes."""
     with ProcessPoolExecutor() as pool:
-        return list(table(list(pool.map(figures, SEEDS, repeat(HOURS)))))
+        return list(bounds_table(list(pool.map(figures, SEEDS, repeat(HOURS)))))
 
 
-def table(found: Sequence[Sequence[tuple[tuple[SummaryRow, ...], int]]]) -> Iterator[BenchRow]:
+def bounds_table(found: Sequence[Sequence[tuple[tuple[SummaryRow, ...], int]]]) -> Iterator[BenchRow]:
     """Medians of the runs, and their ranges in brackets."""
     for way, runs in zip(WAYS, zip(*found, strict=True), strict=True):
         left, above = [], []

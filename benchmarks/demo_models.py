@@ -33,7 +33,7 @@ class LaterHours:
     """In all, from the start."""
 
 
-def run(seed: int, method: Literal["learner", "models"]) -> LaterHours:
+def run_later(seed: int, method: Literal["learner", "models"]) -> LaterHours:
     """72 h of the demo."""
     return later(DemoLoop(seed, HOURS, TalcSettings(method=method)).run(), CALIBRATION_S)
 
@@ -56,11 +56,11 @@ def rows() -> list[BenchRow]:
     """All rows of the table; takes some minutes."""
     pairs = list(product(METHODS, SEEDS))
     with ProcessPoolExecutor() as pool:
-        found = list(pool.map(run, [seed for _, seed in pairs], [method for method, _ in pairs]))
-    return list(table(found[: len(SEEDS)], found[len(SEEDS) :]))
+        found = list(pool.map(run_later, [seed for _, seed in pairs], [method for method, _ in pairs]))
+    return list(later_table(found[: len(SEEDS)], found[len(SEEDS) :]))
 
 
-def table(learner: Sequence[LaterHours], models: Sequence[LaterHours]) -> Iterator[BenchRow]:
+def later_table(learner: Sequence[LaterHours], models: Sequence[LaterHours]) -> Iterator[BenchRow]:
     """Medians and ranges; runs of the same seed stand at the same place."""
     for i, (name, unit) in enumerate(zip(NAMES, UNITS, strict=True)):
         less = sum(m.left[i] < seed.left[i] for m, seed in zip(models, learner, strict=True))

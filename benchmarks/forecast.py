@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from benchmarks.data import machine
-from benchmarks.learner import MACHINES, moments
+from benchmarks.data import machine_days
+from benchmarks.learner import MACHINES, day_then_every
 from benchmarks.rows import BenchRow
 from talc.control import Controller
 from talc.frame import FloatArray, Frame, Measurement
@@ -58,9 +58,9 @@ def _continued(controller: Controller, inputs: FloatArray) -> FloatArray:
 
 
 def _run(kind: str, seed: int) -> ForecastOutcome:
-    m = machine(kind, seed, HOURS)
+    m = machine_days(kind, seed, HOURS)
     rows = len(m.inputs)
-    used, valid = moments(12, 24, rows), np.ones(len(m.names), dtype=np.bool_)
+    used, valid = day_then_every(12, 24, rows), np.ones(len(m.names), dtype=np.bool_)
     controller, record = Controller(m.names, _SETTINGS), ForecastRecord(AHEAD, 300.0)
     off = np.full((3, rows, len(AHEAD), 9), np.nan)
     inside = np.full((rows, len(AHEAD), 9), np.nan)

@@ -12,7 +12,7 @@ import numpy as np
 import skglm
 from scipy import sparse
 
-from benchmarks.data import machine
+from benchmarks.data import machine_days
 from benchmarks.rows import BenchRow, median_s
 from talc.admm import admm
 from talc.frame import FloatArray
@@ -25,7 +25,7 @@ _SHARES = np.geomspace(0.5, 1e-4, 12)
 
 def _problems() -> list[tuple[FloatArray, FloatArray, float]]:
     """Raw designs with intercept and y[k-1] projected out, outputs, penalties."""
-    m = machine("day", 3, 24)
+    m = machine_days("day", 3, 24)
     u = m.inputs[:, m.inputs.std(axis=0) > 1e-6][:, :_INPUTS]
     u = (u - u.mean(axis=0)) / u.std(axis=0)
     k = np.arange(_LAGS - 1, len(u))

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from benchmarks.data import machine
+from benchmarks.data import machine_days
 from benchmarks.rows import BenchRow
 from studies import Days, held
 from talc.control import Controller
@@ -39,7 +39,7 @@ class LearnerOutcome:
     state: LearnerState | None
 
 
-def run(m: Days, used: BoolArray, prior: Prior | None = None, keep: bool = False) -> LearnerOutcome:
+def learner_outcome(m: Days, used: BoolArray, prior: Prior | None = None, keep: bool = False) -> LearnerOutcome:
     """Measured in the given rows, and in no others."""
     controller = Controller(m.names, _SETTINGS, prior=prior)
     valid = np.ones(len(m.names), dtype=np.bool_)
@@ -55,7 +55,7 @@ def run(m: Days, used: BoolArray, prior: Prior | None = None, keep: bool = False
     return LearnerOutcome(m.truth - predicted, inside, None if course is None else course.learner)
 
 
-def moments(every: int, then: int, rows: int) -> BoolArray:
+def day_then_every(every: int, then: int, rows: int) -> BoolArray:
     """(rows,) a day with a measurement every `every` steps, and every `then` steps after it."""
     used = np.zeros(rows, dtype=np.bool_)
     used[: _DAY + 1 : every] = True
@@ -65,18 +65,18 @@ def moments(every: int, then: int, rows: int) -> BoolArray:
 
 def _over_hold(kind: str, seed: int, every: int) -> tuple[FloatArray, FloatArray, FloatArray]:
     """E_RMS over measure-and-hold and over none, and the coverage, after the first day."""
-    m = machine(kind, seed, _HOURS)
-    used = moments(every, 2 * _HOUR, len(m.inputs))
-    found, after = run(m, used), slice(_DAY + 1, None)
+    m = machine_days(kind, seed, _HOURS)
+    used = day_then_every(every, 2 * _HOUR, len(m.inputs))
+    found, after = learner_outcome(m, used), slice(_DAY + 1, None)
     figures = [np.array([rms(e) for e in errors[after].T]) for errors in (found.left, m.truth - held(m, used), m.truth)]
     return figures[0] / figures[1], figures[0] / figures[2], found.inside
 
 
 def _curve(kind: str, seed: int, every: int, prior: Prior | None) -> FloatArray:
     """(4, 6) E_RMS over none in each stretch, position errors."""
-    m = machine(kind, seed, _HOURS)
+    m = machine_days(kind, seed, _HOURS)
     used = np.arange(len(m.inputs)) % every == 0
-    left = run(m, used, prior).left
+    left = learner_outcome(m, used, prior).left
     return np.array(
         [
             [rms(left[a * _HOUR : b * _HOUR, e]) / rms(m.truth[a * _HOUR : b * _HOUR, e]) for e in range(_POSITIONS)]
@@ -86,8 +86,8 @@ def _curve(kind: str, seed: int, every: int, prior: Prior | None) -> FloatArray:
 
 
 def _learnt(seed: int) -> tuple[tuple[str, ...], LearnerState]:
-    m = machine("day", seed, _HOURS)
-    state = run(m, np.arange(len(m.inputs)) % _HOUR == 0, keep=True).state
+    m = machine_days("day", seed, _HOURS)
+    state = learner_outcome(m, np.arange(len(m.inputs)) % _HOUR == 0, keep=True).state
     if state is None:
         raise RuntimeError("the learner has no state")
     return m.names, state
@@ -102,9 +102,9 @@ def _curve_row(name: str, curves: list[FloatArray], goal: str = "", peer: list[F
 
 def _cost() -> list[BenchRow]:
     """In processor time, which other programs disturb less."""
-    m = machine("axes", 3, 340)
+    m = machine_days("axes", 3, 340)
     times: dict[bool, list[float]] = {True: [], False: []}
-    valid, used = np.ones(len(m.names), dtype=np.bool_), moments(1, 24, len(m.inputs))
+    valid, used = np.ones(len(m.names), dtype=np.bool_), day_then_every(1, 24, len(m.inputs))
     controller = Controller(m.names, _SETTINGS)
     for k, row in enumerate(m.inputs):
         frame = Frame(k, row, valid, Measurement(m.measured[k], m.sigma) if used[k] else None)

@@ -10,8 +10,8 @@ from concurrent.futures import ProcessPoolExecutor
 import numpy as np
 from scipy.optimize import nnls
 
-from benchmarks.data import machine
-from benchmarks.learner import MACHINES, moments
+from benchmarks.data import machine_days
+from benchmarks.learner import MACHINES, day_then_every
 from benchmarks.rows import BenchRow
 from studies import Days, held
 from talc.frame import BoolArray, FloatArray
@@ -30,7 +30,9 @@ _WAYS = (
 )
 
 
-def predictions(days: Days, used: BoolArray, *, after: bool = False) -> tuple[FloatArray, FloatArray, FloatArray]:
+def bounded_predictions(
+    days: Days, used: BoolArray, *, after: bool = False
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """(T, 9, E) of each filter, (T, 9) of their mixture, and (T, 9) the probability that an error is not zero; before a
     row's measurement, or after it. The first row is measured."""
     inputs = days.inputs.shape[1]
@@ -76,9 +78,9 @@ def ways(truth: FloatArray, each: FloatArray, together: FloatArray, believed: Fl
 
 def _figures(kind: str, seed: int, every: int) -> FloatArray:
     """(5, 9) over measure-and-hold, after the first day."""
-    days = machine(kind, seed, HOURS)
-    used, after = moments(every, 24, len(days.truth)), slice(_DAY + 1, None)
-    found = ways(days.truth[after], *(part[after] for part in predictions(days, used)))
+    days = machine_days(kind, seed, HOURS)
+    used, after = day_then_every(every, 24, len(days.truth)), slice(_DAY + 1, None)
+    found = ways(days.truth[after], *(part[after] for part in bounded_predictions(days, used)))
     hold = np.array([rms(e) for e in (days.truth - held(days, used))[after].T])
     return np.asarray(found / hold, dtype=np.float64)
 

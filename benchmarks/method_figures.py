@@ -31,12 +31,12 @@ def main(folder: Path = _ROOT / "docs") -> None:
     names, inputs, error = head[1:18], table[:, 1:18], table[:, 18 + _CHANNEL]
     hours = table[:, 0] / 3600.0
     with mpl.rc_context(_STYLE):
-        mean, std, parts = followed(inputs, error)
+        mean, std, parts = predicted_before(inputs, error)
         _save(_day(hours, error, mean, std), folder / "method-day.svg")
         _save(_parts(hours, names, parts), folder / "method-inputs.svg")
 
 
-def followed(inputs: FloatArray, error: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+def predicted_before(inputs: FloatArray, error: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """(T,) predictions before each row's measurement and their uncertainties, (T, n + 1) what they consist of."""
     learner = Learner().partial_fit(inputs[:1], error[:1])
     mean, std, parts = [0.0], [0.0], [np.zeros(inputs.shape[1] + 1)]

@@ -12,7 +12,7 @@ from itertools import product
 
 import numpy as np
 
-from benchmarks.data import machine
+from benchmarks.data import machine_days
 from benchmarks.learner import MACHINES
 from benchmarks.recordings.description import InputColumn
 from benchmarks.recordings.learner import Learning
@@ -39,7 +39,7 @@ def few(kind: str, seed: int, hours: int = FEW_HOURS) -> Series:
         day, step = divmod(k, round(24 * 3600 / _STEP_S))
         return day % 7 in _FREE_DAYS or step * _STEP_S >= _ON_H * 3600
 
-    days = machine(kind, seed, hours, off=off)
+    days = machine_days(kind, seed, hours, off=off)
     seen = np.sort(np.random.default_rng([seed, 5]).choice(_TEMPERATURES, _SEEN, replace=False))
     on = np.array([not off(k) for k in range(len(days.inputs))])
     return series_of(days, on, seen.tolist())
@@ -68,7 +68,7 @@ def series_of(days: Days, on: BoolArray, inputs: Sequence[int]) -> Series:
 def _series(kind: str, seed: int, is_few: bool) -> Series:
     if is_few:
         return few(kind, seed)
-    days = machine(kind, seed, HOURS)
+    days = machine_days(kind, seed, HOURS)
     return series_of(days, np.ones(len(days.inputs), dtype=np.bool_), range(len(days.names)))
 
 

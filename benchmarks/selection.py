@@ -6,7 +6,7 @@ from functools import partial
 import numpy as np
 from scipy.signal import lfilter
 
-from benchmarks.data import machine
+from benchmarks.data import machine_days
 from benchmarks.rows import BenchRow, median_s
 from studies import Days
 from talc.admm import admm
@@ -74,7 +74,7 @@ def _replayed(m: Days, models: ModelSet) -> float:
 
 def rows() -> list[BenchRow]:
     """Selections, the swarm's ratio to the textbook, and the replay."""
-    day, weeks = machine("day", 3, 24), machine("axes", 3, 340)
+    day, weeks = machine_days("day", 3, 24), machine_days("axes", 3, 340)
     search, swarm = TrainingSettings(), TrainingSettings(selector="pso", max_na=5, max_nb=5)
     short = median_s(partial(train, _job(day, search)), 5)
     long = median_s(partial(train, _job(weeks, search)), 3)

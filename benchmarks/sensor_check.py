@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from benchmarks.data import machine
+from benchmarks.data import machine_days
 from benchmarks.rows import BenchRow
 from gateway.clock import RealClock
 from gateway.control import SensorWatch
@@ -106,12 +106,12 @@ def _detect(names: tuple[str, ...], x: FloatArray, seed: int, outcome: SensorOut
             outcome.found[days, 0.0] = outcome.found.get((days, 0.0), 0) + hit
 
 
-def run(kind: str, seed: int, *, loads: bool = False) -> SensorOutcome:
+def check_outcome(kind: str, seed: int, *, loads: bool = False) -> SensorOutcome:
     """One machine's twelve days; `off`: a shop's day switched off for eight hours of the night and at the weekend.
 
     loads: whether the watch knows the speeds and the coolant, too
     """
-    m = machine("day" if kind == "off" else kind, seed, 24 * DAYS, off=_is_off if kind == "off" else None)
+    m = machine_days("day" if kind == "off" else kind, seed, 24 * DAYS, off=_is_off if kind == "off" else None)
     known = [*range(_SENSORS), *(range(_SENSORS + 1, len(m.names)) if loads else ())]  # the one between is a length
     names, x, outcome = tuple(m.names[i] for i in known), m.inputs[:, known], SensorOutcome()
     asyncio.run(_watch(names, x, outcome))
@@ -129,7 +129,7 @@ def rows() -> list[BenchRow]:
     """False alarms, detection after so many days of learning, and the pairs that look alike."""
     jobs = [(kind, seed) for kind in ("day", "axes", "off") for seed in SEEDS]
     with ProcessPoolExecutor(os.cpu_count()) as pool:
-        every = list(pool.map(run, *zip(*jobs, strict=True)))
+        every = list(pool.map(check_outcome, *zip(*jobs, strict=True)))
     outcomes, off = every[: 2 * len(SEEDS)], every[2 * len(SEEDS) :]
     goal = f"≤ {2 * _SETTINGS.false_alarms_per_year:.0f} a year"
     table = []

@@ -11,8 +11,8 @@ from concurrent.futures import ProcessPoolExecutor
 
 import numpy as np
 
-from benchmarks.data import machine
-from benchmarks.learner import MACHINES, moments
+from benchmarks.data import machine_days
+from benchmarks.learner import MACHINES, day_then_every
 from benchmarks.rows import BenchRow
 from studies import Days, control, held
 from talc.frame import BoolArray, FloatArray
@@ -51,8 +51,8 @@ def mixed(days: Days, used: BoolArray, ways: list[tuple[FloatArray, FloatArray]]
 
 def _figures(kind: str, seed: int, every: int) -> tuple[dict[str, FloatArray], float]:
     """(2, 9) E_RMS over measure-and-hold and over none after the first day, by way; seconds that trainings took."""
-    days = machine(kind, seed, HOURS)
-    used = moments(every, _INTERVAL, len(days.truth))
+    days = machine_days(kind, seed, HOURS)
+    used = day_then_every(every, _INTERVAL, len(days.truth))
     learner = control(days, TalcSettings(method="learner"), measured=used)
     begin = time.process_time()
     sparse = TalcSettings(method="models", control=ControlSettings(calibration_interval_steps=every))

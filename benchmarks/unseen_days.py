@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from benchmarks.data import machine
+from benchmarks.data import machine_days
 from benchmarks.rows import BenchRow
 from studies import control, held
 from talc.frame import BoolArray, FloatArray
@@ -87,9 +87,9 @@ WAYS = (
 )
 
 
-def run(way: Way, kind: str, seed: int, noise_seed: int | None = None) -> UnseenOutcome:
+def unseen_outcome(way: Way, kind: str, seed: int, noise_seed: int | None = None) -> UnseenOutcome:
     """One machine through calibration and three days."""
-    m = machine(kind, seed, HOURS, noise_seed=noise_seed)
+    m = machine_days(kind, seed, HOURS, noise_seed=noise_seed)
     course = control(m, way.settings, measured=way.measured(len(m.truth)))
     after = slice(_DAY + 1, None)
     left, hold = m.truth - course.estimate, m.truth - held(m, course.used)
@@ -156,11 +156,11 @@ def rows() -> list[BenchRow]:
         default: list[UnseenOutcome] = []
         for way in WAYS:
             jobs = [(way, kind, seed) for kind in KINDS for seed in SEEDS]
-            outcomes = list(pool.map(run, *zip(*jobs, strict=True)))
+            outcomes = list(pool.map(unseen_outcome, *zip(*jobs, strict=True)))
             default = default or outcomes
             table.append(_line(way, outcomes, default))
         for way in spread_ways:
             repeats = range(100, 100 + REPEATS)
-            outcomes = list(pool.map(run, [way] * REPEATS, ["day"] * REPEATS, [0] * REPEATS, repeats))
+            outcomes = list(pool.map(unseen_outcome, [way] * REPEATS, ["day"] * REPEATS, [0] * REPEATS, repeats))
             table.append(_spread(way, outcomes))
     return table

@@ -82,7 +82,7 @@ def plainly_measured(here: Days) -> BoolArray:
     return used
 
 
-def series(seed: int, repetition: int, small: bool) -> Days:
+def season_days(seed: int, repetition: int, small: bool) -> Days:
     """The three seasons one after the other; errors count from the start of the first."""
     parts: list[PlantRecording] = []
     parameters, first = load_machine(), None
@@ -104,7 +104,7 @@ def series(seed: int, repetition: int, small: bool) -> Days:
 
 def run(parameters: RunParameters) -> Mapping[str, Any]:
     """E_PV and E_RMS of the nine errors after calibration, updates, chosen inputs; of repetition 0 a drawn series."""
-    here = series(parameters["seed"], parameters["repetition"], parameters["small"])
+    here = season_days(parameters["seed"], parameters["repetition"], parameters["small"])
     training, settings = SELECTORS.get(parameters["selector"], SELECTORS["search"])
     kept = parameters["inputs"] == "static"
     own = replace(training, seed=parameters["repetition"], static_inputs=kept)

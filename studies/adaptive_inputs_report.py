@@ -7,7 +7,7 @@ import numpy as np
 
 from simulators.cases import LONG_TERM_H
 from studies.frame import Run
-from studies.page import Claim, PageSection, Picture, Report, Table, TableRow, figure, number, style, svg
+from studies.page import Claim, PageSection, Picture, Report, Table, TableRow, figure, rounded_text, style, svg
 from studies.paired import paired
 from talc.frame import FloatArray
 from talc.names import ERROR_UNITS, MICROMETRE, THERMAL_ERRORS
@@ -82,8 +82,8 @@ def _spread(values: FloatArray) -> str:
     """Mean, and twice the standard deviation over the repetitions."""
     middle = float(values.mean())
     if np.ptp(values) <= 1e-9 * abs(middle):  # one run, or the same in all
-        return number(middle)
-    return f"{number(middle)} ± {number(2 * float(values.std(ddof=1)), 2)}"
+        return rounded_text(middle)
+    return f"{rounded_text(middle)} ± {rounded_text(2 * float(values.std(ddof=1)), 2)}"
 
 
 def _regression(groups: Mapping[Pairing, list[Run]]) -> list[Run]:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from simulators.three_body import DRIFTS, SENSORS, SOURCES, load_reduced
+from simulators.three_body import DRIFTS, SOURCES, THERMOMETERS, load_reduced
 from studies.arx_vs_static_report import report
 from studies.frame import RunParameters, Study
 from talc import indicators
@@ -65,7 +65,7 @@ def recordings(parameters: RunParameters) -> list[tuple[FloatArray, FloatArray, 
 
     The loads depend on seed and pair only: near and far, clean and noisy are the same days.
     """
-    chosen = [SENSORS.index(name) for name in PLACES[parameters["sensors"]]]
+    chosen = [THERMOMETERS.index(name) for name in PLACES[parameters["sensors"]]]
     rng = np.random.default_rng([parameters["seed"], parameters["pair"]])
     loads = [heat(rng), heat(rng)]
     made = []
@@ -86,7 +86,7 @@ def run(parameters: RunParameters) -> Mapping[str, Any]:
     result: dict[str, Any] = {}
     for direction in ORDERS:
         axis = DRIFTS.index(direction)
-        predicted = predictions(direction, u, y[:, axis], new_u, new_y[:, axis])
+        predicted = model_predictions(direction, u, y[:, axis], new_u, new_y[:, axis])
         result[direction] = {
             model: None if values is None else judge_forecast(truth[REST:, axis], values[REST:])
             for model, values in predicted.items()
@@ -105,7 +105,7 @@ def judge_forecast(truth: FloatArray, predicted: FloatArray) -> dict[str, float]
     }
 
 
-def predictions(
+def model_predictions(
     direction: str, u: FloatArray, y: FloatArray, new_u: FloatArray, new_y: FloatArray
 ) -> dict[str, FloatArray | None]:
     """(STEPS,) µm by model. u, y: to learn from, every row measured; new_y: only what a method may see is used."""

@@ -3,7 +3,7 @@
 import numpy as np
 
 from studies.frame import Run
-from studies.page import Claim, PageSection, Picture, Report, Table, TableRow, figure, number, style, svg
+from studies.page import Claim, PageSection, Picture, Report, Table, TableRow, figure, rounded_text, style, svg
 from talc.frame import FloatArray
 
 MODELS = ("none", "hold", "static", "FIR", "ARX", "ARX guarded", "ARX refined", "output error", "learner")
@@ -122,8 +122,8 @@ def _default_way(runs: list[Run], conditions: list[tuple[str, bool]]) -> Claim:
         f"RMSE: in {better} of {len(finite)} medians"
         + (f", and where ARX ran away ({ran_away})" if ran_away else "")
         + (
-            f"; at worst {ours[worst] / plain[worst]:.1f} times ARX's ({names[worst]}: {number(ours[worst])} against "
-            f"{number(plain[worst])} µm)"
+            f"; at worst {ours[worst] / plain[worst]:.1f} times ARX's ({names[worst]}: "
+            f"{rounded_text(ours[worst])} against {rounded_text(plain[worst])} µm)"
             if ours[worst] > plain[worst]
             else ""
         )
@@ -141,7 +141,7 @@ def _summary(runs: list[Run], conditions: list[tuple[str, bool]]) -> Table:
     head = ("RMSE, µm, median", *(f"{d}, {s}, {'noisy' if n else 'clean'}" for d, s, n in columns), "paper: Y, Z")
     rows = []
     for model in MODELS:
-        cells = [number(_median(_at(runs, s, n), d, model, "RMSE")) for d, s, n in columns]
+        cells = [rounded_text(_median(_at(runs, s, n), d, model, "RMSE")) for d, s, n in columns]
         paper = ", ".join(f"{PAPER[d][model]['RMSE']:g}" for d in PAPER) if model in PAPER["Y"] else ""
         rows.append(TableRow((model, *cells, paper)))
     return Table(head, tuple(rows))
@@ -153,7 +153,7 @@ def _table(runs: list[Run]) -> Table:
     for model in MODELS:
         without = max(int(np.isnan(values(runs, d, model, n)).sum()) for d, n in _EIGHT)
         title = model if not without else f"{model} (no model in {without})"
-        rows.append(TableRow((title, *(number(_median(runs, d, model, n)) for d, n in _EIGHT))))
+        rows.append(TableRow((title, *(rounded_text(_median(runs, d, model, n)) for d, n in _EIGHT))))
         if model in PAPER["Y"]:
             rows.append(TableRow((f"paper: {model}", *(f"{PAPER[d][model][n]:g}" for d, n in _EIGHT)), paper=True))
     return Table(head, tuple(rows))

@@ -19,7 +19,7 @@ from typing import Any
 
 import simulators
 import talc
-from studies.page import Origin, Report, write
+from studies.page import Origin, Report, write_page
 
 RunParameters = Mapping[str, Any]
 """JSON-able; contains everything that a run depends on, including its seed."""
@@ -109,7 +109,9 @@ def carry_out(
         runs += yield from _do(study, kept, study.then(runs), workers, len(runs))
     again = f"python -m studies {study.name} --seed {seed}" + (" --small" if small else "")
     again += "".join(f" --only {name}={','.join(values)}" for name, values in only.items())
-    write(folder, study.summary, study.report(runs), _origin(study, runs, again, workers, whole=not (small or only)))
+    write_page(
+        folder, study.summary, study.report(runs), _origin(study, runs, again, workers, whole=not (small or only))
+    )
 
 
 def chosen(runs: list[RunParameters], only: Only) -> list[RunParameters]:

@@ -153,9 +153,9 @@ def _fitted(inputs: FloatArray, known: NDArray[np.intp], errors: FloatArray) -> 
 
 
 def filled(inputs: FloatArray) -> FloatArray:
-    """An input without a reading keeps its last value, or that of the first row with one."""
+    """(T, n) An input without a reading keeps its last value, or that of the first row with one; 0 without any."""
     good = np.isfinite(inputs)
     rows = np.arange(len(inputs))[:, None]
     last = np.maximum.accumulate(np.where(good, rows, -1), axis=0)
     source = np.where(last >= 0, last, good.argmax(axis=0))
-    return np.asarray(np.take_along_axis(inputs, source, axis=0), dtype=np.float64)
+    return np.nan_to_num(np.take_along_axis(inputs, source, axis=0), nan=0.0)

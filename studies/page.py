@@ -129,14 +129,14 @@ def svg(made: Figure) -> str:
     return text[text.index("<svg") :]
 
 
-def number(value: float, digits: int = 3) -> str:
+def rounded_text(value: float, digits: int = 3) -> str:
     """Significant digits; large ones plain; a dash for NaN."""
     if value != value:
         return "–"
     return f"{value:.0f}" if 10**digits <= abs(value) < 1e6 else f"{value:.{digits}g}"
 
 
-def write(folder: Path, title: str, report: Report, origin: Origin) -> None:
+def write_page(folder: Path, title: str, report: Report, origin: Origin) -> None:
     """Make report.html, summary.md and figures.csv in `folder`."""
     template = files("studies").joinpath("page.html").read_text(encoding="utf-8")
     environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True)
@@ -145,12 +145,12 @@ def write(folder: Path, title: str, report: Report, origin: Origin) -> None:
     environment.tests["picture"] = lambda block: isinstance(block, Picture)
     page = environment.from_string(template).render(title=title, report=report, origin=origin)
     (folder / "report.html").write_text(page, encoding="utf-8")
-    (folder / "summary.md").write_text(summary(report, origin), encoding="utf-8")
+    (folder / "summary.md").write_text(summary_markdown(report, origin), encoding="utf-8")
     with (folder / "figures.csv").open("w", newline="", encoding="utf-8") as file:
         csv.writer(file).writerows(report.figures)
 
 
-def summary(report: Report, origin: Origin) -> str:
+def summary_markdown(report: Report, origin: Origin) -> str:
     """The block of docs/results.md."""
     made = f"`{origin.again}`, {origin.runs} runs, {origin.took}, code {origin.code}, {origin.date}"
     return f"{report.summary.markdown()}\n{fill(made, _PROSE_WIDTH, break_long_words=False, break_on_hyphens=False)}\n"

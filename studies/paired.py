@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from studies.page import number
+from studies.page import rounded_text
 from talc.frame import FloatArray
 
 
@@ -24,8 +24,8 @@ class Paired:
         return bool(self.less > (0.0 if np.isnan(self.reach) else self.reach))
 
     def __str__(self) -> str:
-        how_sure = "" if np.isnan(self.reach) else f" ± {number(self.reach, 2)}"
-        size = f"{number(abs(self.less), 2)}{how_sure} {'less' if self.less >= 0 else 'more'}"
+        how_sure = "" if np.isnan(self.reach) else f" ± {rounded_text(self.reach, 2)}"
+        size = f"{rounded_text(abs(self.less), 2)}{how_sure} {'less' if self.less >= 0 else 'more'}"
         return f"{size}, less in {self.better} of {self.pairs}"
 
 

@@ -93,7 +93,7 @@ def then(first: list[Run]) -> list[RunParameters]:
     ]
 
 
-def series(case: Letter, seed: int, machine: str = "base") -> Days:
+def case_days(case: Letter, seed: int, machine: str = "base") -> Days:
     """The load case on the machine, with the noise of probing."""
     stretch = table_and_fluid(case, seed, hours=HOURS, step_s=STEP_S)
     plant = Plant(load_machine(machine), stretch.environment, seed)
@@ -118,7 +118,7 @@ def run(parameters: RunParameters) -> Mapping[str, Any]:
 def _grid(parameters: RunParameters) -> Mapping[str, Any]:
     """For one calibration length every interval and no-good length (`fixed`), every policy (`adaptive`), the same after
     calibrations measured less often (`sparse_fixed`, `sparse_adaptive`), and `none`."""
-    here = series(parameters["case"], parameters["seed"])
+    here = case_days(parameters["case"], parameters["seed"])
     calibration = parameters["calibration_h"]
     first: dict[tuple[int, int], ModelSet] = {}
 
@@ -133,9 +133,9 @@ def _grid(parameters: RunParameters) -> Mapping[str, Any]:
 
     def judge(settings: ControlSettings) -> tuple[dict[str, float], BoolArray]:
         course = control(here, TalcSettings(method="models", control=settings, training=TRAINING), learn)
-        figures = judged(here.truth, course.estimate, course.used, calibration)
+        figures = figures_of(here.truth, course.estimate, course.used, calibration)
         figures["updates"] = max(len(course.updates) - 1, 0)
-        hold = judged(here.truth, held(here, course.used), course.used, calibration)
+        hold = figures_of(here.truth, held(here, course.used), course.used, calibration)
         return {**figures, "hold P99": hold["P99"]}, course.used
 
     small = parameters["small"]
@@ -144,7 +144,7 @@ def _grid(parameters: RunParameters) -> Mapping[str, Any]:
         for no_good in (6, BEST_NO_GOOD) if small else NO_GOOD:
             figures, used = judge(_control(calibration, interval, no_good))
             if no_good == BEST_NO_GOOD:
-                plain = judged(here.truth, regressed(here, used), used, calibration)
+                plain = figures_of(here.truth, regressed(here, used), used, calibration)
                 figures["regression P99"] = plain["P99"]
             fixed.append({"interval_h": interval, "no_good": no_good, **figures})
 
@@ -154,7 +154,7 @@ def _grid(parameters: RunParameters) -> Mapping[str, Any]:
 
     sparse = _thinned(calibration)
     after = np.ones(len(here.truth), dtype=np.bool_)
-    none = judged(here.truth, np.zeros_like(here.truth), ~after, calibration)
+    none = figures_of(here.truth, np.zeros_like(here.truth), ~after, calibration)
     return {
         "fixed": fixed,
         "adaptive": of(_policies, 1),
@@ -166,26 +166,26 @@ def _grid(parameters: RunParameters) -> Mapping[str, Any]:
 
 def _regression(parameters: RunParameters) -> Mapping[str, Any]:
     """Every fixed interval after every calibration, dense and sparse; and `hindsight`: a fit to all after 4 h."""
-    here = series(parameters["case"], parameters["seed"])
+    here = case_days(parameters["case"], parameters["seed"])
     found: dict[str, list[dict[str, Any]]] = {"regression": [], "sparse_regression": []}
     for length in (6.5, 8.0) if parameters["small"] else CALIBRATION_H:
         for (every, interval), used in _plainly_measured(length).items():
-            figures = judged(here.truth, regressed(here, used), used, length)
+            figures = figures_of(here.truth, regressed(here, used), used, length)
             at = {"calibration_h": length, "policy": _plain_name(every, interval)}
             found["regression" if every == 1 else "sparse_regression"].append({**at, **figures})
     after = np.arange(len(here.truth)) > _steps(CALIBRATION_H[0])
-    best = judged(here.truth, fitted_in_hindsight(here, after), ~after, CALIBRATION_H[0])
+    best = figures_of(here.truth, fitted_in_hindsight(here, after), ~after, CALIBRATION_H[0])
     return {**found, "hindsight": best}
 
 
 def _learner(parameters: RunParameters) -> Mapping[str, Any]:
     """The learner, measured each hour at first and then at a fixed interval or when it asks."""
-    here = series(parameters["case"], parameters["seed"])
+    here = case_days(parameters["case"], parameters["seed"])
     lengths, found = (12.0,) if parameters["small"] else LEARNT_H, []
     for length in lengths:
         for name in _LEARNER_WAYS[:: 4 if parameters["small"] else 1]:
             course = _learnt(here, length, name)
-            figures = judged(here.truth, course.estimate, course.used, length)
+            figures = figures_of(here.truth, course.estimate, course.used, length)
             found.append({"calibration_h": length, "policy": name, **figures})
     return {"learner": found}
 
@@ -211,28 +211,28 @@ def _learnt(here: Days, length_h: float, name: str) -> Course:
 
 def _chosen(parameters: RunParameters) -> Mapping[str, Any]:
     """`sets`: each chosen set's figures on this series, and for the models' ones peers with the same measurements."""
-    here = series(parameters["case"], parameters["seed"], parameters["machine"])
+    here = case_days(parameters["case"], parameters["seed"], parameters["machine"])
     found = []
     for chosen in parameters["sets"]:
         calibration, name = chosen[0], name_of(tuple(chosen))
         plain = {_plain_name(*at): used for at, used in _plainly_measured(calibration).items()}
         if chosen[1] in _LEARNER_WAYS:
             course = _learnt(here, calibration, chosen[1])
-            found.append({"set": name, **judged(here.truth, course.estimate, course.used, calibration)})
+            found.append({"set": name, **figures_of(here.truth, course.estimate, course.used, calibration)})
             continue
         if chosen[1] in plain:
             used = plain[chosen[1]]
-            found.append({"set": name, **judged(here.truth, regressed(here, used), used, calibration)})
+            found.append({"set": name, **figures_of(here.truth, regressed(here, used), used, calibration)})
             continue
         settings = _settings(chosen)
         course = control(here, TalcSettings(method="models", control=settings, training=TRAINING))
-        figures = judged(here.truth, course.estimate, course.used, calibration)
+        figures = figures_of(here.truth, course.estimate, course.used, calibration)
         figures["updates"] = max(len(course.updates) - 1, 0)
         if parameters["peers"]:
             figures |= _beside(here, settings, course, calibration)
         found.append({"set": name, **figures})
     first = CALIBRATION_H[0]
-    none = judged(here.truth, np.zeros_like(here.truth), np.zeros(len(here.truth), dtype=np.bool_), first)
+    none = figures_of(here.truth, np.zeros_like(here.truth), np.zeros(len(here.truth), dtype=np.bool_), first)
     return {"sets": found, "none": none}
 
 
@@ -246,11 +246,11 @@ def _beside(here: Days, settings: ControlSettings, course: Course, calibration_h
         "regression P99": regressed(here, course.used),
         "regression at updates P99": regressed(here, course.used, renewed),
     }
-    figures = {name: judged(here.truth, e, course.used, calibration_h)["P99"] for name, e in peers.items()}
+    figures = {name: figures_of(here.truth, e, course.used, calibration_h)["P99"] for name, e in peers.items()}
     again = control(
         here, TalcSettings(method="models", control=settings, training=replace(TRAINING, static_inputs=False))
     )
-    other = judged(here.truth, again.estimate, again.used, calibration_h)
+    other = figures_of(here.truth, again.estimate, again.used, calibration_h)
     return {**figures, "inputs again P99": other["P99"], "inputs again measurements": other["measurements"]}
 
 
@@ -293,7 +293,7 @@ def _settings(chosen: Sequence[Any]) -> ControlSettings:
     return named[chosen[1]]
 
 
-def judged(truth: FloatArray, estimate: FloatArray, used: BoolArray, calibration_h: float) -> dict[str, float]:
+def figures_of(truth: FloatArray, estimate: FloatArray, used: BoolArray, calibration_h: float) -> dict[str, float]:
     """P99 and RMSE of the six position errors together, µm; mean SMAPE of the nine, %; all after the calibration.
 
     Pd over the whole series including the calibration: otherwise a long calibration would cost nothing.

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from studies.frame import Run
-from studies.page import Table, TableRow, number
+from studies.page import Table, TableRow, rounded_text
 from studies.parameters_points import TARGET_UM, Key, StudyPoint, name_of
 
 _PEERS = {
@@ -76,7 +76,7 @@ def elsewhere(runs: list[Run]) -> Elsewhere:
 
 def near_table(chosen: Elsewhere, cases: list[str], key: Key) -> Table:
     """Peers with a set's own measurements."""
-    rows = [TableRow((title, *map(number, chosen.here(cases, key, name)))) for title, name in _PEERS.items()]
+    rows = [TableRow((title, *map(rounded_text, chosen.here(cases, key, name)))) for title, name in _PEERS.items()]
     made, updates, again = (
         [f"{n:.0f}" for n in chosen.here(cases, key, name)]
         for name in ("measurements", "updates", "inputs again measurements")
@@ -96,7 +96,7 @@ def elsewhere_table(chosen: Elsewhere) -> Table:
             points = chosen.at(place, key)
             largest, kept = max(p["P99"] for p in points), sum(p["P99"] < TARGET_UM for p in points)
             made = float(np.mean([p["measurements"] for p in points]))
-            cells.append(f"{number(largest)} ({kept} of {len(points)}), {made:.0f}")
+            cells.append(f"{rounded_text(largest)} ({kept} of {len(points)}), {made:.0f}")
         rows.append(TableRow((name_of(key), *cells)))
     head = [f"seed {seed}" if machine == "base" else f"{machine}, seed {seed}" for seed, machine in chosen.places]
     return Table(("P99, µm (load cases below 5 µm), measurements", *head), tuple(rows))

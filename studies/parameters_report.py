@@ -1,7 +1,7 @@
 """Report of the study parameters: the paper's figures and tables, with the policies and the regression."""
 
 from studies.frame import Run
-from studies.page import PageSection, Report, Table, TableRow, number
+from studies.page import PageSection, Report, Table, TableRow, rounded_text
 from studies.parameters_claims import claims
 from studies.parameters_elsewhere import elsewhere, elsewhere_table, near_table
 from studies.parameters_pictures import PAPER, front, over
@@ -107,7 +107,7 @@ def _best_table(cases: list[str], fixed: ByCase) -> Table:
         if best is None:
             rows.append(TableRow((case, "none below 5 µm", "", "", "", "")))
             continue
-        cells = (number(best["P99"]), f"{best['Pd']:.2f}", str(best["measurements"]), str(best["updates"]))
+        cells = (rounded_text(best["P99"]), f"{best['Pd']:.2f}", str(best["measurements"]), str(best["updates"]))
         rows.append(TableRow((case, name_of(key_of(best)), *cells)))
     rows.append(TableRow(("paper", "each load case's own: not at hand", "", "", "", ""), paper=True))
     return Table(("load case", "best set of its own", "P99, µm", "Pd, %", "measurements", "updates"), tuple(rows))
@@ -137,7 +137,7 @@ def _bounds(runs: list[Run], cases: list[str]) -> Table:
     best = {str(r.parameters["case"]): r.result["hindsight"]["P99"] for r in runs if "hindsight" in r.result}
 
     def line(title: str, values: dict[str, float]) -> TableRow:
-        return TableRow((title, *(number(values.get(c, float("nan"))) for c in cases)))
+        return TableRow((title, *(rounded_text(values.get(c, float("nan"))) for c in cases)))
 
     rows = (
         line("no compensation", none),
@@ -167,7 +167,7 @@ def _after_table(cases: list[str], fixed: ByCase, adaptive: ByCase) -> Table:
     for length in lengths:
         cells = [next((f"{own} / {plain}" for x, plain, own in pairs[c] if x == length), "–") for c in cases]
         rows.append(TableRow((f"{length:g} h", *cells)))
-    rows.append(TableRow(("median ratio", *(number(median_share(pairs[c]), 2) for c in cases))))
+    rows.append(TableRow(("median ratio", *(rounded_text(median_share(pairs[c]), 2) for c in cases))))
     return Table(("fewest after the calibration for P99 ≤ 5 µm, policy / fixed", *cases), tuple(rows))
 
 
@@ -193,18 +193,23 @@ def _summary(runs: list[Run], cases: list[str], fronts: dict[str, ByCase]) -> Ta
     for title, key in (("the paper's set", BEST), ("the best common fixed interval", best_common(fronts["fixed"]))):
         if key in chosen.models:
             held, plain = (chosen.here(cases, key, name) for name in ("hold P99", "regression P99"))
-            rows.append(TableRow((f"P99 at {title}'s measurements: the last one held", *map(number, held))))
-            rows.append(TableRow((f"P99 at {title}'s measurements: regression on all inputs", *map(number, plain))))
+            rows.append(TableRow((f"P99 at {title}'s measurements: the last one held", *map(rounded_text, held))))
+            rows.append(
+                TableRow((f"P99 at {title}'s measurements: regression on all inputs", *map(rounded_text, plain)))
+            )
     for kind, title in FRONTS.items():
         fewest = [fewest_for(fronts[kind][c], TARGET_UM) for c in cases]
         cells = ("–" if p is None else str(p["measurements"]) for p in fewest)
         rows.append(TableRow((f"fewest measurements for P99 ≤ 5 µm: {title}", *cells)))
     for kind, title in FRONTS.items():
         if (key := best_common(fronts[kind])) is not None:
-            cells = (" / ".join(number(chosen.worst(case, key, there)) for there in (True, False)) for case in cases)
+            cells = (
+                " / ".join(rounded_text(chosen.worst(case, key, there)) for there in (True, False)) for case in cases
+            )
             rows.append(TableRow((f"largest P99 on other seeds / machines: best common {title}", *cells)))
     shares = [
-        number(median_share(after_equal_calibrations(fronts["fixed"][c], fronts["adaptive"][c])), 2) for c in cases
+        rounded_text(median_share(after_equal_calibrations(fronts["fixed"][c], fronts["adaptive"][c])), 2)
+        for c in cases
     ]
     rows.append(TableRow(("after equal calibrations, policy to fixed, median ratio", *shares)))
     return Table(common.head, tuple(rows))

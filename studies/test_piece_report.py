@@ -3,7 +3,7 @@
 import numpy as np
 
 from studies.frame import Run
-from studies.page import Claim, PageSection, Picture, Report, Table, TableRow, figure, number, style, svg
+from studies.page import Claim, PageSection, Picture, Report, Table, TableRow, figure, rounded_text, style, svg
 from studies.paired import paired
 from talc.frame import FloatArray
 
@@ -56,7 +56,7 @@ def report(every: list[Run]) -> Report:
     means = {where: _means(found) for where, found in places.items()}
     mean = means[_BASE]
     head = ("range over the sets, µm, median", *features, "mean")
-    rows = tuple(TableRow((n, *(number(v, 2) for v in median[n]), number(mean[n], 2))) for n in _ALL)
+    rows = tuple(TableRow((n, *(rounded_text(v, 2) for v in median[n]), rounded_text(mean[n], 2))) for n in _ALL)
     rows += (TableRow(("paper: not at hand", *([""] * (len(head) - 1))), paper=True),)
     losses = [f for f, a, b in zip(features, median["TALC + growth"], median["none"], strict=True) if a >= b]
     claims = (
@@ -179,13 +179,18 @@ def _title(where: CaseKey) -> str:
 
 
 def _elsewhere_table(means: dict[CaseKey, dict[str, float]], term: str) -> Table:
-    rows = [TableRow((_title(w), *(number(mean[f"{m}{term}"], 3) for m in METHODS))) for w, mean in means.items()]
+    rows = [TableRow((_title(w), *(rounded_text(mean[f"{m}{term}"], 3) for m in METHODS))) for w, mean in means.items()]
     return Table((f"mean range, µm, with{'' if term else 'out'} growth term", *METHODS), tuple(rows))
 
 
 def _short(means: dict[CaseKey, dict[str, float]]) -> Table:
     rows = [
-        TableRow((_title(where), *(f"{number(mean[m], 3)} / {number(mean[f'{m} + growth'], 3)}" for m in METHODS)))
+        TableRow(
+            (
+                _title(where),
+                *(f"{rounded_text(mean[m], 3)} / {rounded_text(mean[f'{m} + growth'], 3)}" for m in METHODS),
+            )
+        )
         for where, mean in means.items()
     ]
     rows.append(TableRow(("paper: not at hand", *("" for _ in METHODS)), paper=True))
@@ -196,7 +201,7 @@ def _largest(runs: list[Run]) -> Table:
     rows = []
     for name in _ALL:
         largest = np.array([np.abs(run.result[name]).max() for run in runs])
-        rows.append(TableRow((name, number(float(np.median(largest)), 3), number(float(largest.max()), 3))))
+        rows.append(TableRow((name, rounded_text(float(np.median(largest)), 3), rounded_text(float(largest.max()), 3))))
     return Table(("|deviation| from the first set, µm", "median over the repetitions", "worst"), tuple(rows))
 
 

@@ -13,8 +13,8 @@ from talc.learner import CourseState, LearnerState, MixtureState
 from talc.models import ErrorModel
 from talc.record import refilled
 
-FORMAT = 3
-BESIDE_INPUTS = {2: 1, FORMAT: 2}
+_FORMAT = 3
+BESIDE_INPUTS = {2: 1, _FORMAT: 2}
 """Weights of an error beside those of its inputs, by format: the level; later also the noise of the reference."""
 Arrays = Mapping[str, NDArray[Any]]
 
@@ -25,7 +25,7 @@ def to_plain(state: ControllerState) -> tuple[dict[str, Any], dict[str, NDArray[
     """JSON-able values and arrays of a state. Of its record only the oldest row: the rest follows from the frames."""
     course = state.course
     plain: dict[str, Any] = {
-        "format": FORMAT,
+        "format": _FORMAT,
         "input_names": state.input_names,
         "last_k": state.last_k,
         "rows": len(state.inputs),
@@ -67,7 +67,7 @@ def from_plain(plain: Mapping[str, Any], arrays: Arrays, frames: Callable[[int, 
     """
     if plain["format"] not in BESIDE_INPUTS:
         raise ValueError(f"format = {plain['format']!r}: expected {' or '.join(map(str, BESIDE_INPUTS))}")
-    if plain["format"] != FORMAT and "course" in plain:
+    if plain["format"] != _FORMAT and "course" in plain:
         arrays = _with_reference(arrays)
     last_k, rows = plain["last_k"], plain["rows"]
     names = tuple(plain["input_names"])

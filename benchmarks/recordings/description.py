@@ -159,7 +159,7 @@ class Description(_DescriptionSection):
         return (self.probing if said is None else said) * self.scale_of(error)
 
 
-def describe(path: Path) -> tuple[Description, Path]:
+def description_of(path: Path) -> tuple[Description, Path]:
     """The content of a TOML file, and its table. ConfigError names file, field and value."""
     try:
         data = tomllib.loads(path.read_text(encoding="utf-8"))

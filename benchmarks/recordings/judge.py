@@ -30,7 +30,7 @@ class Figures:
     """RMSE of each error."""
 
 
-def moments(series: Series, dense_h: float, interval_min: float, measure_first: bool = True) -> BoolArray:
+def rows_to_measure(series: Series, dense_h: float, interval_min: float, measure_first: bool = True) -> BoolArray:
     """(T,) rows with a measurement: each row of the first hours, then one an interval, and at the beginning of a run.
 
     Rows without any recorded error wait for the next one that has one. Hours off do not count as beginning.
@@ -53,7 +53,7 @@ def steps_of(interval_min: float, step_s: float) -> int:
     return max(round(interval_min * 60.0 / step_s), 1)
 
 
-def carry_out(
+def apply_method(
     method: Method, series: Series, used: BoolArray, seed: int, dense_h: float, interval_min: float
 ) -> MethodCourse | None:
     """The method's course; if it has several, the one with the smallest residual. None: it cannot start from this."""

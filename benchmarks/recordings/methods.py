@@ -8,6 +8,7 @@ import numpy as np
 
 from benchmarks.recordings.description import InputColumn
 from benchmarks.recordings.series import Series, steps_on
+from studies import filled
 from talc.frame import BoolArray, FloatArray, IntArray
 
 _STRENGTHS = (1e-3, 1e-2, 1e-1, 1.0, 10.0, 100.0, 1000.0)
@@ -166,12 +167,3 @@ def _fits(x: FloatArray, measured: FloatArray) -> FloatArray:
             found[0, s, here] = mean_y + from_mean @ gains
             found[1, s, here] = measured[row] + from_last @ gains
     return found
-
-
-def filled(inputs: FloatArray) -> FloatArray:
-    """(T, n) an input without a value keeps its last one, or that of the first row in which it had one."""
-    good = np.isfinite(inputs)
-    rows = np.arange(len(inputs))[:, None]
-    last = np.maximum.accumulate(np.where(good, rows, -1), axis=0)
-    source = np.where(last >= 0, last, good.argmax(axis=0))
-    return np.nan_to_num(np.take_along_axis(inputs, source, axis=0), nan=0.0)

@@ -6,7 +6,7 @@ from typing import Protocol
 
 import numpy as np
 
-from benchmarks.recordings.judge import Figures, carry_out, judge_course, moments
+from benchmarks.recordings.judge import Figures, apply_method, judge_course, rows_to_measure
 from benchmarks.recordings.methods import Given, Method, MethodCourse, given_of
 from benchmarks.recordings.series import Series
 from talc.frame import BoolArray, FloatArray
@@ -73,8 +73,8 @@ class Sweep:
         course: MethodCourse | None
         if self.interval_min is not None:
             what = f"{self.interval_min:g} min"
-            used = moments(series, self.dense_h, self.interval_min, measure_first)
-            course = carry_out(method, series, used, seed, self.dense_h, self.interval_min)
+            used = rows_to_measure(series, self.dense_h, self.interval_min, measure_first)
+            course = apply_method(method, series, used, seed, self.dense_h, self.interval_min)
         elif self.limit is not None:
             dense_steps = round(self.dense_h * 3600.0 / series.step_s)
             given = given_of(series, used, seed, dense_steps, 1, measure_first)

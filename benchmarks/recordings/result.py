@@ -223,7 +223,7 @@ def as_json(result: Result) -> str:
     return json.dumps(_finite(content), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 
-def write(result: Result, folder: Path) -> None:
+def write_result(result: Result, folder: Path) -> None:
     """Markdown and JSON, named after the recording."""
     folder.mkdir(parents=True, exist_ok=True)
     stem = "".join(c if c.isalnum() or c in "-_" else "_" for c in result.series.name)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.recordings.description import Description, InputColumn, describe
+from benchmarks.recordings.description import Description, InputColumn, description_of
 from gateway.config import ConfigError, Problem, shown, suggestion
 from gateway.recordings import (
     FileProblems,
@@ -76,7 +76,7 @@ def steps_on(k: IntArray, run: IntArray) -> IntArray:
 
 def read_series(description: Path) -> tuple[Description, Series]:
     """The recording that a TOML file describes. ConfigError or RecordingError names file, place and value."""
-    said, path = describe(description)
+    said, path = description_of(description)
     table, problems = open_table(path, TextLayout(said.skipped, said.missing)), FileProblems(path)
     inputs, strange_kinds = _plain(table, _roles(table.head, said, description), said.time.column, path)
     wanted = [said.time.column, *said.errors, *inputs]

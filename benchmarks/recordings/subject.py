@@ -11,12 +11,12 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.recordings.description import Description, recordings_in
-from benchmarks.recordings.judge import carry_out, judge_course, moments
+from benchmarks.recordings.judge import apply_method, judge_course, rows_to_measure
 from benchmarks.recordings.learner import Learning
 from benchmarks.recordings.methods import HoldLast, Method, Nothing, Ridge
 from benchmarks.recordings.models import papers
 from benchmarks.recordings.policy import FIXED_MIN, LIMITS_UM, Saving, Sweep, savings
-from benchmarks.recordings.result import JUDGED_UNITS, Cell, Result, table_rows, write
+from benchmarks.recordings.result import JUDGED_UNITS, Cell, Result, table_rows, write_result
 from benchmarks.recordings.series import Series, read_series
 from benchmarks.rows import BenchRow
 from gateway.config import ConfigError
@@ -73,7 +73,7 @@ def rows() -> list[BenchRow]:
                 continue
             chosen = methods(series)
             result = carry_out_all(said, series, chosen, pool)
-            write(result, OUT)
+            write_result(result, OUT)
             print(f"{series.name}: {time.perf_counter() - begin:.0f} s; {OUT}/", file=sys.stderr, flush=True)
             ours = _DEFAULT if _DEFAULT in result.methods else chosen[-1].name
             found += table_rows(result, ours, _GOALS if is_shipped() else {})
@@ -117,8 +117,8 @@ def _savings(
 def cell(said: Description, series: Series, method: Method, dense_h: float, interval_min: float) -> Cell:
     """One method after one beginning at one interval."""
     begin = time.perf_counter()
-    used = moments(series, dense_h, interval_min, said.runs.measure_first)
-    course = carry_out(method, series, used, said.seed, dense_h, interval_min)
+    used = rows_to_measure(series, dense_h, interval_min, said.runs.measure_first)
+    course = apply_method(method, series, used, said.seed, dense_h, interval_min)
     figures = {}
     if course is not None:
         for unit, there in zip(JUDGED_UNITS, (~series.angle, series.angle), strict=True):

@@ -8,12 +8,12 @@ if TYPE_CHECKING:
     from drivers.agent.bus import AgentBus
     from drivers.agent.control import AgentControl
     from drivers.agent.device import AgentDevice
-    from drivers.agent.greeting import VERSION, Capability, Greeting, greeting_of
+    from drivers.agent.greeting import PROTOCOL_VERSION, Capability, Greeting, greeting_of
     from drivers.agent.profile import AgentProfile
     from drivers.agent.settings import (
-        DEFAULT_PORT,
+        AGENT_PORT,
+        AGENT_STATES,
         LARGEST_UM,
-        STATES,
         AgentAddress,
         AgentBusSettings,
         AgentRequests,
@@ -26,12 +26,12 @@ else:
             ".bus": ("AgentBus",),
             ".control": ("AgentControl",),
             ".device": ("AgentDevice",),
-            ".greeting": ("VERSION", "Capability", "Greeting", "greeting_of"),
+            ".greeting": ("PROTOCOL_VERSION", "Capability", "Greeting", "greeting_of"),
             ".profile": ("AgentProfile",),
             ".settings": (
-                "DEFAULT_PORT",
+                "AGENT_PORT",
                 "LARGEST_UM",
-                "STATES",
+                "AGENT_STATES",
                 "AgentAddress",
                 "AgentBusSettings",
                 "AgentRequests",
@@ -41,10 +41,10 @@ else:
     )
 
 __all__ = [
-    "DEFAULT_PORT",
+    "AGENT_PORT",
+    "AGENT_STATES",
     "LARGEST_UM",
-    "STATES",
-    "VERSION",
+    "PROTOCOL_VERSION",
     "AgentAddress",
     "AgentBus",
     "AgentBusSettings",

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
+from drivers.agent.connection import AgentConnection, Json
 from drivers.agent.greeting import Capability, greeting_of
-from drivers.agent.line import AgentLine, Json
 from drivers.agent.numbers import finite_number, json_object
 from drivers.agent.settings import AgentBusSettings, AgentSettings
 from drivers.base import BadAnswer, WrongDevice, placed
@@ -34,7 +34,7 @@ class AgentBus:
     def __init__(self, name: str, settings: AgentBusSettings, tap: Tap | None = None) -> None:  # noqa: ARG002
         """`tap`: receives nothing, as signed lines cannot be played again."""
         self._name, self._settings = name, settings
-        self._line = AgentLine(
+        self._agent = AgentConnection(
             AgentSettings(
                 host=settings.host,
                 port=settings.port,
@@ -58,19 +58,19 @@ class AgentBus:
         Raises ConnectError, NoAnswer, BadAnswer, Refused (the key differs), SetupError (there is no key) and
         WrongDevice for an agent that reports no values.
         """
-        if self._line.is_open:
+        if self._agent.is_open:
             return
         with placed(self._name):
-            greeting = greeting_of(await self._line.connect(reads=True), "")
+            greeting = greeting_of(await self._agent.connect(reads=True), "")
             if Capability.VALUES not in greeting.can:
-                await self._line.close()
+                await self._agent.close()
                 raise WrongDevice(
                     "the agent reports no values of its control",
                     hint="it needs the capability `values`; on LinuxCNC copy the files of deploy/nc/linuxcnc again",
                 )
 
     async def close(self) -> None:
-        await self._line.close()
+        await self._agent.close()
 
     async def values(self, device: str, names: Sequence[str]) -> ToldValues:
         """What the control has under these names now.
@@ -81,7 +81,7 @@ class AgentBus:
         stale = ""
         with placed(self._name, device):
             for start, end in pairwise(_parts(names)):
-                told = json_object(await self._line.ask("values", names=list(names[start:end])), "values", "")
+                told = json_object(await self._agent.ask("values", names=list(names[start:end])), "values", "")
                 found += _listed(told.get("values"), names[start:end])
                 stale = stale or _why(told.get("stale"))
         return ToldValues(tuple(found), stale)

@@ -4,8 +4,8 @@ import asyncio
 from collections.abc import Awaitable, Callable, Sequence
 from typing import Any, Final
 
+from drivers.agent.connection import AgentConnection, Json
 from drivers.agent.greeting import Capability, Greeting, greeting_of
-from drivers.agent.line import AgentLine, Json
 from drivers.agent.numbers import finite_number, finite_numbers, json_object, triple
 from drivers.agent.settings import AgentSettings
 from drivers.agent.slopes import AgentSlopes
@@ -26,7 +26,7 @@ from drivers.nc import (
 )
 
 _POLL_S, _THERE_UM = 0.02, 1e-3
-EMERGENCY_STOP: Final = 1
+_EMERGENCY_STOP: Final = 1
 """Shown as an alarm, beside those that the agent reports."""
 NO_CYCLE: Final = "the agent has no probing cycle"
 _OFFSETS: Final = frozenset({Capability.SHIFT, Capability.SLOPES, Capability.ERRORS})
@@ -40,7 +40,7 @@ class AgentControl:
 
     def __init__(self, settings: AgentSettings, clock: Clock) -> None:
         self._settings, self._clock = settings, clock
-        self._line = AgentLine(settings)
+        self._agent = AgentConnection(settings)
         self._owner = 0
         self._greeting = Greeting()
         self._slopes: AgentSlopes | None = None
@@ -49,25 +49,25 @@ class AgentControl:
         """Log in and read everything once."""
         self._owner, settings = 0, self._settings
         try:
-            greeting = greeting_of(await self._line.connect(), settings.device)
+            greeting = greeting_of(await self._agent.connect(), settings.device)
             greeting.check_poses(settings.poses, settings.poses_deg, settings.device)
             self._greeting = greeting
             self._slopes = None
             if greeting.travel is not None:
-                line, owner = self._line, lambda: self._owner
-                self._slopes = AgentSlopes(line, settings, greeting.travel, owner, self._in_force)
+                agent, owner = self._agent, lambda: self._owner
+                self._slopes = AgentSlopes(agent, settings, greeting.travel, owner, self._in_force)
             await self.snapshot()
             await self.read_compensation()
         except BaseException:
-            await self._line.close()
+            await self._agent.close()
             raise
 
     async def close(self) -> None:
-        await self._line.close()
+        await self._agent.close()
 
     async def snapshot(self) -> NcSnapshot:
         """Positions: the tool tip relative to where A and C meet. Speeds: the mean since the last snapshot."""
-        status = json_object(await self._line.ask("status"), "status", self._settings.device)
+        status = json_object(await self._agent.ask("status"), "status", self._settings.device)
         positions = self._named(status.get("positions"), "positions")
         if missing := set(AXES) - set(positions):
             raise BadAnswer(f"positions without {', '.join(sorted(missing))}", device=self._settings.device)
@@ -84,7 +84,7 @@ class AgentControl:
             program=_member(ProgramState, status.get("program"), ProgramState.UNKNOWN),
             tool=tool if isinstance(tool, int) else None,
             probe_in_spindle=status.get("probe") is True,
-            alarms=(EMERGENCY_STOP,) * (status.get("estop") is True) + self._alarms(status.get("alarms", [])),
+            alarms=(_EMERGENCY_STOP,) * (status.get("estop") is True) + self._alarms(status.get("alarms", [])),
             probing=probing if isinstance(probing, bool) else None,
             ready=status.get("on") is True and status.get("homed") is True and not stopped,
             cannot_probe=cannot_probe if isinstance(cannot_probe, str) else None,
@@ -94,13 +94,13 @@ class AgentControl:
         """Raises ValueError for a number outside 1 .. 2**31 - 1, Refused when the control saw this number last or has
         another request pending."""
         check_number(number, "request number")
-        await self._line.ask("probe", number=number, valid_for_s=self._settings.request_valid_for_s)
+        await self._agent.ask("probe", number=number, valid_for_s=self._settings.request_valid_for_s)
 
     async def probing_status(self, number: int) -> RequestStatus:
         """State of request `number`; idle when the control has since received another one, or has received none."""
         check_number(number, "request number")
         device = self._settings.device
-        told = json_object(await self._line.ask("probing", number=number), "probing", device)
+        told = json_object(await self._agent.ask("probing", number=number), "probing", device)
         state = _member(ProbingState, told.get("state"), None)
         if state is None:
             raise BadAnswer(f"probing state {told.get('state')!r} is unknown", device=device)
@@ -121,7 +121,7 @@ class AgentControl:
     async def withdraw_probing(self, number: int) -> None:
         """Withdraw the request; a cycle in progress is stopped before its next touch."""
         check_number(number, "request number")
-        await self._line.ask("withdraw", number=number)
+        await self._agent.ask("withdraw", number=number)
 
     async def write_compensation(self, offsets_um: tuple[float, float, float]) -> None:
         """Returns when the offsets are in force, or after timeout_s.
@@ -129,7 +129,7 @@ class AgentControl:
         Raises NotSendable, before anything is sent, for a number that is not finite or beyond `largest_um`.
         """
         check_offsets(offsets_um, self._settings.largest_um)
-        await self._line.ask("write", owner=self._owner, um=[float(v) for v in offsets_um])
+        await self._agent.ask("write", owner=self._owner, um=[float(v) for v in offsets_um])
         await self._in_force(self.read_compensation, offsets_um)
 
     async def _in_force(self, read: Callable[[], Awaitable[Sequence[float]]], wanted: Sequence[float]) -> None:
@@ -161,7 +161,7 @@ class AgentControl:
         Raises NotSendable, before anything is sent, for a number that is not finite or an error beyond `largest_um`.
         """
         check_errors(errors, self._settings.largest_um)
-        await self._line.ask(
+        await self._agent.ask(
             "write_errors",
             owner=self._owner,
             errors=[float(v) for v in errors.errors],
@@ -171,14 +171,14 @@ class AgentControl:
         await self._in_force(lambda: self.read_errors(errors.radius_mm), errors.errors)
 
     async def read_errors(self, radius_mm: float) -> tuple[float, ...]:
-        told = await self._line.ask("errors", radius_mm=radius_mm)
+        told = await self._agent.ask("errors", radius_mm=radius_mm)
         return finite_numbers(told, ERRORS, "errors in force", self._settings.device)
 
     async def read_compensation(self) -> tuple[float, float, float]:
         """Nothing is in force by an agent that takes no offsets."""
-        if not self._greeting.can & _OFFSETS and self._line.is_open:
+        if not self._greeting.can & _OFFSETS and self._agent.is_open:
             return 0.0, 0.0, 0.0
-        return triple(await self._line.ask("read"), "offsets in force", self._settings.device)
+        return triple(await self._agent.ask("read"), "offsets in force", self._settings.device)
 
     async def claim(self, owner: int, terms: WatchdogTerms, predecessor: int | None = None) -> None:
         """Returns when the watchdog is active, or after timeout_s.
@@ -191,7 +191,7 @@ class AgentControl:
         if predecessor is not None:
             told["predecessor"] = predecessor
         try:
-            await self._line.ask("claim", owner=owner, **told)
+            await self._agent.ask("claim", owner=owner, **told)
         except Refused as error:
             hint = "stop the other gateway, or run this one in the mode monitor or advise"
             raise Refused(error.what, device=self._settings.device, hint=hint) from error
@@ -200,16 +200,16 @@ class AgentControl:
 
     async def heartbeat(self, owner: int) -> bool:
         check_number(owner, "owner")
-        watched = await self._line.ask("heartbeat", owner=owner) is True
+        watched = await self._agent.ask("heartbeat", owner=owner) is True
         self._owner = owner
         return watched
 
     async def release(self, owner: int) -> None:
         check_number(owner, "owner")
-        await self._line.ask("release", owner=owner)
+        await self._agent.ask("release", owner=owner)
 
     def _check_takes_offsets(self) -> None:
-        if self._line.is_open and not self._greeting.can & _OFFSETS:
+        if self._agent.is_open and not self._greeting.can & _OFFSETS:
             hint = '[compensation] mode = "monitor" or "advise" works with it'
             raise Refused("the agent takes no offsets", device=self._settings.device, hint=hint)
 

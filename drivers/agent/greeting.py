@@ -4,12 +4,12 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Final
 
-from drivers.agent.line import Json
+from drivers.agent.connection import Json
 from drivers.agent.numbers import finite_number, finite_numbers, json_object, triple
 from drivers.base import BadAnswer, WrongDevice
 from drivers.nc import LINEAR_AXES, Triple
 
-VERSION: Final = 3
+PROTOCOL_VERSION: Final = 3
 """The newest version of the protocol that this driver speaks; it speaks every earlier one."""
 _SAME_DEG = 1e-3
 
@@ -72,8 +72,8 @@ def greeting_of(answer: Json, device: str) -> Greeting:
     version = answer.get("version", 1)
     if isinstance(version, bool) or not isinstance(version, int) or version < 1:
         raise BadAnswer(f"version = {version!r}: expected a whole number from 1 on", device=device)
-    if version > VERSION:
-        what = f"the agent speaks version {version} of the protocol, this gateway up to {VERSION}"
+    if version > PROTOCOL_VERSION:
+        what = f"the agent speaks version {version} of the protocol, this gateway up to {PROTOCOL_VERSION}"
         raise WrongDevice(what, device=device, hint="update the gateway")
     can = _capabilities(answer.get("capabilities", ["probe", "shift"]), device)
     return Greeting(

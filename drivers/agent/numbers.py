@@ -3,7 +3,7 @@
 import math
 from contextlib import suppress
 
-from drivers.agent.line import Json
+from drivers.agent.connection import Json
 from drivers.base import BadAnswer
 
 _HINT = "does the agent have a different version?"

@@ -9,9 +9,9 @@ from drivers.nc import AXES
 from drivers.section import FilePath, HostName, NotNegative, Port, Positive, Section
 from drivers.signature import shared_key
 
-DEFAULT_PORT = 7621
+AGENT_PORT = 7621
 LARGEST_UM = 500.0
-STATES: Final = ("spindle_speed", *(f"speed_{axis}" for axis in AXES), "coolant")
+AGENT_STATES: Final = ("spindle_speed", *(f"speed_{axis}" for axis in AXES), "coolant")
 """Every machine state that an agent is expected to report: 1/min, mm/min, 0 or 1."""
 
 
@@ -20,7 +20,7 @@ class AgentAddress(Section):
 
     host: HostName = "127.0.0.1"
     """Host of the agent. If it is another computer, use a tunnel: lines are signed but not encrypted."""
-    port: Port = DEFAULT_PORT
+    port: Port = AGENT_PORT
     """The agent's port."""
     key_file: FilePath
     """File with the key shared with the agent: a copy of the agent's."""

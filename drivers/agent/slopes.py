@@ -3,8 +3,8 @@
 import math
 from collections.abc import Awaitable, Callable, Sequence
 
+from drivers.agent.connection import AgentConnection, Json
 from drivers.agent.greeting import SlopeTravel
-from drivers.agent.line import AgentLine, Json
 from drivers.agent.numbers import json_object, triple
 from drivers.agent.settings import AgentSettings
 from drivers.nc import LinearOffsets, NotSendable, Triple, check_offsets
@@ -21,13 +21,13 @@ class AgentSlopes:
 
     def __init__(
         self,
-        line: AgentLine,
+        agent: AgentConnection,
         settings: AgentSettings,
         travel: SlopeTravel,
         owner: Callable[[], int],
         settled: Settled,
     ) -> None:
-        self._line, self._settings, self._travel = line, settings, travel
+        self._agent, self._settings, self._travel = agent, settings, travel
         self._owner, self._settled = owner, settled
 
     @property
@@ -50,7 +50,7 @@ class AgentSlopes:
         """
         self._check(offsets)
         slopes: list[Json] = [list(row) for row in offsets.slope_um_per_mm]
-        await self._line.ask("write_slopes", owner=self._owner(), um=list(offsets.k0_um), um_per_mm=slopes)
+        await self._agent.ask("write_slopes", owner=self._owner(), um=list(offsets.k0_um), um_per_mm=slopes)
 
         async def found() -> tuple[float, ...]:
             return self._at_the_ends(await self.read_linear())
@@ -59,7 +59,7 @@ class AgentSlopes:
 
     async def read_linear(self) -> LinearOffsets:
         device = self._settings.device
-        told = json_object(await self._line.ask("slopes"), "slopes", device)
+        told = json_object(await self._agent.ask("slopes"), "slopes", device)
         rows = told.get("um_per_mm")
         x, y, z = rows if isinstance(rows, list) and len(rows) == 3 else (rows, rows, rows)
         slopes = (triple(x, "slope of X", device), triple(y, "slope of Y", device), triple(z, "slope of Z", device))

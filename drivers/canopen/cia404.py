@@ -15,7 +15,7 @@ DEVICE_TYPE = 0x1000
 SENSOR_TYPE = 0x6110
 PHYSICAL_UNIT = 0x6131
 DECIMAL_DIGITS = 0x6132
-STATUS = 0x6150
+_STATUS = 0x6150
 
 _CIA_404 = 404
 _MOST_DIGITS = 9
@@ -124,11 +124,11 @@ class Cia404Device:
 
     def _places(self, number: int) -> tuple[CanObject, CanObject]:
         """Status and value of an input."""
-        return CanObject(STATUS, number + 1), CanObject(self._profile.value_object, number + 1)
+        return CanObject(_STATUS, number + 1), CanObject(self._profile.value_object, number + 1)
 
     def _objects(self) -> tuple[CanObject, ...]:
         """What is read. With SDO, the status before and after its value, in case the sensor breaks or recovers."""
-        order = STATUS, self._profile.value_object, STATUS
+        order = _STATUS, self._profile.value_object, _STATUS
         present = (number for number in self._channels.values() if number not in self._absent)
         return tuple(CanObject(index, number + 1) for number in present for index in order)
 

@@ -10,6 +10,7 @@ from pydantic import Field
 from drivers.base import Quality
 from drivers.faults import Fault
 from drivers.number_types import WRITTEN_NUMBER
+from drivers.problems import shown
 from drivers.profile import DeviceProfile, LinearValue
 from drivers.section import NotEmpty, Positive, matching
 
@@ -37,20 +38,21 @@ class MqttTopic(LinearValue):
         """The value and its time, UTC, or what is wrong."""
         if len(payload) > MOST_BYTES:
             return Fault(Quality.SENSOR_FAULT, f"the payload has more than {MOST_BYTES} bytes"), None
+        text = payload.decode(errors="replace")
         try:
             content = json.loads(payload)
         except (ValueError, RecursionError):
-            return Fault(Quality.SENSOR_FAULT, f"the payload is neither a number nor JSON: {_shown(payload)}"), None
+            return Fault(Quality.SENSOR_FAULT, f"the payload is neither a number nor JSON: {shown(text)}"), None
         found = _at(content, self.number)
         number = number_in(found)
         if number is None:
             where = f" at {self.number}" if self.number else ""
-            return Fault(Quality.SENSOR_FAULT, f"the payload holds no number{where}: {_shown(payload)}"), None
+            return Fault(Quality.SENSOR_FAULT, f"the payload holds no number{where}: {shown(text)}"), None
         if self.time is None:
             return self.value(number), None
         measured = instant_in(_at(content, self.time), self.time_unit)
         if measured is None:
-            return Fault(Quality.STALE, f"the payload holds no time at {self.time}: {_shown(payload)}"), None
+            return Fault(Quality.STALE, f"the payload holds no time at {self.time}: {shown(text)}"), None
         return self.value(number), measured
 
 
@@ -110,8 +112,3 @@ def number_in(found: object) -> float | None:
         return float(found) if math.isfinite(found) else None
     except OverflowError:
         return None
-
-
-def _shown(payload: bytes) -> str:
-    text = payload[:60].decode(errors="replace")
-    return repr(text if len(payload) <= 60 else text + "...")

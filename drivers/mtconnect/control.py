@@ -80,11 +80,11 @@ class MtConnectControl(OnlyRead):
                 try:
                     states[name] = self._value(name, item, told)
                 except BadAnswer:
-                    not_known[name] = self._shown(item, told)
+                    not_known[name] = self._quoted_item(item, told)
         words = ("mode", settings.mode, _MODES), ("program", settings.program, _PROGRAMS)
         for name, item, known in (*words, ("emergency_stop", settings.emergency_stop, _STOPS)):
             if item in told and told[item] not in known:
-                not_known[name] = self._shown(item, told)
+                not_known[name] = self._quoted_item(item, told)
         return NcSnapshot(
             time=self._clock.utc(),
             monotonic_s=self._clock.monotonic(),
@@ -104,7 +104,7 @@ class MtConnectControl(OnlyRead):
             return SWITCHED[text]
         return number(item, text, self._factors[name])
 
-    def _shown(self, item: str, told: dict[str, str]) -> str:
+    def _quoted_item(self, item: str, told: dict[str, str]) -> str:
         of = f" of {self._settings.machine}" if self._settings.machine else ""
         return f"{told[item][:40]!r} (data item {item}{of})"
 

@@ -10,6 +10,7 @@ from drivers.faults import Fault
 from drivers.opcua.bus import OpcUaBus
 from drivers.opcua.nodes import NodeValue
 from drivers.opcua.profile import OpcUaNode, OpcUaProfile
+from drivers.problems import shown
 from drivers.readings import ReadingMaker
 
 
@@ -85,10 +86,10 @@ class OpcUaDevice:
             return number if isinstance(number, Fault) else invalid or node.value(number)
         if node.element is not None:
             if not isinstance(raw, Sequence) or isinstance(raw, str | bytes) or len(raw) <= node.element:
-                return Fault(Quality.SENSOR_FAULT, f"the node holds no element {node.element}: {_shown(raw)}")
+                return Fault(Quality.SENSOR_FAULT, f"the node holds no element {node.element}: {shown(raw)}")
             raw = raw[node.element]
         if not isinstance(raw, int | float):
-            return Fault(Quality.SENSOR_FAULT, f"the node holds no number: {_shown(raw)}")
+            return Fault(Quality.SENSOR_FAULT, f"the node holds no number: {shown(raw)}")
         if isinstance(raw, bool) and (node.unit or self._profile.unit) != "1":
             return Fault(Quality.SENSOR_FAULT, f'the node holds {raw}, which is a number only with unit = "1"')
         return node.value(raw)
@@ -111,14 +112,9 @@ def _number_in(found: NodeValue, node: OpcUaNode, form: struct.Struct) -> float 
     """The number that the node's bytes hold, without the bits that it leaves out."""
     data = found.data
     if data is None:
-        return Fault(Quality.SENSOR_FAULT, f"the node holds no bytes: {_shown(found.value)}")
+        return Fault(Quality.SENSOR_FAULT, f"the node holds no bytes: {shown(found.value)}")
     first = node.element or 0
     if len(data) < (needed := first + form.size):
         return Fault(Quality.SENSOR_FAULT, f"the node holds {len(data)} of the {needed} bytes that the channel needs")
     number: int | float = form.unpack_from(data, first)[0]
     return int(number) >> node.shift if node.shift else number
-
-
-def _shown(raw: object) -> str:
-    text = repr(raw)
-    return text if len(text) <= 40 else text[:37] + "..."

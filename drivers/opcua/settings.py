@@ -7,7 +7,7 @@ from pydantic import model_validator
 
 from drivers.section import FilePath, NotEmpty, Positive, Section, matching, wrong
 
-DEFAULT_PORT = 4840
+_DEFAULT_PORT = 4840
 
 ServerUrl = Annotated[str, matching(r"opc\.tcp://[^/:\s]+(:\d+)?(/\S*)?", "opc.tcp://host:port")]
 
@@ -79,4 +79,4 @@ def _has_possible_port(url: str) -> bool:
 def with_port(url: str) -> str:
     """The URL, with OPC UA's usual port added when it names none."""
     parts = urlsplit(url)
-    return url if parts.port is not None else parts._replace(netloc=f"{parts.netloc}:{DEFAULT_PORT}").geturl()
+    return url if parts.port is not None else parts._replace(netloc=f"{parts.netloc}:{_DEFAULT_PORT}").geturl()

@@ -60,9 +60,9 @@ PROBING_REASONS: Final = {
     7: "the program was stopped",
     8: "TALC_SAFE_Z on the control is lower than the sphere at one of the poses",
 }
-EMERGENCY_STOP: Final = 3000
+_EMERGENCY_STOP: Final = 3000
 """Alarm while an emergency stop is pressed or not yet acknowledged."""
-ALIVE: Final = 1
+SESSION_ALIVE: Final = 1
 """State of the control's watchdog while it receives the gateway's heartbeat."""
 
 
@@ -267,7 +267,7 @@ class Sinumerik:
     async def try_writing(self) -> None:
         """Implements TriesWriting: the same values again are no new request and no beat, and move nothing."""
         holder, _, state = self._numbers(self._lease, await self._session.read(self._lease))
-        if holder and state == ALIVE:
+        if holder and state == SESSION_ALIVE:
             raise Refused(
                 f"gateway {holder:.0f} holds the control: writing was not tried",
                 device=self._settings.device,
@@ -286,7 +286,7 @@ class Sinumerik:
         """Raises ValueError for an owner outside 1 .. 2**31 - 1."""
         check_number(owner, "owner")
         holder, beat, state = self._numbers(self._lease, await self._session.read(self._lease))
-        if holder not in (0, owner, predecessor) and state == ALIVE:
+        if holder not in (0, owner, predecessor) and state == SESSION_ALIVE:
             raise self._anothers(holder)
         lease, r = self._settings.lease, self._settings.r
         await self._session.write(self._watchdog_values(terms))
@@ -300,7 +300,7 @@ class Sinumerik:
         if holder != owner:
             raise self._anothers(holder)
         await self._session.write({self._settings.r(self._settings.lease.beat): next_beat(beat)})
-        return state == ALIVE
+        return state == SESSION_ALIVE
 
     async def release(self, owner: int) -> None:
         check_number(owner, "owner")
@@ -357,7 +357,7 @@ def next_beat(beat: float) -> float:
 
 def _may_be_stopped(shown: list[OpcUaNumber | None]) -> bool:
     """The list begins with the oldest: if no place is free, or one has no value, further alarms may be hidden."""
-    return bool(shown) and (EMERGENCY_STOP in map(_code, shown) or None in shown or all(shown))
+    return bool(shown) and (_EMERGENCY_STOP in map(_code, shown) or None in shown or all(shown))
 
 
 def _drives(named: dict[str, OpcUaNumber | None]) -> bool:

@@ -16,9 +16,9 @@ from drivers.nc import (
     check_errors,
     check_offsets,
 )
-from drivers.sinumerik.control import ALIVE, Sinumerik, next_beat
-from drivers.sinumerik.programs import ER0T, EX0C, EY0A, EZ0A, VERSION, ErrorTerms
-from drivers.sinumerik.settings import TERMS, SinumerikSettings
+from drivers.sinumerik.control import SESSION_ALIVE, Sinumerik, next_beat
+from drivers.sinumerik.programs import ER0T, EX0C, EY0A, EZ0A, PROGRAM_VERSION, ErrorTerms
+from drivers.sinumerik.settings import ERROR_TERMS, SinumerikSettings
 
 _SAME: Final = 1e-6
 _AGAIN: Final = "write TALC_ERRORS again: talc-gateway nc sinumerik-files"
@@ -38,7 +38,7 @@ class SinumerikWithErrors(Sinumerik):
         self._probed = tuple(r(numbers.probed + i) for i in range(3))
         self._version, self._echo = (r(numbers.version),), (r(numbers.echo), r(settings.lease.beat))
         self._moving = (r(settings.lease.state), *(r(numbers.in_force + i) for i in range(ERRORS)))
-        self._terms_told = tuple(r(numbers.terms + i) for i in range(TERMS))
+        self._terms_told = tuple(r(numbers.terms + i) for i in range(ERROR_TERMS))
         self._terms: ErrorTerms | None = None
         self._reach: tuple[float, float] | None = None
 
@@ -63,9 +63,9 @@ class SinumerikWithErrors(Sinumerik):
             raise
 
     async def _look_at_program(self, version: float) -> None:
-        if version != VERSION:
+        if version != PROGRAM_VERSION:
             raise BadAnswer(
-                f"TALC_ERRORS is of version {version:g}: expected {VERSION}", device=self._device, hint=_AGAIN
+                f"TALC_ERRORS is of version {version:g}: expected {PROGRAM_VERSION}", device=self._device, hint=_AGAIN
             )
         await self._session.read((*self._wanted, *self._probed, *self._echo, *self._moving))
         slew, radius, x, y, z, *reach = self._numbers(self._terms_told, await self._session.read(self._terms_told))
@@ -126,7 +126,7 @@ class SinumerikWithErrors(Sinumerik):
         and the offsets would change from pose to pose."""
         if self._terms is not None:
             state, *in_force = self._numbers(self._moving, await self._session.read(self._moving))
-            if state != ALIVE and max(map(abs, in_force)) > _SAME:
+            if state != SESSION_ALIVE and max(map(abs, in_force)) > _SAME:
                 raise Refused(
                     "TALC_ERRORS still has errors in force, but no gateway is alive: they would move in the cycle",
                     device=self._device,

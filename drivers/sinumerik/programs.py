@@ -14,7 +14,7 @@ from drivers.base import SetupError
 from drivers.nc import ERRORS, LINEAR_AXES, Triple
 from drivers.sinumerik.settings import SinumerikSettings, error_reach_mm
 
-VERSION: Final = 1
+PROGRAM_VERSION: Final = 1
 """Version of the program and of the meaning of its parameters; the control shows it while the program is active."""
 FIRST_ID: Final = 60
 """ID of the first static synchronised action; the others follow it."""
@@ -42,7 +42,7 @@ def errors_program(settings: SinumerikSettings, terms: ErrorTerms) -> str:
     lines = [*_start(settings, terms)]
     for number, action in enumerate(_actions(settings, terms), FIRST_ID):
         lines.append(f"IDS={number} {action}")
-    lines += ["STOPRE", f"R[{settings.errors.version}] = {VERSION}", "RET"]
+    lines += ["STOPRE", f"R[{settings.errors.version}] = {PROGRAM_VERSION}", "RET"]
     return "\n".join(lines) + "\n"
 
 

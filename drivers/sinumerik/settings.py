@@ -14,7 +14,7 @@ from drivers.opcua import OpcUaSettings
 from drivers.section import NotNegative, Positive
 
 _DEGREES_PER_TURN = 360.0
-TERMS: Final = 7
+ERROR_TERMS: Final = 7
 """R-parameters by which the control's program tells what it keeps to."""
 PAIRS: Final = {
     shifted + over: (LINEAR_AXES.index(shifted), LINEAR_AXES.index(over))
@@ -330,7 +330,7 @@ class SinumerikSettings(SinumerikControl):
         if self.compensation.route == "errors":
             yield "errors.version", self.errors.version
             yield "errors.echo", self.errors.echo
-            for name, count in (("wanted", ERRORS), ("in_force", ERRORS), ("probed", 3), ("terms", TERMS)):
+            for name, count in (("wanted", ERRORS), ("in_force", ERRORS), ("probed", 3), ("terms", ERROR_TERMS)):
                 first = getattr(self.errors, name)
                 yield from ((f"errors.{name} (the first of {count})", first + i) for i in range(count))
         if self.compensation.route == "r":

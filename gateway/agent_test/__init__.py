@@ -7,14 +7,14 @@ from drivers.first_use import on_first_use
 if TYPE_CHECKING:
     from gateway.agent_test.clause import Clause, ClauseOutcome, ClauseResult, Moves
     from gateway.agent_test.clauses import CLAUSES, run_clauses
-    from gateway.agent_test.line import AgentUnderTest, Unreachable
+    from gateway.agent_test.connection import AgentUnderTest, Unreachable
 else:
     __getattr__ = on_first_use(
         __name__,
         {
             ".clause": ("Clause", "ClauseOutcome", "ClauseResult", "Moves"),
             ".clauses": ("CLAUSES", "run_clauses"),
-            ".line": ("AgentUnderTest", "Unreachable"),
+            ".connection": ("AgentUnderTest", "Unreachable"),
         },
     )
 

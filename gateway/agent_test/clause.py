@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from drivers.agent import Capability, Greeting
-from gateway.agent_test.line import AgentUnderTest
+from gateway.agent_test.connection import AgentUnderTest
 
 
 class ClauseResult(StrEnum):

@@ -6,9 +6,9 @@ from typing import Any
 from drivers.agent import Greeting, greeting_of
 from drivers.base import DriverError
 from gateway.agent_test.clause import Clause, ClauseOutcome, ClauseResult, Moves, Trial
+from gateway.agent_test.connection import AgentUnderTest, Broken, Told, Unreachable, connected
 from gateway.agent_test.cycle import CYCLE
 from gateway.agent_test.follow import FOLLOW
-from gateway.agent_test.line import AgentUnderTest, Broken, Told, Unreachable, connected
 from gateway.agent_test.login import LOGIN
 from gateway.agent_test.offsets import OFFSET
 from gateway.agent_test.values import VALUES
@@ -47,8 +47,8 @@ async def run_clauses(
 
 async def _greeting(target: AgentUnderTest) -> dict[str, Any]:
     try:
-        async with connected(target) as line:
-            greeting = await line.login()
+        async with connected(target) as agent:
+            greeting = await agent.login()
     except Told as refusal:
         raise Unreachable(f"the agent refuses the login: {refusal}") from None
     except Broken as broken:

@@ -8,7 +8,15 @@ from contextlib import suppress
 from drivers.agent import Capability
 from drivers.nc import LARGEST_NUMBER, ProbingState
 from gateway.agent_test.clause import Clauses, Moves, Trial
-from gateway.agent_test.line import BareLine, Broken, Told, excerpt, is_finite_number, logged_in, three_numbers
+from gateway.agent_test.connection import (
+    BareConnection,
+    Broken,
+    Told,
+    excerpt,
+    is_finite_number,
+    logged_in,
+    three_numbers,
+)
 from gateway.agent_test.offsets import OWNER, SHIFT, claimed, comes, in_force, refused, same, um_text
 
 CYCLE = Clauses()
@@ -24,17 +32,19 @@ def _drawn() -> int:
     return 1 + secrets.randbelow(LARGEST_NUMBER - 1)
 
 
-async def _status(line: BareLine, number: int) -> tuple[ProbingState, dict[str, object]]:
-    told = await line.ask("probing", number=number)
+async def _status(agent: BareConnection, number: int) -> tuple[ProbingState, dict[str, object]]:
+    told = await agent.ask("probing", number=number)
     if not isinstance(told, dict) or told.get("state") not in list(ProbingState):
         raise Broken(f"probing = {excerpt(told)}")
     return ProbingState(told["state"]), told
 
 
-async def _reaches(line: BareLine, number: int, states: Container[ProbingState], within_s: float) -> dict[str, object]:
+async def _reaches(
+    agent: BareConnection, number: int, states: Container[ProbingState], within_s: float
+) -> dict[str, object]:
     loop = asyncio.get_running_loop()
     until = loop.time() + within_s
-    while (found := await _status(line, number))[0] not in states:
+    while (found := await _status(agent, number))[0] not in states:
         if loop.time() > until:
             raise Broken(f"the state {found[0].value} after {within_s:g} s")
         await asyncio.sleep(_POLL_S)
@@ -44,32 +54,32 @@ async def _reaches(line: BareLine, number: int, states: Container[ProbingState],
 @CYCLE.add(_PROBE)
 async def an_unknown_number_is_idle(trial: Trial) -> None:
     """`probing` of a number that was never requested is idle; withdrawing it is not an error and changes nothing."""
-    async with logged_in(trial.target) as line:
+    async with logged_in(trial.target) as agent:
         number = _drawn()
         for _ in range(2):
-            state, _told = await _status(line, number)
+            state, _told = await _status(agent, number)
             if state is not ProbingState.IDLE:
                 raise Broken(f"the state {state.value}")
-            await line.ask("withdraw", number=number)
+            await agent.ask("withdraw", number=number)
 
 
 @CYCLE.add(_PROBE, Moves.CYCLE)
 async def a_request_is_not_displaced(trial: Trial) -> None:
     """While a request waits or runs, another is refused, and its number is idle; a withdrawn request ends and says
     so."""
-    async with logged_in(trial.target) as line:
+    async with logged_in(trial.target) as agent:
         number = _drawn()
-        await line.ask("probe", number=number, valid_for_s=_VALID_S)
+        await agent.ask("probe", number=number, valid_for_s=_VALID_S)
         try:
-            state, _ = await _status(line, number)
+            state, _ = await _status(agent, number)
             if state not in _WAITING:
                 raise Broken(f"the state {state.value} after the request")
-            await refused(line.ask("probe", number=number + 1, valid_for_s=_VALID_S), "a second request")
-            if (state := (await _status(line, number + 1))[0]) is not ProbingState.IDLE:
+            await refused(agent.ask("probe", number=number + 1, valid_for_s=_VALID_S), "a second request")
+            if (state := (await _status(agent, number + 1))[0]) is not ProbingState.IDLE:
                 raise Broken(f"the state {state.value} of the second request")
         finally:
-            await line.ask("withdraw", number=number)
-        told = await _reaches(line, number, _ENDED, trial.cycle_limit_s)
+            await agent.ask("withdraw", number=number)
+        told = await _reaches(agent, number, _ENDED, trial.cycle_limit_s)
         if told["state"] not in (ProbingState.REFUSED, ProbingState.FAILED) or told.get("reason") != "withdrawn":
             raise Broken(f"{excerpt(told)} after it was withdrawn")
 
@@ -77,13 +87,13 @@ async def a_request_is_not_displaced(trial: Trial) -> None:
 @CYCLE.add(_PROBE, Moves.CYCLE)
 async def refuses_requests_that_are_no_numbers(trial: Trial) -> None:
     """A request number or a time of validity outside its range, or not a number, is refused; 0 s means no limit."""
-    async with logged_in(trial.target) as line:
+    async with logged_in(trial.target) as agent:
         for bad in ("0", "-1", "2147483648", "true", '"7"', "null", "1.5"):
             text = f'{{"do": "probe", "number": {bad}, "valid_for_s": 1}}'
-            await refused(line.ask_text(text), f"number = {bad}")
+            await refused(agent.ask_text(text), f"number = {bad}")
         for bad in ("-1", "NaN", "Infinity", '"1"', "null"):
             text = f'{{"do": "probe", "number": {_drawn()}, "valid_for_s": {bad}}}'
-            await refused(line.ask_text(text), f"valid_for_s = {bad}")
+            await refused(agent.ask_text(text), f"valid_for_s = {bad}")
 
 
 @CYCLE.add(_PROBE, Moves.CYCLE)
@@ -91,16 +101,16 @@ async def a_cycle_ends_with_its_result(trial: Trial) -> None:
     """A cycle runs, `status` shows this, and its result has a centre for each pose, spread and in_force."""
     poses = trial.told.poses
     count = poses if isinstance(poses, int) else len(poses or ())
-    async with logged_in(trial.target) as line:
+    async with logged_in(trial.target) as agent:
         number = _drawn()
-        await line.ask("probe", number=number, valid_for_s=trial.cycle_limit_s)
+        await agent.ask("probe", number=number, valid_for_s=trial.cycle_limit_s)
         started = {ProbingState.ACCEPTED, ProbingState.RUNNING, *_ENDED}
-        told = await _reaches(line, number, started, trial.cycle_limit_s)
-        status = await line.ask("status")
-        after, _ = await _status(line, number)
+        told = await _reaches(agent, number, started, trial.cycle_limit_s)
+        status = await agent.ask("status")
+        after, _ = await _status(agent, number)
         if after in (ProbingState.ACCEPTED, ProbingState.RUNNING) and status.get("probing") is not True:
             raise Broken(f"probing = {excerpt(status.get('probing'))} in `status` during the cycle")
-        told = await _reaches(line, number, _ENDED, trial.cycle_limit_s)
+        told = await _reaches(agent, number, _ENDED, trial.cycle_limit_s)
         if told["state"] != ProbingState.DONE:
             raise Broken(excerpt(told))
         centres = told.get("centres")
@@ -111,8 +121,8 @@ async def a_cycle_ends_with_its_result(trial: Trial) -> None:
         if not is_finite_number(told.get("spread")):
             raise Broken(f"spread = {excerpt(told.get('spread'))}")
         three_numbers(told.get("in_force"), "in_force")
-        await refused(line.ask("probe", number=number, valid_for_s=_VALID_S), "the last number again")
-        if (await _status(line, number))[1] != told:
+        await refused(agent.ask("probe", number=number, valid_for_s=_VALID_S), "the last number again")
+        if (await _status(agent, number))[1] != told:
             raise Broken("another result when it was asked for again")
 
 
@@ -120,16 +130,16 @@ async def a_cycle_ends_with_its_result(trial: Trial) -> None:
 async def nothing_moves_while_probing(trial: Trial) -> None:
     """While a cycle is accepted or running, what is in force stands still, whatever is written; `in_force` reports
     it."""
-    async with claimed(trial.target) as line:
-        await line.ask("write", owner=OWNER, um=list(_HELD_UM))
-        await comes(line, _HELD_UM, trial.target.timeout_s)
+    async with claimed(trial.target) as agent:
+        await agent.ask("write", owner=OWNER, um=list(_HELD_UM))
+        await comes(agent, _HELD_UM, trial.target.timeout_s)
         number = _drawn()
-        await line.ask("probe", number=number, valid_for_s=trial.cycle_limit_s)
+        await agent.ask("probe", number=number, valid_for_s=trial.cycle_limit_s)
         loop = asyncio.get_running_loop()
         until, written = loop.time() + trial.cycle_limit_s, False
         while True:
-            found = await in_force(line)
-            state, told = await _status(line, number)  # after `read`: in progress now, it was so before
+            found = await in_force(agent)
+            state, told = await _status(agent, number)  # after `read`: in progress now, it was so before
             if state in _ENDED:
                 break
             if not same(found, _HELD_UM):
@@ -137,10 +147,10 @@ async def nothing_moves_while_probing(trial: Trial) -> None:
             if state is not ProbingState.REQUESTED and not written:
                 written = True
                 with suppress(Told):  # to refuse it is right, too
-                    await line.ask("write", owner=OWNER, um=list(_LATER_UM))
+                    await agent.ask("write", owner=OWNER, um=list(_LATER_UM))
             if loop.time() > until:
                 raise Broken(f"the state {state.value} after {trial.cycle_limit_s:g} s")
-            await line.ask("heartbeat", owner=OWNER)
+            await agent.ask("heartbeat", owner=OWNER)
             await asyncio.sleep(_POLL_S)
         if state is not ProbingState.DONE or not written:
             raise Broken(f"{excerpt(told)}{'' if written else ', without a time in which it ran'}")

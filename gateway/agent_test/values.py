@@ -2,7 +2,7 @@
 
 from drivers.agent import Capability
 from gateway.agent_test.clause import Clauses, Trial
-from gateway.agent_test.line import Broken, Told, connected, excerpt, logged_in
+from gateway.agent_test.connection import Broken, Told, connected, excerpt, logged_in
 
 VALUES = Clauses()
 _VALUES = frozenset({Capability.VALUES})

@@ -11,7 +11,7 @@ import os
 from contextlib import suppress
 from pathlib import Path
 
-GATEWAY, LEARNING = "gateway", "learning"
+_GATEWAY, _LEARNING = "gateway", "learning"
 """Names of the two groups, below the service's."""
 WEIGHT = 10
 """Weight of the group `learning`; the gateway's is the kernel's default, 100."""
@@ -39,12 +39,12 @@ def divide(groups: Path = _GROUPS, own: Path = _OWN) -> bool:
     try:
         if "cpu" not in (group / "cgroup.controllers").read_text(encoding="ascii").split():
             raise UndividedError(f"{group}: this kernel or its manager shares out no processor time there")
-        for name in (GATEWAY, LEARNING):
+        for name in (_GATEWAY, _LEARNING):
             (group / name).mkdir(exist_ok=True)
         # A group whose controllers are in use below it may hold no processes itself, so the gateway leaves it first.
-        (group / GATEWAY / "cgroup.procs").write_text(str(os.getpid()), encoding="ascii")
+        (group / _GATEWAY / "cgroup.procs").write_text(str(os.getpid()), encoding="ascii")
         (group / "cgroup.subtree_control").write_text("+cpu", encoding="ascii")
-        (group / LEARNING / "cpu.weight").write_text(str(WEIGHT), encoding="ascii")
+        (group / _LEARNING / "cpu.weight").write_text(str(WEIGHT), encoding="ascii")
     except OSError as error:
         raise UndividedError(f"{error.filename or group}: {error.strerror}") from error
     return True
@@ -53,9 +53,9 @@ def divide(groups: Path = _GROUPS, own: Path = _OWN) -> bool:
 def join_learning(groups: Path = _GROUPS, own: Path = _OWN) -> None:
     """Move this process from the gateway's group into the group of the learning processes, if `divide` made them."""
     group = _group(groups, own)
-    if group is not None and group.name == GATEWAY and (group.parent / LEARNING).is_dir():
+    if group is not None and group.name == _GATEWAY and (group.parent / _LEARNING).is_dir():
         with suppress(OSError):  # it has its lower priority in any case
-            (group.parent / LEARNING / "cgroup.procs").write_text(str(os.getpid()), encoding="ascii")
+            (group.parent / _LEARNING / "cgroup.procs").write_text(str(os.getpid()), encoding="ascii")
 
 
 def _group(groups: Path, own: Path) -> Path | None:

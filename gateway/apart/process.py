@@ -11,7 +11,7 @@ from typing import ParamSpec, TypeVar
 Arguments = ParamSpec("Arguments")
 Returned = TypeVar("Returned")
 
-LIMIT_S = 3600.0
+WORK_LIMIT_S = 3600.0
 """Real seconds; the papers' particle swarm over weeks of data takes minutes on a small computer."""
 
 
@@ -37,14 +37,14 @@ async def apart(work: Callable[Arguments, Returned], *given: Arguments.args, **n
     if process.stdin is None or process.stdout is None or process.stderr is None:
         raise RuntimeError("the process has no pipes")
     try:
-        async with asyncio.timeout(LIMIT_S):
+        async with asyncio.timeout(WORK_LIMIT_S):
             with suppress(BrokenPipeError, ConnectionResetError):  # it died: its exit status gives the reason
                 process.stdin.write(pickle.dumps((work, given, named)))
                 await process.stdin.drain()
             answer, complaint = await asyncio.gather(process.stdout.read(), process.stderr.read())
             status = await process.wait()
     except TimeoutError:
-        raise WorkError(f"it did not finish within {LIMIT_S:g} s") from None
+        raise WorkError(f"it did not finish within {WORK_LIMIT_S:g} s") from None
     finally:
         if process.returncode is None:
             process.kill()

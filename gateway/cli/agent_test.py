@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from drivers.agent import DEFAULT_PORT
+from drivers.agent import AGENT_PORT
 from drivers.section import host_name
 from gateway.cli.arguments import FiniteNumber
 from gateway.cli.exits import EXIT_WORLD
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 @click.command("agent-test")
 @click.argument("host")
-@click.option("--port", type=click.IntRange(1, 65535), default=DEFAULT_PORT, show_default=True, help="[nc] port")
+@click.option("--port", type=click.IntRange(1, 65535), default=AGENT_PORT, show_default=True, help="[nc] port")
 @click.option("--key-file", type=click.Path(exists=True, dir_okay=False, path_type=Path), required=True,
               help="[nc] key_file: file with the agent's key.")  # fmt: skip
 @click.option("--timeout", type=FiniteNumber(min=0.1), default=2.0, show_default=True,

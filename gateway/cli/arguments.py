@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 ConfigPath = click.argument("config", type=click.Path(dir_okay=False, path_type=Path))
 PemPath = click.Path(exists=True, dir_okay=False, path_type=Path)
-LIMIT_S = 600.0
+SCAN_LIMIT_S = 600.0
 """How long a scan takes at most, unless the user says otherwise."""
 Decorated = TypeVar("Decorated", bound=Callable[..., object])
 _ACCESS = (

@@ -9,7 +9,15 @@ from typing import Literal
 
 import click
 
-from gateway.cli.arguments import LIMIT_S, ConfigPath, FiniteNumber, access_of, access_options, address_of, read_config
+from gateway.cli.arguments import (
+    SCAN_LIMIT_S,
+    ConfigPath,
+    FiniteNumber,
+    access_of,
+    access_options,
+    address_of,
+    read_config,
+)
 from gateway.cli.exits import EXIT_WORLD, Commands
 from gateway.cli.extras import need_extra
 from gateway.cli.log import log_to_stderr
@@ -63,7 +71,7 @@ def _with_simulators() -> None:
 @ConfigPath
 @click.option("--answers", type=click.Path(exists=True, dir_okay=False, path_type=Path),
               help="TOML file with the answers: nothing is asked (docs/wiring.md).")  # fmt: skip
-@click.option("--limit", type=FiniteNumber(min=1), default=LIMIT_S, show_default=True,
+@click.option("--limit", type=FiniteNumber(min=1), default=SCAN_LIMIT_S, show_default=True,
               help="Scan each wire at most this many seconds.")  # fmt: skip
 def init(config: Path, answers: Path | None, limit: float) -> None:
     """Write a first CONFIG: ask for what a scan cannot find, find the devices, arm nothing.

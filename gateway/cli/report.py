@@ -16,8 +16,8 @@ from gateway.config import GatewayConfig
 from gateway.nc import Source
 from gateway.past import stored_config
 from gateway.report import (
-    SHIFTS,
     TRUTH_WIDTH,
+    WORK_SHIFTS,
     AdoptedModels,
     CycleSeen,
     NotYet,
@@ -48,7 +48,7 @@ class Reader:
 
     zone: tzinfo | None = None
     """None: the time zone of this computer."""
-    shifts: tuple[time, ...] = SHIFTS
+    shifts: tuple[time, ...] = WORK_SHIFTS
     """When they begin; none: no shifts."""
     day: date | None = None
     """Only this one, from midnight to midnight in the zone; None: all that is stored."""

@@ -19,7 +19,7 @@ from drivers.modbus import ModbusRtuTcpBus
 from drivers.problems import read_settings
 from drivers.recognition import describe
 from drivers.section import host_name
-from gateway.cli.arguments import LIMIT_S, FiniteNumber
+from gateway.cli.arguments import SCAN_LIMIT_S, FiniteNumber
 from gateway.cli.signals import stop_on_signals
 from gateway.cli.terminal import terminal
 from gateway.config import ConfigError, Problem, read_text
@@ -95,7 +95,7 @@ Toml = click.option(
     help="Write a configuration for the devices found, or, after a question, add to one. -: standard output.",
 )  # fmt: skip
 Limit = click.option(
-    "--limit", type=FiniteNumber(min=1), default=LIMIT_S, show_default=True, help="Stop after this many seconds."
+    "--limit", type=FiniteNumber(min=1), default=SCAN_LIMIT_S, show_default=True, help="Stop after this many seconds."
 )
 Yes = click.option("--yes", is_flag=True, help="Answer every question with yes.")
 

@@ -41,7 +41,7 @@ def _events(history: History) -> NamedRows:
 
 
 def _compensation(history: History) -> NamedRows:
-    return columns.COMPENSATION, map(columns.compensation_cells, history.compensation())
+    return columns.COMPENSATION_CELLS, map(columns.compensation_cells, history.compensation())
 
 
 def _commands(history: History) -> NamedRows:
@@ -52,7 +52,7 @@ def _runs(history: History) -> NamedRows:
     return columns.RUNS, map(columns.run_cells, history.starts())
 
 
-TABLES: Mapping[str, Callable[[History], NamedRows]] = {
+_TABLES: Mapping[str, Callable[[History], NamedRows]] = {
     "readings": _readings,
     "minutes": _minutes,
     "steps": _steps,
@@ -70,7 +70,7 @@ def export_table(database: Path, table: str, output: Path) -> int:
     write = _write_parquet if output.suffix == ".parquet" else _write_csv
     try:
         with History(database) as history:
-            many = write(part, *TABLES[table](history))
+            many = write(part, *_TABLES[table](history))
         part.replace(output)
     finally:
         with suppress(OSError):

@@ -14,8 +14,8 @@ from gateway.client.history_tables import TimeTable, as_read, asked_s, interval_
 from gateway.commands import CommandName
 from gateway.telemetry import (
     COMMAND_LIMIT_S,
+    MESSAGE_TYPES,
     MOST_ROWS,
-    TYPES,
     Access,
     CommandAnswer,
     CommandSigner,
@@ -372,8 +372,8 @@ class Machine:
 
     def _expressions(self, kinds: Sequence[str]) -> list[str]:
         for kind in kinds:
-            if kind not in TYPES:
-                raise ValueError(f"{kind!r}: no such kind of key; known are {', '.join(TYPES)}")
+            if kind not in MESSAGE_TYPES:
+                raise ValueError(f"{kind!r}: no such kind of key; known are {', '.join(MESSAGE_TYPES)}")
         return [f"{self.root}/{kind}/**" for kind in kinds] or [f"{self.root}/**"]
 
     def _suffix(self, sample: zenoh.Sample) -> str:

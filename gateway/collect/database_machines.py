@@ -13,7 +13,7 @@ from psycopg.rows import dict_row
 
 from gateway.collect.database import DatabaseConnection, connect_to, database_parameters, places_of, what_is_wrong
 from gateway.collect.folder import CollectError
-from gateway.collect.machines import RUN_COLUMNS, CollectedMachine, machine_of
+from gateway.collect.machines import RUN_FIELDS, CollectedMachine, machine_of
 from gateway.collect.relations import OTHER, quoted, relation_columns
 
 _NUMBERS = ("double precision", "bigint")
@@ -48,7 +48,7 @@ def machines_in_database(url: str, password_file: Path | None = None) -> list[Co
 
 def _machine(connection: DatabaseConnection, name: str, places_text: str, read: _Connect) -> CollectedMachine:
     known = relation_columns(connection, "runs")
-    texts = (quoted(name) if name in known else f"{OTHER}->>'{name}' AS {quoted(name)}" for name in RUN_COLUMNS)
+    texts = (quoted(name) if name in known else f"{OTHER}->>'{name}' AS {quoted(name)}" for name in RUN_FIELDS)
     query = f"SELECT {', '.join(texts)} FROM talc.runs WHERE machine = %s"
     runs = connection.cursor(row_factory=dict_row).execute(query.encode(), (name,)).fetchall()
     try:

@@ -20,7 +20,7 @@ from talc.frame import FloatArray, Frame, Measurement
 from talc.names import THERMAL_ERRORS
 from talc.settings import TalcSettings
 
-RUN_COLUMNS = ("kind", "step_s", "inputs", "talc", "epoch", "row")
+RUN_FIELDS = ("kind", "step_s", "inputs", "talc", "epoch", "row")
 _TIME_OFF_US = 1000
 """By which the time of a step may differ from that of its grid index, as both are rounded."""
 _STEPS: columns.CellKinds = columns.steps(())
@@ -86,7 +86,7 @@ def _machine(site: Path, runs: Path) -> CollectedMachine:
     try:
         places = load_progress(site / "progress" / f"{name}.json").places
         parts = runs.glob("day=*/part-*.parquet")
-        rows = list(chain.from_iterable(_read(part, RUN_COLUMNS).to_pylist() for part in parts))
+        rows = list(chain.from_iterable(_read(part, RUN_FIELDS).to_pylist() for part in parts))
         return machine_of(name, rows, places.get("runs", ()), partial(_days, site / "steps" / f"machine={name}"))
     except ValueError as error:
         raise CollectError(f"{runs}: its latest run cannot be read: {error}; collect this machine again") from error
@@ -100,7 +100,7 @@ def machine_of(
 ) -> CollectedMachine:
     """A machine by its latest run.
 
-    runs: rows of the table `runs` with RUN_COLUMNS
+    runs: rows of the table `runs` with RUN_FIELDS
     places: how far that table is collected, the latest epoch last
 
     Raises ValueError if there is no run, or if this program cannot read it.

@@ -6,8 +6,7 @@ from urllib.parse import urlsplit
 
 from pydantic import Field
 
-from drivers.agent import LARGEST_UM, AgentAddress, AgentRequests, AgentSettings
-from drivers.agent import STATES as AGENT_STATES
+from drivers.agent import AGENT_STATES, LARGEST_UM, AgentAddress, AgentRequests, AgentSettings
 from drivers.bus_settings import is_loopback
 from drivers.linuxcnc import LinuxCncSettings
 from drivers.mtconnect import MtConnectSettings
@@ -75,7 +74,7 @@ class SinumerikNc(PolledControl, SinumerikControl):
         yield from server_cautions(self, in_the_clear=exposed)
 
 
-class AgentConnection(PolledControl, AgentAddress):
+class PolledAgent(PolledControl, AgentAddress):
     """What every control with an agent has in common."""
 
     def settings(self, poses_deg: Poses, states: Iterable[str]) -> AgentSettings:  # noqa: ARG002 - it reports them all
@@ -110,7 +109,7 @@ class AgentConnection(PolledControl, AgentAddress):
         return agent_cautions(self)
 
 
-class LinuxCncNc(AgentConnection):
+class LinuxCncNc(PolledAgent):
     """LinuxCNC through the agent of deploy/nc/linuxcnc; see docs/linuxcnc.md."""
 
     kind: Literal["linuxcnc"]
@@ -121,7 +120,7 @@ class LinuxCncNc(AgentConnection):
         return settings_of(LinuxCncSettings, self._given(LinuxCncSettings) | {"poses": len(poses_deg)})
 
 
-class AgentNc(AgentConnection, AgentRequests):
+class AgentNc(PolledAgent, AgentRequests):
     """Any control with an agent that speaks the protocol of docs/agent.md."""
 
     kind: Literal["agent"]

@@ -9,7 +9,7 @@ from pydantic import Field
 
 from drivers.section import NotNegative, Positive, Section, matching
 from gateway.config import Name
-from gateway.telemetry import TYPES, Published
+from gateway.telemetry import MESSAGE_TYPES, Published
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +51,7 @@ class Outlet(Protocol):
         ...
 
 
-PublishedKind = Annotated[str, matching("|".join(TYPES), f"one of {', '.join(TYPES)}")]
+PublishedKind = Annotated[str, matching("|".join(MESSAGE_TYPES), f"one of {', '.join(MESSAGE_TYPES)}")]
 """A kind of key."""
 
 
@@ -82,7 +82,7 @@ class OutletSettings(Section):
     @property
     def possible(self) -> frozenset[str]:
         """Kinds of key that this outlet can pass on."""
-        return frozenset(TYPES)
+        return frozenset(MESSAGE_TYPES)
 
     @abstractmethod
     def outlet(self) -> Outlet:

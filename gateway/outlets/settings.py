@@ -25,7 +25,7 @@ from gateway.outlets.feed import Feed
 from gateway.outlets.influxdb import InfluxDbSettings
 from gateway.outlets.mqtt import MqttOutletSettings
 from gateway.outlets.outlet import Outlet, OutletSettings
-from gateway.telemetry import TYPES
+from gateway.telemetry import MESSAGE_TYPES
 
 AnyOutlet = Annotated[MqttOutletSettings | InfluxDbSettings, Field(discriminator="kind")]
 _OWN: Mapping[str, type[OutletSettings]] = {"mqtt": MqttOutletSettings, "influxdb": InfluxDbSettings}
@@ -120,7 +120,7 @@ def _problems(file: OutletFile) -> Iterator[Problem]:
             yield Problem(f"{where}, name", "another outlet has this name already")
         seen.add(outlet.name)
         if impossible := sorted(set(outlet.kinds or ()) - outlet.possible):
-            can = ", ".join(kind for kind in TYPES if kind in outlet.possible)
+            can = ", ".join(kind for kind in MESSAGE_TYPES if kind in outlet.possible)
             yield Problem(f"{where}, kinds", f"{', '.join(impossible)}: expected some of {can}")
 
 

@@ -6,7 +6,7 @@ from drivers.first_use import on_first_use
 
 if TYPE_CHECKING:
     from gateway.report.coordinates import CoordinateRow, by_coordinate
-    from gateway.report.data import SHIFTS, TRUTH_WIDTH, AdoptedModels, CycleSeen, NotYet, ReportData, Truth
+    from gateway.report.data import TRUTH_WIDTH, WORK_SHIFTS, AdoptedModels, CycleSeen, NotYet, ReportData, Truth
     from gateway.report.figures import Summary, SummaryRow, summary, table
     from gateway.report.first_lines import by_shift, losses, verdict
     from gateway.report.local import local_moment
@@ -17,7 +17,7 @@ else:
         __name__,
         {
             ".coordinates": ("CoordinateRow", "by_coordinate"),
-            ".data": ("SHIFTS", "TRUTH_WIDTH", "AdoptedModels", "CycleSeen", "NotYet", "ReportData", "Truth"),
+            ".data": ("WORK_SHIFTS", "TRUTH_WIDTH", "AdoptedModels", "CycleSeen", "NotYet", "ReportData", "Truth"),
             ".figures": ("Summary", "SummaryRow", "summary", "table"),
             ".first_lines": ("by_shift", "losses", "verdict"),
             ".local": ("local_moment",),
@@ -27,8 +27,8 @@ else:
     )
 
 __all__ = [
-    "SHIFTS",
     "TRUTH_WIDTH",
+    "WORK_SHIFTS",
     "AdoptedModels",
     "CoordinateRow",
     "CycleSeen",

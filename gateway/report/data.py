@@ -53,7 +53,7 @@ class Truth:
         )
 
 
-SHIFTS = (time(6), time(14), time(22))
+WORK_SHIFTS = (time(6), time(14), time(22))
 """When shifts begin, unless the reader says otherwise."""
 
 
@@ -130,7 +130,7 @@ class ReportData:
     """What is needed to make the page of a recording again: names and texts."""
     zone: tzinfo = UTC
     """Time zone of all times that are shown."""
-    shifts: tuple[time, ...] = SHIFTS
+    shifts: tuple[time, ...] = WORK_SHIFTS
     """When shifts begin, local time."""
     noise: FloatArray | None = None
     """(9,) standard uncertainty of one measurement; NaN or None: unknown."""

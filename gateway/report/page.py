@@ -86,10 +86,10 @@ def build(data: ReportData) -> str:
             "models": bool(data.models),
             "limits": bool(np.isfinite(data.limits).any()),
         },
-        tool=_shown(data, tool),
-        inputs=_shown(data, inputs),
+        tool=_chart_group(data, tool),
+        inputs=_chart_group(data, inputs),
         inputs_basis=basis,
-        errors=[_shown_error(data, e, group) for e, group in errors],
+        errors=[_error_group(data, e, group) for e, group in errors],
         chosen=Markup(inputs_plot(data)),
         unhealthy=unhealthy,
         healthy=len(data.channel_health) - len(unhealthy),
@@ -128,11 +128,11 @@ def _styles() -> Markup:
     return Markup(_text("uplot/uPlot.min.css") + _text("page.css"))
 
 
-def _shown(data: ReportData, group: ChartGroup | None) -> _ShownGroup | None:
+def _chart_group(data: ReportData, group: ChartGroup | None) -> _ShownGroup | None:
     return None if group is None else _ShownGroup(group.key, group.title, Markup(still(data, group)))
 
 
-def _shown_error(data: ReportData, e: int, group: ChartGroup) -> _ShownGroup:
+def _error_group(data: ReportData, e: int, group: ChartGroup) -> _ShownGroup:
     name = data.labels[e]
     return _ShownGroup(
         key=group.key,

@@ -39,7 +39,7 @@ MEASUREMENTS: Final[CellKinds] = {
 EVENTS: Final[CellKinds] = {
     "time": "time", "k": "whole", "kind": "text", "text": "text", "error": "text", "value": "number", "limit": "number",
 }  # fmt: skip
-COMPENSATION: Final[CellKinds] = {
+COMPENSATION_CELLS: Final[CellKinds] = {
     "time": "time", "mode": "text", "source": "text", "x_um": "number", "y_um": "number", "z_um": "number",
     "written": "whole",
 }  # fmt: skip
@@ -49,9 +49,9 @@ RUNS: Final[CellKinds] = {
     "fingerprint": "text", "versions": "text",
 }  # fmt: skip
 """`inputs` is a list and `talc` the section of the configuration, both JSON."""
-MODELS: Final[CellKinds] = {"time": "time", "after_k": "whole", "fingerprint": "text", "models": "text"}
+MODEL_CELLS: Final[CellKinds] = {"time": "time", "after_k": "whole", "fingerprint": "text", "models": "text"}
 
-REASONS: Final[CellKinds] = {
+REASON_CELLS: Final[CellKinds] = {
     "time": "time", "k": "whole", "next_k": "whole", "next_why": "text", **_nine("estimate"), **_nine("believed"),
     **_nine("level"), **_nine("other_inputs"), **_nine("expected"), **_nine("expected_sigma"), "inputs": "text",
     "experts": "text",

@@ -16,13 +16,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.problems import shown
 from gateway.storage.snapshot import ARRAY_KINDS
 from talc.control import ControllerState
 from talc.frame import FloatArray, Frames
 from talc.names import THERMAL_ERRORS
 from talc.snapshot import BESIDE_INPUTS, from_plain, to_plain
 
-FORMAT, VERSION = "talc-gateway learnt", 1
+_FORMAT, _VERSION = "talc-gateway learnt", 1
 _LARGEST_BYTES = 2**30
 _LONGEST_STEP_S = 1e6
 _SHAPES = {
@@ -71,8 +72,8 @@ def learnt_text(learnt: Learnt) -> str:
     del arrays["first"]
     found = learnt.reference
     whole: dict[str, Any] = {
-        "format": FORMAT,
-        "version": VERSION,
+        "format": _FORMAT,
+        "version": _VERSION,
         "machine": learnt.machine,
         "method": learnt.method,
         "step_s": learnt.step_s,
@@ -96,16 +97,16 @@ def parse_learnt(text: str) -> Learnt:
         whole = json.loads(text)
     except (ValueError, RecursionError) as error:
         raise ValueError(f"is not JSON: {error}") from None
-    if not isinstance(whole, dict) or whole.get("format") != FORMAT:
+    if not isinstance(whole, dict) or whole.get("format") != _FORMAT:
         found = whole.get("format") if isinstance(whole, dict) else whole
-        raise ValueError(f"format = {_shown(found)}: expected {FORMAT!r}, as `talc-gateway db export-learnt` writes it")
-    if whole.get("version") != VERSION:
+        raise ValueError(f"format = {shown(found)}: expected {_FORMAT!r}, as `talc-gateway db export-learnt` writes it")
+    if whole.get("version") != _VERSION:
         raise ValueError(
-            f"version = {_shown(whole.get('version'))}: expected {VERSION}; is the file from a newer program?"
+            f"version = {shown(whole.get('version'))}: expected {_VERSION}; is the file from a newer program?"
         )
     stated = whole.pop("sha256", None)
     if stated != _checksum(whole):
-        raise ValueError(f"sha256 = {_shown(stated)}: does not match the rest; the file is damaged or was edited")
+        raise ValueError(f"sha256 = {shown(stated)}: does not match the rest; the file is damaged or was edited")
     inputs, step_s = _described(whole)
     beside = _beside_inputs(whole.get("controller"))
     arrays = _arrays(whole.get("arrays"), len(inputs), beside)
@@ -122,7 +123,7 @@ def _beside_inputs(controller: object) -> int:
     """Weights of an error beside those of its inputs."""
     number = controller.get("format") if isinstance(controller, dict) else None
     if not isinstance(number, int) or number not in BESIDE_INPUTS:
-        raise ValueError(f"controller: format = {_shown(number)}: expected {' or '.join(map(str, BESIDE_INPUTS))}")
+        raise ValueError(f"controller: format = {shown(number)}: expected {' or '.join(map(str, BESIDE_INPUTS))}")
     return BESIDE_INPUTS[number]
 
 
@@ -130,12 +131,12 @@ def _described(whole: Mapping[str, Any]) -> tuple[list[str], float]:
     """Names of the inputs, and the grid step."""
     inputs, step_s = whole.get("inputs"), whole.get("step_s")
     if not isinstance(inputs, list) or not all(isinstance(i, str) for i in inputs) or len(set(inputs)) != len(inputs):
-        raise ValueError(f"inputs = {_shown(inputs)}: expected different names")
+        raise ValueError(f"inputs = {shown(inputs)}: expected different names")
     if not isinstance(step_s, int | float) or not 0 < step_s < _LONGEST_STEP_S:
-        raise ValueError(f"step_s = {_shown(step_s)}: expected seconds above 0")
+        raise ValueError(f"step_s = {shown(step_s)}: expected seconds above 0")
     for name in ("machine", "method"):
         if not isinstance(whole.get(name), str):
-            raise ValueError(f"{name} = {_shown(whole.get(name))}: expected a text")  # noqa: TRY004 -- of a file
+            raise ValueError(f"{name} = {shown(whole.get(name))}: expected a text")  # noqa: TRY004 -- of a file
     return inputs, float(step_s)
 
 
@@ -143,7 +144,7 @@ def _reference(plain: object) -> Reference | None:
     if plain is None:
         return None
     if not isinstance(plain, dict):
-        raise ValueError(f"reference = {_shown(plain)}: expected a table or null")  # noqa: TRY004 -- of a file
+        raise ValueError(f"reference = {shown(plain)}: expected a table or null")  # noqa: TRY004 -- of a file
     try:
         centres = np.array(plain["centres_mm"], dtype=np.float64).reshape(-1, 3)
         in_force = np.array(plain["in_force_um"], dtype=np.float64).reshape(-1, 3).squeeze()
@@ -160,7 +161,7 @@ def _reference(plain: object) -> Reference | None:
 
 def _arrays(plain: object, inputs: int, beside: int) -> dict[str, NDArray[Any]]:
     if not isinstance(plain, dict):
-        raise ValueError(f"arrays = {_shown(plain)}: expected a table")  # noqa: TRY004 -- of a file
+        raise ValueError(f"arrays = {shown(plain)}: expected a table")  # noqa: TRY004 -- of a file
     arrays = {str(name): _unpacked(str(name), packed) for name, packed in plain.items()}
     known = {"j": len(THERMAL_ERRORS), "i": inputs, "2": 2}
     for name, shape in _SHAPES.items():
@@ -207,8 +208,3 @@ def _checksum(whole: Mapping[str, object]) -> str:
 
 def _no_frames(first_k: int, last_k: int) -> Frames:
     raise ValueError(f"frames {first_k} to {last_k} are not in the file")
-
-
-def _shown(value: object) -> str:
-    text = repr(value)
-    return text if len(text) <= 40 else text[:37] + "..."

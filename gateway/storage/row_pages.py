@@ -171,7 +171,7 @@ def _models(connection: sqlite3.Connection, span: RowSpan, limit: int) -> TableR
     found = _select(connection, "SELECT id, after_k, fingerprint, models FROM model", "id", span, limit)
     step_s = _step_s(connection)
     cells = [(number, (after_k * step_s, after_k, *texts)) for number, after_k, *texts in found]
-    return TableRows(columns.MODELS, cells)
+    return TableRows(columns.MODEL_CELLS, cells)
 
 
 _TablePage = Callable[[sqlite3.Connection, RowSpan, int], TableRows]
@@ -202,7 +202,7 @@ _TABLES: Final[Mapping[str, _TablePage]] = {
     "compensation": _each(
         "compensation",
         rows.COMPENSATION_COLUMNS,
-        columns.COMPENSATION,
+        columns.COMPENSATION_CELLS,
         lambda row: columns.compensation_cells(rows.compensation_of(row)),
     ),
     "minutes": _minutes,
@@ -213,7 +213,7 @@ _TABLES: Final[Mapping[str, _TablePage]] = {
     "reasons": _each(
         "reasons",
         "time, reasons",
-        columns.REASONS,
+        columns.REASON_CELLS,
         lambda row: columns.reasons_cells(columns.utc(row[0]), rows.reasons_of(row[1])),
         "k",
     ),

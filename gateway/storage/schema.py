@@ -14,7 +14,7 @@ from gateway.storage.readings import TABLES
 
 SCHEMA_VERSION = 4
 _PAGE = 4096
-SCHEMA = f"""
+_SCHEMA = f"""
 CREATE TABLE boot (number INTEGER PRIMARY KEY, id TEXT NOT NULL UNIQUE, began TEXT NOT NULL,
     config TEXT NOT NULL, fingerprint TEXT NOT NULL,
     versions TEXT NOT NULL);
@@ -71,7 +71,7 @@ CREATE TABLE IF NOT EXISTS thinned (name TEXT PRIMARY KEY, upto INTEGER NOT NULL
 CREATE INDEX IF NOT EXISTS event_kind ON event (kind);
 """
 """Tables that later programs added; in a file without them, nothing of the kind has happened."""
-NEW = f"BEGIN;{SCHEMA}{ADDED}PRAGMA user_version = {SCHEMA_VERSION};PRAGMA application_id = {MARK};COMMIT;"
+NEW = f"BEGIN;{_SCHEMA}{ADDED}PRAGMA user_version = {SCHEMA_VERSION};PRAGMA application_id = {MARK};COMMIT;"
 """Makes all tables of a new file in one transaction: a power cut leaves either no table or all of them."""
 
 UNREADABLE = (sqlite3.Error, UnicodeDecodeError)

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
         StoredTable,
     )
     from gateway.telemetry.asking import COMMAND_LIMIT_S, SeveralAnswer, ask, ask_only, command, running
-    from gateway.telemetry.codec import TYPES, decode, decode_answer, decode_refusal, encode
+    from gateway.telemetry.codec import MESSAGE_TYPES, decode, decode_answer, decode_refusal, encode
     from gateway.telemetry.command_door import CommandDoor, Entitled
     from gateway.telemetry.command_signer import CommandSigner, SignedCommand
     from gateway.telemetry.compose import Composer, Dropped, reason_of_each
@@ -78,7 +78,7 @@ else:
                 "StoredTable",
             ),
             ".asking": ("COMMAND_LIMIT_S", "SeveralAnswer", "ask", "ask_only", "command", "running"),
-            ".codec": ("TYPES", "decode", "decode_answer", "decode_refusal", "encode"),
+            ".codec": ("MESSAGE_TYPES", "decode", "decode_answer", "decode_refusal", "encode"),
             ".command_door": ("CommandDoor", "Entitled"),
             ".command_signer": ("CommandSigner", "SignedCommand"),
             ".compose": ("Composer", "Dropped", "reason_of_each"),
@@ -117,8 +117,8 @@ else:
 
 __all__ = [
     "COMMAND_LIMIT_S",
+    "MESSAGE_TYPES",
     "MOST_ROWS",
-    "TYPES",
     "Access",
     "AskedQuery",
     "CommandAnswer",

@@ -35,7 +35,7 @@ from gateway.telemetry.messages import (
 
 _Answer = TypeVar("_Answer", bound=Struct)
 
-TYPES: Final[Mapping[str, type[Published]]] = {
+MESSAGE_TYPES: Final[Mapping[str, type[Published]]] = {
     keys.READING: ReadingMessage,
     keys.FRAME: FrameMessage,
     keys.DECISION: DecisionMessage,
@@ -68,7 +68,7 @@ _UNDECODABLE = (msgspec.DecodeError, RecursionError)
 
 _ENCODER = msgspec.json.Encoder()
 _REFUSAL_DECODER = msgspec.json.Decoder(QueryRefused)
-_DECODERS = {kind: msgspec.json.Decoder(type_) for kind, type_ in TYPES.items()}
+_DECODERS = {kind: msgspec.json.Decoder(type_) for kind, type_ in MESSAGE_TYPES.items()}
 
 
 def encode(

@@ -4,14 +4,14 @@ import json
 
 import msgspec
 
-from gateway.telemetry.codec import ANSWERS, TYPES
+from gateway.telemetry.codec import ANSWERS, MESSAGE_TYPES
 
 _DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
 
 def schemas() -> dict[str, str]:
     """Kind of key to text: of everything that is published or answered."""
-    return {kind: _text(type_) for kind, type_ in (*TYPES.items(), *ANSWERS.items())}
+    return {kind: _text(type_) for kind, type_ in (*MESSAGE_TYPES.items(), *ANSWERS.items())}
 
 
 def _text(type_: type[msgspec.Struct]) -> str:

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Final, Literal
 
-from gateway.umati.values import ERRORS, NEXT, OFFSETS, RUN, SIGMAS, Path
+from gateway.umati.values import ERRORS_FOLDER, NEXT, OFFSETS_FOLDER, RUN, SIGMAS, Path
 from talc.names import ERROR_UNITS, MICROMETRE, THERMAL_ERRORS
 
 Space = Literal["base", "di", "machinery", "machine_tool", "own"]
@@ -20,7 +20,7 @@ URIS: Final[Mapping[Space, str]] = {
     "machine_tool": "http://opcfoundation.org/UA/MachineTool/",
     "own": "urn:talc-gateway",
 }
-MACHINES: Final = 1001
+MACHINES_NODE: Final = 1001
 """Object of the namespace machinery, in which all machines of a server are."""
 OPERATION_MODE: Final = 65
 """Data type of the namespace machine_tool."""
@@ -50,7 +50,7 @@ class TypeSpec:
     abstract: bool = False
 
 
-TYPES: Final = (
+OBJECT_TYPES: Final = (
     TypeSpec("di", 1005, "FunctionalGroupType", FOLDER),
     TypeSpec("machinery", 1004, "MachineryItemIdentificationType", ("di", 1005), abstract=True),
     TypeSpec("machinery", 1012, "MachineIdentificationType", ("machinery", 1004)),
@@ -150,10 +150,10 @@ def _identification(plate: Nameplate) -> NodeSpec:
 def _monitoring() -> NodeSpec:
     errors, sigmas = (
         NodeSpec("own", group, FOLDER, below=tuple(quantity(e, ERROR_UNITS[e], (group, e)) for e in THERMAL_ERRORS))
-        for group in (ERRORS, SIGMAS)
+        for group in (ERRORS_FOLDER, SIGMAS)
     )
     offsets = NodeSpec(
-        "own", OFFSETS, FOLDER, below=tuple(quantity(axis, MICROMETRE, (OFFSETS, axis)) for axis in "XYZ")
+        "own", OFFSETS_FOLDER, FOLDER, below=tuple(quantity(axis, MICROMETRE, (OFFSETS_FOLDER, axis)) for axis in "XYZ")
     )
     states = {"Phase": "String", "Control": "String", "ChannelsConfigured": "UInt32", "ChannelsGood": "UInt32",
               "WaitsFor": "String[]"}  # fmt: skip

@@ -10,12 +10,12 @@ from asyncua.ua.attribute_ids import AttributeIds
 from asyncua.ua.status_codes import StatusCodes
 
 from gateway.umati.model import (
-    MACHINES,
+    MACHINES_NODE,
     NOT_KNOWN,
+    OBJECT_TYPES,
     OPERATION_MODE,
     OPERATION_MODES,
     PROPERTY,
-    TYPES,
     Id,
     NodeSpec,
     Space,
@@ -78,19 +78,19 @@ class AddressSpace:
 
     async def add_types(self) -> None:
         """The types, and the folder of the machines."""
-        for spec in TYPES:
+        for spec in OBJECT_TYPES:
             attributes = ua.ObjectTypeAttributes(IsAbstract=spec.abstract)
             await self._add((spec.space, spec.number), spec.space, spec.name, spec.above, 45, attributes)
         mode: Id = ("machine_tool", OPERATION_MODE)
         await self._add(mode, "machine_tool", "MachineOperationMode", ("base", 29), 45, ua.DataTypeAttributes())
         values = [ua.EnumValueType(i, ua.LocalizedText(name)) for i, name in enumerate(OPERATION_MODES)]
         await self._property(self._id(mode), "EnumValues", ua.Variant(values), 7594)
-        machines: Id = ("machinery", MACHINES)
+        machines: Id = ("machinery", MACHINES_NODE)
         await self._add(machines, "machinery", "Machines", ("base", 85), 35, ua.ObjectAttributes(), ("base", 61))
 
     async def add_machine(self, spec: NodeSpec) -> None:
         """All nodes of one machine, without a value yet."""
-        await self._node(spec.name, self._id(("machinery", MACHINES)), spec, spec.name, 35)
+        await self._node(spec.name, self._id(("machinery", MACHINES_NODE)), spec, spec.name, 35)
 
     async def show(self, machine: str, values: Mapping[Path, NodeShown], units: Mapping[str, str]) -> None:
         """Write what has changed.

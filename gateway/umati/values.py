@@ -43,9 +43,9 @@ class NodeShown:
 UNKNOWN: Final = NodeShown(None, NOTHING, None)
 """A value that the gateway does not know, or has not sent since it started again."""
 ACTIVITY: Final = "Probing cycle that measures the thermal errors"
-ERRORS: Final = "ThermalErrors"
+ERRORS_FOLDER: Final = "ThermalErrors"
 SIGMAS: Final = "StandardUncertainties"
-OFFSETS: Final = "Offsets"
+OFFSETS_FOLDER: Final = "Offsets"
 CHANNELS: Final = "Channels"
 NEXT: Final = "Next"
 RUN: Final = "Gateway"
@@ -97,7 +97,7 @@ def _errors(seen: MachineSeen, now_s: float) -> Iterator[tuple[Path, NodeShown]]
         value = sigma = None
         if decision is not None:
             value, sigma = decision.corrected.get(error), decision.sigma.get(error)
-        yield (ERRORS, error), _number(value, status, at)
+        yield (ERRORS_FOLDER, error), _number(value, status, at)
         yield (SIGMAS, error), _number(sigma, status, at)
 
 
@@ -106,7 +106,7 @@ def _offsets(seen: MachineSeen) -> Iterator[tuple[Path, NodeShown]]:
     step = seen.compensation
     at = None if step is None else instant(step.time)
     for axis, offset in zip("XYZ", applied(step).offsets_um, strict=True):
-        yield (OFFSETS, axis), _number(offset, GOOD, at)
+        yield (OFFSETS_FOLDER, axis), _number(offset, GOOD, at)
 
 
 def _reading(message: ReadingMessage) -> NodeShown:

@@ -86,7 +86,7 @@ def view(seen: MachineSeen, viewpoint: Viewpoint, now_s: float, own: tuple[SaidR
         paused=seen.status is not None and seen.status.paused is not None,
         unarmed=bool(seen.unarmed),
         notices=tuple(_orders(seen)),
-        verdict=_shown(verdict_of(seen, viewpoint, now_s)),
+        verdict=_verdict_on_page(verdict_of(seen, viewpoint, now_s)),
         planned=_planned_loads(seen),
         axes=_axes(seen, viewpoint.matrix, now_s),
         tool_notes=tuple(_tool_notes(seen)),
@@ -110,7 +110,7 @@ def _seconds(time: datetime | None) -> str | None:
     return None if time is None else time.isoformat(timespec="seconds")
 
 
-def _shown(verdict: Verdict) -> ShownVerdict:
+def _verdict_on_page(verdict: Verdict) -> ShownVerdict:
     since = None if verdict.since is None else verdict.since.isoformat()
     return ShownVerdict(verdict.colour.value, verdict.word, verdict.because, since, verdict.before, verdict.helps)
 

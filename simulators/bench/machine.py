@@ -26,7 +26,7 @@ IDLE_S = 12 * 3600.0
 """Time switched on but idle before simulated time begins: the reference is not taken on a cold machine."""
 REST_S = 900.0
 """The machine rests for this long at first."""
-TERMS = FollowingTerms(1.0, RADIUS_MM, (150.0, 150.0, 150.0), (210.0, math.hypot(210.0, 250.0)))
+DEMO_TERMS = FollowingTerms(1.0, RADIUS_MM, (150.0, 150.0, 150.0), (210.0, math.hypot(210.0, 250.0)))
 """Terms of the program with which the control follows the nine errors; as gateway.toml has them."""
 STEP_OF_WORK_S, WORK_S = 300.0, 120.0
 """Step of a program that rests often, and how much of it is work."""
@@ -53,7 +53,7 @@ class BenchMachine:
         seed: int,
         clock: SimulatedClock,
         hours: float,
-        errors: FollowingTerms | None = TERMS,
+        errors: FollowingTerms | None = DEMO_TERMS,
         *,
         rests: bool = False,
     ) -> None:

@@ -8,7 +8,7 @@ from contextlib import AsyncExitStack
 from datetime import datetime
 from pathlib import Path
 
-from simulators.bench.machine import TERMS, BenchMachine, TruthRecorder
+from simulators.bench.machine import DEMO_TERMS, BenchMachine, TruthRecorder
 from simulators.clock import SharedClock
 from simulators.devices import M7015, Adam6015, Cia404Node, MeSensor, RtuLine, SlcanAdapter, TcpHost
 from simulators.plant import load_machine
@@ -53,7 +53,7 @@ async def _run(
     clock = SharedClock(folder / "clock", epoch=epoch, speed=speed)
     async with AsyncExitStack() as stack:
         stack.callback(clock.close)
-        machine = BenchMachine(seed, clock, hours, TERMS if follows else None, rests=rests)
+        machine = BenchMachine(seed, clock, hours, DEMO_TERMS if follows else None, rests=rests)
         print(json.dumps(await _start(machine, stack)), flush=True)
         recorder = asyncio.create_task(TruthRecorder(machine, clock, folder / "truth.csv").run(stop.is_set))
         waiting = asyncio.create_task(stop.wait())

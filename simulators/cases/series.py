@@ -9,7 +9,7 @@ from simulators.plant import Environment, MachineDrive
 
 HIGHEST = MachineDrive(speed_x=30000, speed_y=30000, speed_z=30000, speed_a=40, speed_c=1200, spindle_speed=18000)
 """The table machine's limits, mm/min and 1/min."""
-AXES = ("speed_x", "speed_y", "speed_a", "speed_c", "spindle_speed")
+DRAWN_AXES = ("speed_x", "speed_y", "speed_a", "speed_c", "spindle_speed")
 
 Axis = Literal["speed_x", "speed_y", "speed_z", "speed_a", "speed_c", "spindle_speed"]
 
@@ -51,8 +51,8 @@ def random_axes(seed: int, steps: int, *, wet_share: float = 0.3) -> tuple[Machi
     drives = []
     for _ in range(steps):
         rest = MachineDrive(coolant_on=bool(draw.random() < wet_share))
-        which, part = int(draw.integers(len(AXES) + 1)), float(draw.uniform())
-        drives.append(_with(rest, AXES[which], part) if which < len(AXES) else rest)
+        which, part = int(draw.integers(len(DRAWN_AXES) + 1)), float(draw.uniform())
+        drives.append(_with(rest, DRAWN_AXES[which], part) if which < len(DRAWN_AXES) else rest)
     return tuple(drives)
 
 
@@ -93,4 +93,4 @@ def _with(rest: MachineDrive, axis: str, part: float) -> MachineDrive:
         case "spindle_speed":
             return replace(rest, spindle_speed=part * HIGHEST.spindle_speed)
         case _:
-            raise ValueError(f"axis {axis!r}: expected one of {', '.join(AXES)} or speed_z")
+            raise ValueError(f"axis {axis!r}: expected one of {', '.join(DRAWN_AXES)} or speed_z")

@@ -217,7 +217,7 @@ class Cia404Node:
             case 0x6150:
                 return bytes((self._status(channel),))
             case 0x7100 | 0x9100:
-                counts = _FIELD_ZERO + round(_FIELD_GAIN * self._shown(channel))
+                counts = _FIELD_ZERO + round(_FIELD_GAIN * self._measured(channel))
                 return counts.to_bytes(_SIZES[index], "little", signed=True)
             case _:
                 size = _SIZES[index]
@@ -263,7 +263,7 @@ class Cia404Node:
             fault = SensorFault.OVER if value > _HIGH else SensorFault.UNDER if value < _LOW else None
         return 0 if fault is None else self._status_bits[fault]
 
-    def _shown(self, channel: int) -> float:
+    def _measured(self, channel: int) -> float:
         """The temperature; a broken input shows an end of the range."""
         match self.faults.by_channel.get(channel):
             case SensorFault.OPEN | SensorFault.OVER:
@@ -276,7 +276,7 @@ class Cia404Node:
     def _process_value(self, channel: int, bits: int) -> int:
         """In steps of 10^-digits."""
         most = (1 << bits - 1) - 1
-        counts = round(self._shown(channel) * float(10**self._digits))
+        counts = round(self._measured(channel) * float(10**self._digits))
         return min(max(counts, -most - 1), most)
 
 

@@ -71,7 +71,7 @@ class ProfiledUnit:
         raw = _raw(block, value)
         if fault is not None:
             told = [s["raw"] for s in block.get("sentinel", ()) if s["quality"] == quality]
-            raw = told[-1 if fault is SensorFault.UNDER else 0] if told else _raw(block, _shown(block, value, fault))
+            raw = told[-1 if fault is SensorFault.UNDER else 0] if told else _raw(block, _measured(block, value, fault))
         _write(memory, block, index, raw)
         if "fault_bits" in block:
             bits = block["fault_bits"]
@@ -104,7 +104,7 @@ def _raw(block: _ProfileTable, value: float) -> float:
     return float((value - block.get("offset", 0.0)) / block.get("scale", 1.0))
 
 
-def _shown(block: _ProfileTable, value: float, fault: SensorFault) -> float:
+def _measured(block: _ProfileTable, value: float, fault: SensorFault) -> float:
     """What a device without a sentinel for this fault measures."""
     limits = block.get("plausibility", {})
     if fault in _BEYOND:

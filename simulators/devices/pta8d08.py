@@ -23,11 +23,11 @@ class Pta8d08:
     def memory(self, function: int) -> Mapping[int, int]:
         if function != 3:
             return {}
-        shown = [self._shown(channel, value) for channel, value in enumerate(self._source())]
+        shown = [self._measured(channel, value) for channel, value in enumerate(self._source())]
         values = {i: round(value * 10) & 0xFFFF for i, value in enumerate(shown)}
         return values | {32 + i: round(pt100_ohm(value) * 10) for i, value in enumerate(shown)}
 
-    def _shown(self, channel: int, value: float) -> float:
+    def _measured(self, channel: int, value: float) -> float:
         fault = self.faults.by_channel.get(channel)
         return value if fault is None else _SHOWN[fault]
 

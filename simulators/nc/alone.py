@@ -17,7 +17,7 @@ GROWTH_UM = (0.0, 4.0, 6.0)
 """How far the table has moved in X, Y, Z once it is warm: above the probing noise, and hardly ever a surprise."""
 REFERENCE_CYCLES = 5
 """This many probing cycles end before the table moves: a gateway's reference, [probing] reference_cycles."""
-REST_S, WORK_S, PARTS = 50.0, 10.0, 10000
+_REST_S, _WORK_S, _PARTS = 50.0, 10.0, 10000
 """The machine alternately rests and works, this many times, a week; then it rests. It is probed while it rests."""
 WORK = MeanLoads(x=1200.0, y=900.0, z=400.0, a=0.5, c=2.0, spindle=8000.0, coolant=1.0)
 LOOK_S = 0.1
@@ -115,11 +115,11 @@ def lone_control(clock: OwnTime, cycle: CycleSettings, warm_s: float, port: int)
 
     warm_s: time constant of the growth, s; port: 0 takes a free one
     """
-    turn_s, parts = REST_S + WORK_S, list[DayPart]()
-    for start_s in (k * turn_s for k in range(PARTS)):
-        parts.append(DayPart(start_s, start_s + REST_S, Activity.PAUSE, MeanLoads()))
-        parts.append(DayPart(start_s + REST_S, start_s + turn_s, Activity.FINISHING, WORK))
-    parts.append(DayPart(PARTS * turn_s, (PARTS + 1) * turn_s, Activity.PAUSE, MeanLoads()))
+    turn_s, parts = _REST_S + _WORK_S, list[DayPart]()
+    for start_s in (k * turn_s for k in range(_PARTS)):
+        parts.append(DayPart(start_s, start_s + _REST_S, Activity.PAUSE, MeanLoads()))
+        parts.append(DayPart(start_s + _REST_S, start_s + turn_s, Activity.FINISHING, WORK))
+    parts.append(DayPart(_PARTS * turn_s, (_PARTS + 1) * turn_s, Activity.PAUSE, MeanLoads()))
     table = GrowingTable(warm_s)
     control = EmulatedControl(table, clock, LoadCase(parts), cycle=cycle, port=port)
     table.cycles = control.nck.cycle.ended

@@ -17,7 +17,7 @@ from simulators.nc.access import NOBODY, Users
 from simulators.nc.nck import R_STATE, MachineState
 from simulators.nc.variables import AccessRight, Value, Variable
 
-PROBING = f"/Channel/Parameter/R[u1,{R_STATE}]"
+_PROBING = f"/Channel/Parameter/R[u1,{R_STATE}]"
 
 
 class Kernel(Protocol):
@@ -138,7 +138,7 @@ async def add_nodes(server: Server, index: int, table: Mapping[str, Variable], k
 
     folder = await server.nodes.objects.add_folder(_node_id("/Sinumerik", index), "Sinumerik")
     for path, variable in table.items():
-        if path.startswith("/Channel/Parameter/R[") and path != PROBING:
+        if path.startswith("/Channel/Parameter/R[") and path != _PROBING:
             continue
         node = await folder.add_variable(_node_id(path, index), path, 0.0)
         server.set_attribute_value_callback(node.nodeid, value_of(path, variable))

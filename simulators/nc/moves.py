@@ -7,7 +7,7 @@ import numpy as np
 from simulators.nc.cycle import CycleSettings
 from simulators.nc.program import Activity, DayPart, LoadCase, MeanLoads
 
-AXES = ("X", "Y", "Z", "A", "C")
+AXIS_LETTERS = ("X", "Y", "Z", "A", "C")
 
 _CENTRE_MM = {"X": 0.0, "Y": 0.0, "Z": 150.0}
 _STROKE_MM = {"X": 300.0, "Y": 300.0, "Z": 200.0}
@@ -51,7 +51,7 @@ def probing_positions(settings: CycleSettings, since_s: float) -> dict[str, floa
         before, pose, part = pose, 0, min(2.0 * back_s / settings.approach_s, 1.0)
     start = (*settings.nominal_centre_mm(before), *settings.poses_deg[before])
     end = (*settings.nominal_centre_mm(pose), *settings.poses_deg[pose])
-    return {axis: s + part * (e - s) for axis, s, e in zip(AXES, start, end, strict=True)}
+    return {axis: s + part * (e - s) for axis, s, e in zip(AXIS_LETTERS, start, end, strict=True)}
 
 
 def probing_loads(settings: CycleSettings) -> MeanLoads:

@@ -10,7 +10,7 @@ import numpy as np
 
 from simulators.nc.cycle import Centre, CycleSettings, ProbingCycle, ReasonCode
 from simulators.nc.main_run import MainRun
-from simulators.nc.moves import AXES, positions_at, probing_loads, probing_positions, tool_at
+from simulators.nc.moves import AXIS_LETTERS, positions_at, probing_loads, probing_positions, tool_at
 from simulators.nc.nine_errors import R_COUNT_WITH_ERRORS, ErrorFollower, FollowingTerms
 from simulators.nc.program import LoadCase, MeanLoads
 from simulators.nc.watchdog import R_BEAT, R_OWNER, R_SLOPE_RAMP, R_WATCH, Logged, Watchdog
@@ -32,7 +32,7 @@ CEC_TABLES = ((0, 1), (0, 2), (1, 0), (1, 2), (2, 0), (2, 1))
 JOG, MDA, AUTO = 0, 1, 2
 INTERRUPTED, STOPPED, IN_PROGRESS = 1, 2, 3
 PROBE_TOOL = 99
-EMERGENCY_STOP = 3000
+_EMERGENCY_STOP = 3000
 """Number of the alarm."""
 REFERENCED, NOT_REFERENCED = 3, 2
 """Values of an axis's reference point status."""
@@ -177,7 +177,7 @@ class Nck:
             # The interpolation cycle that first sees the end finds the axes where they were.
             time_s -= 2.0 * self._ipo_s
         positions = self.state(time_s).positions
-        return [positions[axis] for axis in AXES]
+        return [positions[axis] for axis in AXIS_LETTERS]
 
     def _started(self, now_s: float | None) -> MainRun | None:
         if not self._programs:
@@ -187,7 +187,7 @@ class Nck:
             "SA_TEMP_COMP_SLOPE": self.slope,
             "SN_CEC_TABLE_WEIGHT": self.table_weight,
         }
-        return MainRun(self._programs, self.r, settings, AXES, self._ipo_s, now_s)
+        return MainRun(self._programs, self.r, settings, AXIS_LETTERS, self._ipo_s, now_s)
 
     def state(self, time_s: float) -> MachineState:
         """The machine's state at a time until now, or later if no cycle is requested until then."""
@@ -273,7 +273,7 @@ class Nck:
 
     def emergency_stop(self, now_s: float) -> None:
         """Drives off; offsets stay as they are. Ends with `clear_alarms`."""
-        self.raise_alarm(EMERGENCY_STOP, now_s)
+        self.raise_alarm(_EMERGENCY_STOP, now_s)
 
     def raise_alarm(self, number: int, now_s: float) -> None:
         """An alarm stops the program and a cycle in progress."""
@@ -319,7 +319,7 @@ class Nck:
 
     def shift_then_um(self, then: MachineState) -> Centre:
         """The shift where the axes were at a moment that is over, with the offsets that are in force now."""
-        x, y, z, a, c = (then.positions[axis] for axis in AXES)
+        x, y, z, a, c = (then.positions[axis] for axis in AXIS_LETTERS)
         if self.errors is None or not self.referenced:
             return self.shift_um((x, y, z))
         found = self.errors.held_um if then.probing else self.errors.shift_um((x, y, z, a, c))

@@ -16,7 +16,7 @@ from simulators.nc.watchdog import R_BEAT, R_OWNER, R_RAMP, R_WATCH, Watchdog, W
 R_CYCLE, R_VERSION, R_WANTED, R_IN_FORCE, R_ECHO, R_PROBED, R_TERMS = 65, 99, 100, 110, 119, 120, 123
 """R-parameters of the probing cycle's state, and of the program (docs/nc.md, Nine errors)."""
 R_COUNT_WITH_ERRORS = 130
-VERSION = 1
+_VERSION = 1
 _ERRORS = 9
 ShiftOfTool = np.ndarray[tuple[int, ...], np.dtype[np.float64]]
 """(3,) of X, Y, Z, µm, unless it says otherwise."""
@@ -73,7 +73,7 @@ class ErrorFollower:
         terms = self._terms
         told = (terms.slew_um_per_s, terms.radius_mm, *terms.bound_um, *terms.reach_mm)
         self._r[R_TERMS : R_TERMS + len(told)] = told
-        self._r[R_VERSION] = float(VERSION)
+        self._r[R_VERSION] = float(_VERSION)
 
     def advance(self, now_s: float) -> None:
         """Let time pass. Called when the cycle's state has changed, too."""

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 
-from simulators.nc.moves import AXES
+from simulators.nc.moves import AXIS_LETTERS
 from simulators.nc.nck import CEC_TABLES, NOT_REFERENCED, REFERENCED, MachineState, Nck
 
 Value = float | int | bool
@@ -59,7 +59,7 @@ def variables(nck: Nck) -> Mapping[str, Variable]:
     }
     for index in range(ALARMS_SHOWN):
         table[f"/Nck/SequencedAlarms/textIndex[{index + 1}]"] = _alarm(index)
-    for index, axis in enumerate(AXES):
+    for index, axis in enumerate(AXIS_LETTERS):
         table[f"/Channel/MachineAxis/actToolBasePos[u1,{index + 1}]"] = _position(axis)
         table[f"/Channel/MachineAxis/actFeedRate[u1,{index + 1}]"] = _feed(index)
         table[f"/Channel/MachineAxis/refPtStatus[u1,{index + 1}]"] = Variable(
@@ -98,7 +98,7 @@ def _position(axis: str) -> Variable:
 
 
 def _feed(index: int) -> Variable:
-    scale = 360.0 if AXES[index] in "AC" else 1.0  # degrees per minute, as the control shows rotary axes
+    scale = 360.0 if AXIS_LETTERS[index] in "AC" else 1.0  # degrees per minute, as the control shows rotary axes
     return Variable(lambda s: s.loads.as_tuple()[index] * scale)
 
 

@@ -13,8 +13,8 @@ from scipy.sparse.linalg import splu
 
 from simulators.plant.body import BodyModel, FloatArray
 from simulators.plant.joined import Joined, join
-from simulators.plant.parameters import MACHINES, machine_tables
-from simulators.plant.shape import HERE, read_shape
+from simulators.plant.parameters import HERE, MACHINES, machine_tables
+from simulators.plant.shape import read_shape
 from simulators.plant.solid import SparseSum, assemble_bodies
 
 CONDITIONS = ((0, 0, 0, 0), (1, 0, 0, 0), (1, 1, 0, 0), (1, 0, 1, 1))

@@ -9,7 +9,7 @@ from simulators.plant.body import FloatArray
 from simulators.plant.drive import MachineDrive
 from simulators.plant.plant import Plant
 
-STATES = ("spindle_speed", "speed_X", "speed_Y", "speed_A", "speed_C", "coolant")
+LOAD_NAMES = ("spindle_speed", "speed_X", "speed_Y", "speed_A", "speed_C", "coolant")
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,5 +32,5 @@ def record_drive(plant: Plant, drives: Sequence[MachineDrive], step_s: float = 3
         states = (drive.spindle_speed, drive.speed_x, drive.speed_y, drive.speed_a, drive.speed_c, drive.coolant_on)
         inputs.append([*plant.sensors().values(), plant.spindle_growth_um(), *map(float, states)])
         errors.append(plant.errors())
-    names = (*plant.parameters.channels, "spindle_growth", *STATES)
+    names = (*plant.parameters.channels, "spindle_growth", *LOAD_NAMES)
     return PlantRecording(names, np.array(inputs).reshape(-1, len(names)), np.array(errors).reshape(-1, 9))

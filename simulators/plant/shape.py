@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-HERE = Path(__file__).parent
+_SHAPE = Path(__file__).with_name("shape.toml")
 Box = tuple[float, float, float, float, float, float]
 """x0, x1, y0, y1, z0, z1 in m; equal ends make a face."""
 
@@ -88,7 +88,7 @@ def merge(table: dict[str, Any], change: Mapping[str, Any]) -> dict[str, Any]:
 
 def read_shape(change: Mapping[str, Any] | None = None) -> Shape:
     """The shape of `shape.toml`, with a variant's changes. ValueError names an invalid entry."""
-    table = merge(tomllib.loads((HERE / "shape.toml").read_text(encoding="utf-8")), change or {})
+    table = merge(tomllib.loads(_SHAPE.read_text(encoding="utf-8")), change or {})
     bodies = {}
     for name, row in table["body"].items():
         material, fill = table["material"][row["of"]], row["fill"]

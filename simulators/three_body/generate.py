@@ -12,15 +12,15 @@ from simulators.plant import FloatArray
 from simulators.three_body.model import ThreeBody
 from simulators.three_body.solid import Solid, assemble
 
-STATES = 14  # the least that keeps drift within 0.02 µm; 12 miss it in the steady state (0.0213)
-SHIFTS = np.logspace(-6, -2, 9)  # 1/s: from beyond the slowest mode to below the 5-min step
+_STATES = 14  # the least that keeps drift within 0.02 µm; 12 miss it in the steady state (0.0213)
+_SHIFTS = np.logspace(-6, -2, 9)  # 1/s: from beyond the slowest mode to below the 5-min step
 
 
-def reduce_whole(solid: Solid, states: int = STATES) -> ThreeBody:
+def reduce_whole(solid: Solid, states: int = _STATES) -> ThreeBody:
     """Rational Krylov space of inputs and outputs, then balanced truncation (Antoulas 2005, ch. 7 and 11)."""
     sides = np.column_stack([solid.S, solid.D.T])
     blocks = []
-    for shift in (0.0, *SHIFTS):
+    for shift in (0.0, *_SHIFTS):
         factor = splu(csc_matrix(solid.K + solid.H + shift * solid.C))
         once = factor.solve(sides)
         blocks += [once, factor.solve(solid.C @ once)]

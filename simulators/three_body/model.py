@@ -13,7 +13,7 @@ SOURCES = ("base_front", "spindle_top")
 """Heat inputs, W."""
 DRIFTS = ("X", "Y", "Z")
 """Tool minus workpiece, µm: the first three outputs."""
-SENSORS = ("base_near", "spindle_near", "base_far", "column_far")
+THERMOMETERS = ("base_near", "spindle_near", "base_far", "column_far")
 """Temperatures, the other outputs."""
 AMBIENT_degC = 20.0
 

@@ -14,13 +14,13 @@ from skfem import Basis, BilinearForm, ElementHex2, ElementVector, FacetBasis, L
 from skfem.helpers import ddot, div, dot, eye, grad, sym_grad, trace
 
 from simulators.plant import FloatArray
-from simulators.three_body.model import DRIFTS, SENSORS, SOURCES
+from simulators.three_body.model import DRIFTS, SOURCES, THERMOMETERS
 
 CONDUCTIVITY = 60.5  # W/(m K)
 HEAT_CAPACITY = 434.0 * 7850.0  # J/(m3 K)
 FILM = 5.0  # W/(m2 K), every free surface; the contact with the floor counts as free
 EXPANSION = 12e-6  # 1/K
-POISSON = 0.3  # the stiffness itself cancels: no outer forces act
+_POISSON = 0.3  # the stiffness itself cancels: no outer forces act
 
 # x0, x1, y0, y1, z0, z1 in m; y = 0 is the front
 BODIES = {
@@ -84,7 +84,7 @@ def assemble(size: float = 0.1, free: bool = False) -> Solid:
         load = mean.assemble(FacetBasis(cells, ElementHex2(), facets=facets, intorder=4))
         columns.append(load / load.sum())
     nodes = np.asarray(heat.doflocs, dtype=np.float64)
-    rows = np.zeros((len(DRIFTS) + len(SENSORS), nodes.shape[1]))
+    rows = np.zeros((len(DRIFTS) + len(THERMOMETERS), nodes.shape[1]))
     rows[: len(DRIFTS)] = _drift_rows(cells, heat, free)
     for row, place in zip(rows[len(DRIFTS) :], PLACES, strict=True):
         row[_at(nodes, place)[0]] = 1.0
@@ -102,7 +102,10 @@ def assemble(size: float = 0.1, free: bool = False) -> Solid:
 
 def _drift_rows(cells: MeshHex, heat: Basis, free: bool) -> FloatArray:
     """(3, n) µm/K: d = c' E^-1 F T, so the rows are F' E^-1 c with E symmetric."""
-    lame, shear = POISSON / ((1 + POISSON) * (1 - 2 * POISSON)), 1 / (2 * (1 + POISSON))  # per unit of Young's modulus
+    lame, shear = (
+        _POISSON / ((1 + _POISSON) * (1 - 2 * _POISSON)),
+        1 / (2 * (1 + _POISSON)),
+    )  # per unit of Young's modulus
     motion = Basis(cells, ElementVector(ElementHex2()), intorder=4)
 
     def energy(u, v, _):  # type: ignore[no-untyped-def]

@@ -10,7 +10,7 @@ from talc.learner.learner import TIME_CONSTANTS_S, LearnerState
 from talc.learner.mixture import OtherMachines
 from talc.names import THERMAL_ERRORS
 
-FORMAT = 1
+_FORMAT = 1
 _LAGS = len(TIME_CONSTANTS_S)
 _POSTERIOR_SHARE = 0.5
 """Share of the mean posterior covariance; the variance between machines is added in full, on the diagonal."""
@@ -40,7 +40,7 @@ class Prior:
         """JSON-able; numbers to seven digits, covariances as lower triangles."""
         rows, columns = np.tril_indices(self.mean.shape[1])
         return {
-            "format": FORMAT,
+            "format": _FORMAT,
             "time_constants_s": list(TIME_CONSTANTS_S),
             "inputs": list(self.inputs),
             "span": self.span.tolist(),
@@ -58,8 +58,8 @@ class Prior:
     @classmethod
     def from_dict(cls, plain: Mapping[str, object]) -> "Prior":
         """The inverse of `to_dict`. ValueError: names the field, its value and what was expected."""
-        if plain.get("format") != FORMAT:
-            raise ValueError(f"format = {plain.get('format')!r}: expected {FORMAT}")
+        if plain.get("format") != _FORMAT:
+            raise ValueError(f"format = {plain.get('format')!r}: expected {_FORMAT}")
         if plain.get("time_constants_s") != list(TIME_CONSTANTS_S):
             expected = ", ".join(f"{t:g}" for t in TIME_CONSTANTS_S)
             found = plain.get("time_constants_s")

@@ -1,4 +1,4 @@
-"""A fake agent that knows only the key and the form of lines, and a line to it."""
+"""A fake agent that knows only the key and the form of lines, and a connection to it."""
 
 import asyncio
 import hmac
@@ -8,7 +8,7 @@ from contextlib import asynccontextmanager
 from pathlib import Path
 
 from drivers.agent import AgentControl, AgentSettings
-from drivers.agent.line import AgentLine
+from drivers.agent.connection import AgentConnection
 from drivers.base import SystemClock
 from simulators.devices.loopback import Connection, LoopbackServer
 
@@ -90,14 +90,14 @@ async def serving(agent: Agent, folder: Path, timeout_s: float = 5.0) -> AsyncIt
 
 
 @asynccontextmanager
-async def agent_and_line(folder: Path, timeout_s: float = 5.0) -> AsyncIterator[tuple[Agent, AgentLine]]:
+async def agent_and_connection(folder: Path, timeout_s: float = 5.0) -> AsyncIterator[tuple[Agent, AgentConnection]]:
     agent = Agent()
     async with serving(agent, folder, timeout_s) as settings:
-        line = AgentLine(settings)
+        connection = AgentConnection(settings)
         try:
-            yield agent, line
+            yield agent, connection
         finally:
-            await line.close()
+            await connection.close()
 
 
 @asynccontextmanager

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from simulators.bench.machine import TERMS, BenchMachine
+from simulators.bench.machine import DEMO_TERMS, BenchMachine
 from simulators.clock import SharedClock
 from simulators.devices import M7015, Adam6015, Cia404Node, MeSensor, RtuLine, SlcanAdapter, TcpHost
 from simulators.devices.source import Faults, SensorFault
@@ -75,7 +75,7 @@ def _now(act: Callable[[], None]) -> Act:
 
 @asynccontextmanager
 async def breakable_machine(
-    folder: Path, clock: SimulatedClock, seed: int, hours: float, terms: FollowingTerms = TERMS
+    folder: Path, clock: SimulatedClock, seed: int, hours: float, terms: FollowingTerms = DEMO_TERMS
 ) -> AsyncIterator[tuple[BenchMachine, dict[str, int], dict[str, tuple[Act, Act]]]]:
     """The machine in this process; yields it, its TCP ports, and of each fault how it begins and ends."""
     names = load_machine().channels
@@ -115,7 +115,7 @@ async def faulty_machine(
     seed: int,
     hours: float,
     pause_s: float | None = None,
-    terms: FollowingTerms = TERMS,
+    terms: FollowingTerms = DEMO_TERMS,
 ) -> AsyncIterator[dict[str, int]]:
     """The machine and its bad day, in this process; yields its TCP ports. Faults at random: see `pause_s` above."""
     async with breakable_machine(folder, clock, seed, hours, terms) as (machine, ports, faults):

@@ -13,7 +13,7 @@ from drivers.nc import (
     WatchdogTerms,
 )
 from simulators.nc.cycle import CycleState, ReasonCode
-from simulators.nc.moves import AXES
+from simulators.nc.moves import AXIS_LETTERS
 from simulators.nc.nck import R_REQUEST, R_VALID_FOR, R_WITHDRAW, Nck
 from simulators.nc.watchdog import R_BEAT, R_OWNER, R_RAMP, R_SILENCE, R_WATCH, WatchState
 
@@ -45,7 +45,7 @@ class InProcess:
         now = self._nck.state(self._clock.monotonic())
         loads = now.loads
         states = {"spindle_speed": loads.spindle, "coolant": loads.coolant}
-        states |= {f"speed_{axis}": value for axis, value in zip(AXES, loads.as_tuple(), strict=False)}
+        states |= {f"speed_{axis}": value for axis, value in zip(AXIS_LETTERS, loads.as_tuple(), strict=False)}
         return NcSnapshot(
             self._clock.utc(), self._clock.monotonic(), now.positions, states, MODES[now.mode],
             PROGRAMS[now.program_status], now.tool, now.probing, now.alarms,

@@ -17,7 +17,7 @@ import numpy as np
 from drivers.agent import AgentControl
 from gateway.clock import RealClock
 from talc.frame import FloatArray
-from tests.benches.cut_line import line_to
+from tests.benches.cut_wire import wire_to
 from tests.benches.linuxcnc_bench import running
 from tests.benches.nc_disturbances import KINDS, NcSite
 
@@ -59,13 +59,13 @@ async def disturbed_linuxcnc(count: int, seed: int = 1) -> LinuxCncDisturbed:
         folder = Path(name)
         async with (
             running(folder, {"SLEW": SLEW_UM_PER_S * 1e-3}) as bench,
-            line_to(f"tcp://127.0.0.1:{bench.settings.port}") as (line, joined),
+            wire_to(f"tcp://127.0.0.1:{bench.settings.port}") as (wire, joined),
         ):
             await bench.nc.close()
             settings = bench.settings.model_copy(update={"port": int(joined.rsplit(":", 1)[1]), "timeout_s": 2.0})
             section = {"kind": "linuxcnc", "key_file": str(settings.key_file), "port": settings.port}
             draw = random.Random(seed)
-            site = NcSite(line, section, lambda: AgentControl(settings, clock), _writes, draw, (0.1, 40.0), pace=PACE)
+            site = NcSite(wire, section, lambda: AgentControl(settings, clock), _writes, draw, (0.1, 40.0), pace=PACE)
 
             recorded: list[list[float]] = []
 

@@ -33,7 +33,7 @@ from gateway.polling import Notice
 from simulators.nc import Activity, CycleSettings, DayPart, EmulatedControl, LoadCase, MeanLoads
 from simulators.nc.nck import CEC_TABLES, R_OFFSETS, Nck
 from talc.frame import Decision, FloatArray, Phase
-from tests.benches.cut_line import CutLine, line_to
+from tests.benches.cut_wire import CutWire, wire_to
 from tests.benches.emulated_bench import Rigid
 from tests.benches.simulated_time import simulated_time
 from tests.benches.spoilt_opcua import changes
@@ -66,9 +66,9 @@ class Disturbed:
 
 @dataclass
 class NcSite:
-    """One control at the end of a line, and the gateway that is at it now."""
+    """One control at the end of a connection, and the gateway that is at it now."""
 
-    line: CutLine
+    wire: CutWire
     section: Mapping[str, object]
     """`[nc]` of the gateway's file."""
     make: Callable[[], NumericalControl]
@@ -126,11 +126,11 @@ class NcSite:
         if stopped:
             await self.link.stop()
         else:
-            self.line.abort()
+            self.wire.abort()
         await self._nc.close()
 
     async def disturb(self, kind: str) -> None:
-        draw, line, pace = self.draw, self.line, self.pace
+        draw, wire, pace = self.draw, self.wire, self.pace
         match kind:
             case "kill" | "stop":
                 await self.end(stopped=kind == "stop")
@@ -138,26 +138,26 @@ class NcSite:
                 self.start()
             case "cut":
                 for _ in range(draw.randint(1, 4)):
-                    line.abort()
+                    wire.abort()
                     await asyncio.sleep(pace * draw.uniform(0.0, SILENCE_S))
             case "silence":
-                line.silent = True
+                wire.silent = True
                 await asyncio.sleep(pace * draw.uniform(0.5, 2 * SILENCE_S))
-                line.silent = False
+                wire.silent = False
             case "hang":
                 await asyncio.sleep(pace * draw.uniform(0.0, PERIOD_S))
                 time.sleep(pace * draw.uniform(0.5, 2 * SILENCE_S))  # noqa: ASYNC251 - this process stands still
             case "late":
-                line.delay = _once(self.writes, pace * draw.uniform(*self.late_s))
+                wire.delay = _once(self.writes, pace * draw.uniform(*self.late_s))
                 for _ in range(9):
                     await asyncio.sleep(pace * 5.0)
                     self.aim()
-                line.delay = None
+                wire.delay = None
             case "malformed":
                 spoil = changes(draw.randrange(2**31))
-                line.spoil = lambda data: next(spoil)(data) if draw.random() < 0.3 else data
+                wire.spoil = lambda data: next(spoil)(data) if draw.random() < 0.3 else data
                 await asyncio.sleep(pace * draw.uniform(2.0, 10.0))
-                line.spoil = None
+                wire.spoil = None
             case _:
                 raise ValueError(kind)
 
@@ -217,10 +217,10 @@ async def disturbed(
         url = await control.start()
         stack.push_async_callback(asyncio.get_running_loop().shutdown_default_executor)
         stack.push_async_callback(control.stop)
-        line, joined = await stack.enter_async_context(line_to(url))
+        wire, joined = await stack.enter_async_context(wire_to(url))
         settings, began_s = plain.model_copy(update={"url": joined}), clock.monotonic()
         section = {"kind": "sinumerik", "url": joined, "security": "none"}
-        site = NcSite(line, section, lambda: make_sinumerik(settings, clock), _writes_offsets, draw, late_s)
+        site = NcSite(wire, section, lambda: make_sinumerik(settings, clock), _writes_offsets, draw, late_s)
         site.start()
         await asyncio.sleep(20.0)
         events = await site.disturb_all(count, kinds, clock)

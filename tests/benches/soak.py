@@ -37,7 +37,7 @@ from gateway.config import GatewayConfig, load
 from gateway.control import sensor_watch, trainer
 from gateway.events import CompensationStepped, DecisionMade, EventReported, GatewayEvent, ReadingsTaken
 from simulators.bench import gateway_toml
-from simulators.bench.machine import TERMS
+from simulators.bench.machine import DEMO_TERMS
 from simulators.clock import SharedClock
 from talc.frame import EventKind, FloatArray
 from tests.benches.faulty_machine import faulty_machine
@@ -118,7 +118,7 @@ async def _machine_apart(folder: Path, epoch: datetime, plan: SoakPlan) -> Async
 async def _machine_here(folder: Path, clock: SoakClock, plan: SoakPlan) -> AsyncIterator[dict[str, int]]:
     """The emulated machine in this process; as this configuration asks rarely, so do the libraries within."""
     with rare_looks():
-        terms = replace(TERMS, slew_um_per_s=SLEW_UM_PER_S)
+        terms = replace(DEMO_TERMS, slew_um_per_s=SLEW_UM_PER_S)
         async with faulty_machine(folder, clock, plan.seed, plan.days * 24.0, plan.pause_s, terms) as ports:
             yield ports
 

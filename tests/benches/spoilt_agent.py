@@ -7,7 +7,7 @@ from pathlib import Path
 from drivers.agent import AgentControl
 from drivers.base import DriverError, NoAnswer, SystemClock
 from drivers.nc import NineErrors, WatchdogTerms
-from tests.benches.cut_line import line_to
+from tests.benches.cut_wire import wire_to
 from tests.benches.fake_agent import Agent, serving
 
 STATUS = {
@@ -59,14 +59,14 @@ async def ask_spoilt_agent(folder: Path, draw: random.Random, rounds: int) -> No
                 pass
         return bytes(spoilt)
 
-    async with serving(agent, folder) as to, line_to(f"tcp:{to.port}") as (line, joined):
+    async with serving(agent, folder) as to, wire_to(f"tcp:{to.port}") as (wire, joined):
         nc = AgentControl(
             to.model_copy(update={"port": int(joined.rsplit(":", 1)[1]), "timeout_s": 0.1}), SystemClock()
         )
         for _ in range(rounds):
-            line.spoil = None
+            wire.spoil = None
             await connected(nc)
-            line.spoil = spoil
+            wire.spoil = spoil
             await ask_everything(nc)
             with suppress(DriverError):
                 await nc.connect()

@@ -10,7 +10,7 @@ from drivers.base import DriverError, SystemClock
 from drivers.nc import WatchdogTerms
 from drivers.sinumerik.control import Sinumerik
 from drivers.sinumerik.settings import SinumerikSettings
-from tests.benches.cut_line import line_to
+from tests.benches.cut_wire import wire_to
 from tests.benches.emulated_bench import sinumerik_bench
 
 TIMEOUT_S = 0.2
@@ -18,9 +18,9 @@ TIMEOUT_S = 0.2
 
 
 @asynccontextmanager
-async def _spoilt_line() -> AsyncIterator[tuple[Any, str]]:
-    async with sinumerik_bench() as bench, line_to(bench.url) as (line, joined):
-        yield line, joined
+async def _spoilt_wire() -> AsyncIterator[tuple[Any, str]]:
+    async with sinumerik_bench() as bench, wire_to(bench.url) as (wire, joined):
+        yield wire, joined
 
 
 def changes(seed: int) -> Iterator[Callable[[bytes], bytes]]:
@@ -65,16 +65,16 @@ async def _connected(nc: Sinumerik) -> None:
 async def ask_spoilt(seeds: Iterable[int], answers: int) -> int:
     """How many of the spoilt answers the driver refused. Anything but a DriverError ends the test."""
     refused = 0
-    async with _spoilt_line() as (line, joined):
+    async with _spoilt_wire() as (wire, joined):
         nc = Sinumerik(
             SinumerikSettings(security="none", url=joined, timeout_s=TIMEOUT_S, subscribe_s=0.0), SystemClock()
         )
         for seed in seeds:
             spoilt = changes(seed)
             for number in range(answers):
-                line.spoil = None
+                wire.spoil = None
                 await _connected(nc)
-                line.spoil = next(spoilt)
+                wire.spoil = next(spoilt)
                 try:
                     match number % 6:
                         case 0:
@@ -91,7 +91,7 @@ async def ask_spoilt(seeds: Iterable[int], answers: int) -> int:
                             await nc.connect()
                 except DriverError:
                     refused += 1
-        line.spoil = None
+        wire.spoil = None
         await nc.close()
         await asyncio.sleep(0)
     return refused

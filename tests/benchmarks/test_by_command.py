@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from benchmarks.__main__ import main
-from benchmarks.data import machine
+from benchmarks.data import machine_days
 from studies import Days
 
 pytestmark = pytest.mark.slow
@@ -35,7 +35,7 @@ SMALL: dict[str, dict[str, object]] = {
 
 
 def shorter(kind: str, seed: int, hours: int) -> Days:
-    return machine(kind, seed, min(hours, 26))
+    return machine_days(kind, seed, min(hours, 26))
 
 
 def once(work: Callable[[], object], _: int) -> float:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks.demo import DemoLoop
-from benchmarks.demo_bounds import KNOWN, WAYS, known, table
+from benchmarks.demo_bounds import KNOWN, WAYS, bounds_table, known
 from gateway.report import ReportData, summary
 from talc.frame import FloatArray, Frame
 
@@ -68,7 +68,7 @@ def test_the_table_shows_shares_that_are_left_and_counts_peaks(loop: tuple[Repor
     one = summary(loop[0])
     half = tuple(replace(row, e_rms=8.0, compensated_e_rms=4.0, e_pv=9.0, compensated_e_pv=8.0) for row in one.tool)
     worse = (*half[:2], replace(half[2], compensated_e_rms=2.0, compensated_e_pv=10.0))
-    rows = list(table([[(half, 30)] * len(WAYS), [(worse, 32)] * len(WAYS)]))
+    rows = list(bounds_table([[(half, 30)] * len(WAYS), [(worse, 32)] * len(WAYS)]))
     assert len(rows) == len(WAYS)
     assert rows[0].ours == "50 (50 to 50); 50 (50 to 50); 38 (25 to 50)"
     assert rows[0].peer == "E_PV above that without in 0, 0, 1 of 2 seeds; 31 (30 to 32) measurements"

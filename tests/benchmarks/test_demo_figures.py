@@ -66,7 +66,7 @@ def test_what_the_machine_does_after_the_gateway_has_stopped_is_not_judged(run: 
 
 def test_the_table_has_medians_and_ranges(run: ReportData) -> None:
     one = summary(run)
-    rows = {row.work: row for row in demo.table([one, one])}
+    rows = {row.work: row for row in demo.demo_table([one, one])}
     z = next(row for row in one.tool if row.name == "tool Z")
     left, many = f"{z.compensated_e_rms:.2f}", one.measurements
     assert rows["tool Z, E_RMS, µm"].ours == f"{left} ({left} to {left})"

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks.demo import DemoLoop
-from benchmarks.demo_models import NAMES, LaterHours, later, table
+from benchmarks.demo_models import NAMES, LaterHours, later, later_table
 from gateway.report import Truth
 from talc.control import Controller
 from talc.frame import Phase
@@ -39,7 +39,7 @@ def test_the_table_counts_the_seeds_on_which_models_leave_less() -> None:
     def seeds(*left: float) -> list[LaterHours]:
         return [LaterHours((9.0,) * 12, (each,) * 12, 40) for each in left]
 
-    rows = list(table(seeds(1.0, 2.0, 3.0), seeds(2.0, 1.0, 2.0)))
+    rows = list(later_table(seeds(1.0, 2.0, 3.0), seeds(2.0, 1.0, 2.0)))
     assert [row.work.split(",")[0] for row in rows[:-1]] == list(NAMES)
     assert rows[0].ours == "2.00 (1.00 to 3.00) learner"
     assert rows[0].peer == "2.00 (1.00 to 2.00) models; less in 2 of 3; 9.00 (9.00 to 9.00) without"

@@ -3,17 +3,17 @@
 import numpy as np
 import pytest
 
-from benchmarks.data import machine
-from benchmarks.learner_bounds import predictions, ways
+from benchmarks.data import machine_days
+from benchmarks.learner_bounds import bounded_predictions, ways
 from studies import control
 from talc.indicators import rms
 from talc.settings import TalcSettings
 
 
 def test_the_filters_are_those_of_the_controller() -> None:
-    days = machine("axes", 3, 4)
+    days = machine_days("axes", 3, 4)
     used = np.arange(len(days.truth)) % 6 == 0
-    each, together, believed = predictions(days, used)
+    each, together, believed = bounded_predictions(days, used)
     estimate = np.where(believed > 0.5, believed * together, 0.0)
     controller = control(days, TalcSettings(method="learner"), measured=used)
     np.testing.assert_allclose(estimate, np.nan_to_num(controller.estimate), rtol=1e-9, atol=1e-9)

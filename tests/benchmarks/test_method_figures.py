@@ -22,7 +22,7 @@ def test_the_page_says_what_the_figures_show(tmp_path: Path) -> None:
         assert f"]({name})" in (ROOT / "docs" / "method.md").read_text("utf-8")
     table = np.loadtxt(ROOT / "benchmarks" / "recordings" / "fl_thermal" / "fl_thermal.csv", delimiter=",", skiprows=1)
     error = table[:, 20]
-    mean, std, parts = method_figures.followed(table[:, 1:18], error)
+    mean, std, parts = method_figures.predicted_before(table[:, 1:18], error)
     np.testing.assert_allclose(parts.sum(axis=1), mean, atol=1e-9)
     held = error[(np.arange(len(error)) - 1) // 24 * 24]
     said = re.search(

@@ -9,7 +9,7 @@ import pytest
 
 from simulators.cases import LONG_TERM_H
 from studies import STUDIES, Run
-from studies.adaptive_inputs import CALIBRATION, SMALL_STEPS, series
+from studies.adaptive_inputs import CALIBRATION, SMALL_STEPS, season_days
 from studies.adaptive_inputs_report import PAPER_MEAN_E_PV, WAYS, borders
 from studies.page import Claim
 from talc.names import THERMAL_ERRORS
@@ -38,7 +38,7 @@ def test_the_full_study_is_25_repetitions_of_every_way() -> None:
 
 
 def test_a_repetition_is_other_noise_on_the_same_days(small: list[Run]) -> None:
-    one, two = series(1, 0, True), series(1, 1, True)
+    one, two = season_days(1, 0, True), season_days(1, 1, True)
     assert np.array_equal(one.truth, two.truth)
     assert not np.array_equal(one.measured, two.measured)
     apart = one.inputs[:, :29] - two.inputs[:, :29]
@@ -150,6 +150,6 @@ def test_the_papers_small_errors_are_those_two_and_no_other() -> None:
 
 
 def test_the_borders_of_the_seasons_are_drawn_where_the_next_one_begins() -> None:
-    begins = series(1, 0, False).begins
+    begins = season_days(1, 0, False).begins
     assert [b / 12 for b in begins[1:]] == np.cumsum(list(LONG_TERM_H.values()))[:-1].tolist() == borders(340.0)
     assert borders(100.0) == []

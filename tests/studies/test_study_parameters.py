@@ -8,7 +8,7 @@ import pytest
 
 from studies import STUDIES, Run
 from studies.loop import fitted_in_hindsight, regressed
-from studies.parameters import CALIBRATION_H, INTERVAL_H, NO_GOOD, judged, series
+from studies.parameters import CALIBRATION_H, INTERVAL_H, NO_GOOD, case_days, figures_of
 from studies.parameters_pictures import PAPER
 from tests.benches.small_study import Studied, study_by_command
 
@@ -46,18 +46,18 @@ def test_figures_from_their_definitions() -> None:
     estimate[100:, 6:] += 50.0  # µm/m: not among the position errors
     used = np.zeros(600, dtype=np.bool_)
     used[:30] = True
-    figures = judged(truth, estimate, used, 4.0)
+    figures = figures_of(truth, estimate, used, 4.0)
     assert figures["P99"] == 0.0
     assert figures["Pd"] == pytest.approx(100.0 * (1.0 - 30 * 95.0 / (600 * 600.0)))
     estimate[25:, 1] = 3.0  # one of six everywhere after the calibration of 24 steps: sqrt(9 / 6)
-    figures = judged(truth, estimate, used, 4.0)
+    figures = figures_of(truth, estimate, used, 4.0)
     assert figures["P99"] == 3.0
     assert figures["RMSE"] == pytest.approx(np.sqrt(1.5))
     assert figures["measurements"] == 30
 
 
 def test_no_compensation_is_the_machine_itself(small: Mapping[str, Any]) -> None:
-    truth = series("A", 1).truth[40:, :6]
+    truth = case_days("A", 1).truth[40:, :6]
     assert small["none"]["P99"] == pytest.approx(np.percentile(np.abs(truth), 99))
 
 
@@ -88,12 +88,12 @@ def test_the_regression_is_measured_at_its_interval_and_no_more(studied: Studied
     result = result_of(studied, REGRESSION)
     dense = {(p["calibration_h"], p["policy"]): p for p in result["regression"]}
     assert len(dense) == 2 * len(INTERVAL_H)
-    here, used = series("A", 1), np.zeros(576, dtype=np.bool_)
+    here, used = case_days("A", 1), np.zeros(576, dtype=np.bool_)
     used[:40] = True  # 6.5 h each 10 min, both ends
     used[39 + 12 :: 12] = True
     point = dense[6.5, "regression each 2 h"]
     assert point["measurements"] == used.sum()
-    assert point["P99"] == pytest.approx(judged(here.truth, regressed(here, used), used, 6.5)["P99"])
+    assert point["P99"] == pytest.approx(figures_of(here.truth, regressed(here, used), used, 6.5)["P99"])
     assert {p["policy"].split(", ")[1] for p in result["sparse_regression"]} == {"calibrated each 20 min"}
     # After 8 h each 20 min: 25 measurements.
     assert min(p["measurements"] for p in result["sparse_regression"]) == 25 + (575 - 48) // 48
@@ -122,7 +122,7 @@ def test_the_report_judges_the_learner_by_one_set_for_all_load_cases(small: Mapp
 
 
 def test_gains_renewed_in_the_calibration_only_are_those_of_the_calibration_at_another_level() -> None:
-    here, used = series("A", 1), np.zeros(576, dtype=np.bool_)
+    here, used = case_days("A", 1), np.zeros(576, dtype=np.bool_)
     used[:40], used[63::24] = True, True
     kept = regressed(here, used, np.arange(576) < 40)
     alone = regressed(here, used & (np.arange(576) < 40))
@@ -133,7 +133,7 @@ def test_gains_renewed_in_the_calibration_only_are_those_of_the_calibration_at_a
 def test_the_fit_in_hindsight_leaves_less_than_the_one_that_had_to_wait(studied: Studied) -> None:
     result = result_of(studied, REGRESSION)
     assert result["hindsight"]["P99"] < min(p["P99"] for p in result["regression"])
-    here = series("A", 1)
+    here = case_days("A", 1)
     rows = np.ones(576, dtype=np.bool_)
     assert np.abs(here.truth - fitted_in_hindsight(here, rows)).mean() < 0.1 * np.abs(here.truth).mean()
 
@@ -151,7 +151,7 @@ def test_chosen_sets_are_run_again_on_another_seed_and_another_machine(studied: 
     grid = next(p for p in result_of(studied, SMALL)["fixed"] if p["interval_h"] == 2.0 and p["no_good"] == 12)
     for name in ("P99", "measurements", "hold P99", "regression P99"):
         assert first[set_of_the_paper][name] == pytest.approx(grid[name])
-    warm = series("A", 1, "warm").truth[25:, :6]
+    warm = case_days("A", 1, "warm").truth[25:, :6]
     assert at[1, "warm"]["none"]["P99"] == pytest.approx(np.percentile(np.abs(warm), 99))
     assert at[2, "base"]["none"]["P99"] != pytest.approx(at[1, "base"]["none"]["P99"])
 

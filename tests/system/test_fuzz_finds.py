@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import pytest
 
 from drivers import profiles
-from drivers.agent import line
+from drivers.agent import connection
 from drivers.can import dbc, dbc_profile
 from drivers.canopen import bus as canopen_bus
 from drivers.micro_epsilon import rs485
@@ -29,7 +29,7 @@ GUARDS: Mapping[str, Sequence[SourceChange]] = {
             session, "except Exception as error:\n            await", "except () as error:\n            await"
         ),
     ),
-    "agent": (SourceChange(line, "except (ValueError, RecursionError):", "except RecursionError:"),),
+    "agent": (SourceChange(connection, "except (ValueError, RecursionError):", "except RecursionError:"),),
     "modbus": (SourceChange(frames, "if len(heard) - start <= TCP_HEADER.size:", "if len(heard) == start:"),),
     "canopen": (SourceChange(canopen_bus, "except SdoCommunicationError as error:", "except () as error:"),),
     "can": (SourceChange(dbc, "if kept is None:", "if False:"),),

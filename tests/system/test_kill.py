@@ -29,7 +29,7 @@ from simulators.nc.watchdog import R_BEAT, Logged
 from talc.control import Controller
 from talc.frame import Frame, Measurement
 from talc.training import train
-from tests.benches.cut_line import CutLine, line_to
+from tests.benches.cut_wire import CutWire, wire_to
 from tests.benches.still_machine import StillMachine
 
 PERIOD_S, RATE_UM_PER_S, SILENCE_S, STEP_S = 0.1, 20.0, 0.6, 0.5
@@ -153,10 +153,10 @@ async def until(condition: Callable[[], bool], within_s: float) -> bool:
 class Wires:
     """Kills a gateway at a message between it and its devices, before that is handed on."""
 
-    def __init__(self, *lines: CutLine) -> None:
+    def __init__(self, *wires: CutWire) -> None:
         self._pid, self._left, self._killed = 0, 0, asyncio.Event()
-        for line in lines:
-            line.delay, line.spoil = self._ask, self._answer
+        for wire in wires:
+            wire.delay, wire.spoil = self._ask, self._answer
 
     async def kill(self, pid: int, messages: int) -> None:
         """At the message after so many."""
@@ -239,8 +239,8 @@ async def test_a_gateway_killed_at_any_moment_makes_no_step(kills: int, tmp_path
         stack.push_async_callback(asyncio.get_running_loop().shutdown_default_executor)
         stack.push_async_callback(control.stop)
         stack.push_async_callback(host.stop)
-        nc, url = await stack.enter_async_context(line_to(await control.start()))
-        modbus, address = await stack.enter_async_context(line_to(f"tcp://127.0.0.1:{await host.start()}"))
+        nc, url = await stack.enter_async_context(wire_to(await control.start()))
+        modbus, address = await stack.enter_async_context(wire_to(f"tcp://127.0.0.1:{await host.start()}"))
         path.write_text(
             TEXT.format(
                 step=STEP_S, modbus=address.rsplit(":", 1)[1], nc=url, period=PERIOD_S, rate=RATE_UM_PER_S,

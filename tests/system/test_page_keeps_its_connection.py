@@ -13,8 +13,8 @@ from playwright.sync_api import Page, expect
 
 from gateway.web.catalogue import LANGUAGES, texts
 from gateway.web.streams import MOST_BROWSERS
-from tests.benches.page_line import page_line
 from tests.benches.page_rig import LIMIT_MS, page_rig, played_mill
+from tests.benches.page_wire import page_wire
 
 pytestmark = [pytest.mark.peer, pytest.mark.slow]
 
@@ -50,13 +50,13 @@ def event(text: str) -> str:
 def test_a_proxy_that_ends_long_answers_is_not_seen(settings: Path) -> None:
     with page_rig() as rig:
         gateway = played_mill(rig, settings)
-        with page_line(rig.address) as line:
-            rig.address = line.address
+        with page_wire(rig.address) as wire:
+            rig.address = wire.address
             with rig.page("/machine/mill") as page:
                 expect(page.locator("#word")).to_have_text(VERDICT)
                 page.evaluate(_NOTE_WORDS)
                 for n in range(3):
-                    line.cut()
+                    wire.cut()
                     gateway.say(event(f"after cut {n}"))
                     expect_fresh(page, f"after cut {n}")
                 assert page.evaluate("window.words") == []
@@ -68,11 +68,11 @@ def test_a_connection_that_broke_without_a_word_is_made_anew(settings: Path) -> 
     """As when a panel was out of reach while its access point was exchanged: nobody tells it that nothing will come."""
     with page_rig() as rig:
         gateway = played_mill(rig, settings)
-        with page_line(rig.address) as line:
-            rig.address = line.address
+        with page_wire(rig.address) as wire:
+            rig.address = wire.address
             with rig.page("/machine/mill") as page:
                 expect(page.locator("#word")).to_have_text(VERDICT)
-                line.forget()
+                wire.forget()
                 expect(page.locator("#word")).to_have_text("No connection")
                 gateway.say(event("it is back"))
                 expect_fresh(page, "it is back")

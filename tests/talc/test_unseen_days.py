@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from benchmarks.unseen_days import WAYS, UnseenOutcome, Way, run
+from benchmarks.unseen_days import WAYS, UnseenOutcome, Way, unseen_outcome
 from talc.settings import ControlSettings
 
 pytestmark = pytest.mark.slow(minutes=1)
@@ -13,11 +13,11 @@ pytestmark = pytest.mark.slow(minutes=1)
 def outcomes() -> list[UnseenOutcome]:
     """The models of `search` on the machine itself and on three others of its kind."""
     way = next(way for way in WAYS if way.name == "`search`, judged on unseen rows")
-    return [run(way, kind, seed) for kind, seed in (("day", 0), ("axes", 1), ("day", 2), ("axes", 3))]
+    return [unseen_outcome(way, kind, seed) for kind, seed in (("day", 0), ("axes", 1), ("day", 2), ("axes", 3))]
 
 
 def test_the_learner_leaves_less_than_the_last_measurement_also_when_it_is_measured_hourly_at_first() -> None:
-    dense, hourly = (run(way, "day", 0) for way in WAYS[:2])
+    dense, hourly = (unseen_outcome(way, "day", 0) for way in WAYS[:2])
     for outcome, most in ((dense, 0.3), (hourly, 0.4)):
         ratio = outcome.rms / outcome.hold
         assert ratio.max() < 1.0
@@ -40,7 +40,7 @@ def test_95_percent_intervals_hold_the_truth_on_90_to_99_percent_of_rows(outcome
 def test_measuring_by_uncertainty_trades_measurements_for_error() -> None:
     """Wider limits on uncertainty: fewer measurements, larger errors; both ends of the same front."""
     often, seldom = (
-        run(Way("", control=ControlSettings(policy="uncertainty", uncertainty_share=share)), "day", 0)
+        unseen_outcome(Way("", control=ControlSettings(policy="uncertainty", uncertainty_share=share)), "day", 0)
         for share in (0.5, 2.0)
     )
     assert often.measurements > seldom.measurements

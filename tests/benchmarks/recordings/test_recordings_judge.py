@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from benchmarks.recordings.description import InputColumn
-from benchmarks.recordings.judge import carry_out, coverage, judge_course, moments
+from benchmarks.recordings.judge import apply_method, coverage, judge_course, rows_to_measure
 from benchmarks.recordings.learner import Learning
 from benchmarks.recordings.methods import Given, HoldLast, Method, MethodCourse, Nothing, Ridge, given_of
 from benchmarks.recordings.models import Models, papers, slots
@@ -60,15 +60,15 @@ def wavy(rows: int = 400, errors: int = 3, seed: int = 0, probing: float = 0.5) 
 
 def test_moments_are_dense_first_then_an_interval_apart_and_at_each_run() -> None:
     series = series_of(np.zeros((60, 1)), np.zeros((60, 1)), off_after=30, off_steps=170)
-    used = np.flatnonzero(moments(series, 0.5, 60.0))
+    used = np.flatnonzero(rows_to_measure(series, 0.5, 60.0))
     assert used.tolist() == [0, 1, 2, 3, 4, 5, 17, 29, 30, 42, 54]
-    without = np.flatnonzero(moments(series, 0.5, 60.0, measure_first=False))
+    without = np.flatnonzero(rows_to_measure(series, 0.5, 60.0, measure_first=False))
     assert without.tolist() == [0, 1, 2, 3, 4, 5, 17, 29, 30, 42, 54]  # after 14 h off an interval has passed anyway
 
 
 def test_hours_off_do_not_shorten_the_beginning() -> None:
     series = series_of(np.zeros((60, 1)), np.zeros((60, 1)), off_after=6, off_steps=200)
-    assert moments(series, 1.0, 240.0)[:14].tolist() == [True] * 12 + [False] * 2
+    assert rows_to_measure(series, 1.0, 240.0)[:14].tolist() == [True] * 12 + [False] * 2
 
 
 def test_a_moment_without_a_recorded_error_waits_for_the_next_one() -> None:
@@ -76,13 +76,13 @@ def test_a_moment_without_a_recorded_error_waits_for_the_next_one() -> None:
     truth[12:15] = np.nan
     truth[15, 0] = np.nan
     series = series_of(truth, np.zeros((40, 1)))
-    assert np.flatnonzero(moments(series, 0.0, 60.0)).tolist() == [0, 15, 27, 39]
+    assert np.flatnonzero(rows_to_measure(series, 0.0, 60.0)).tolist() == [0, 15, 27, 39]
 
 
 def test_hold_leaves_a_ramp_by_its_age() -> None:
     """Measured each 12 steps, a ramp of 1 a step leaves 1 to 12 in turn: RMS sqrt(mean(1..12 squared))."""
     series = ramp(errors=1, rows=12 * 20 + 1)
-    course = carry_out(HoldLast(), series, moments(series, 0.0, 60.0), 0, 0.0, 60.0)
+    course = apply_method(HoldLast(), series, rows_to_measure(series, 0.0, 60.0), 0, 0.0, 60.0)
     assert course is not None
     left = series.truth[1:, 0] - course.estimate[1:, 0]
     assert left[:24].tolist() == [*range(1, 13), *range(1, 13)]
@@ -95,7 +95,7 @@ def test_hold_leaves_a_ramp_by_its_age() -> None:
 
 def test_nothing_leaves_the_errors_themselves() -> None:
     series = ramp()
-    course = carry_out(Nothing(), series, moments(series, 0.0, 60.0), 0, 0.0, 60.0)
+    course = apply_method(Nothing(), series, rows_to_measure(series, 0.0, 60.0), 0, 0.0, 60.0)
     assert course is not None
     found = judge_course(series, course, 12.0, [0, 1])
     after = series.truth[144:]
@@ -110,7 +110,7 @@ def test_nothing_leaves_the_errors_themselves() -> None:
 def test_ridge_is_the_penalised_normal_equations(row: int) -> None:
     """Against a solution with an augmented matrix by least squares, from the same measurements."""
     series = wavy()
-    given = given_of(series, moments(series, 0.0, 60.0), 0, 0, 12)
+    given = given_of(series, rows_to_measure(series, 0.0, 60.0), 0, 0, 12)
     x = (series.inputs - series.inputs.mean(axis=0)) / series.inputs.std(axis=0)
     known = np.flatnonzero(given.used[:row])
     y = given.measured[known]
@@ -126,14 +126,14 @@ def test_ridge_is_the_penalised_normal_equations(row: int) -> None:
 
 def test_ridge_finds_a_ramp_that_is_linear_in_its_input() -> None:
     series = ramp()
-    course = carry_out(Ridge(), series, moments(series, 0.0, 60.0), 0, 6.0, 60.0)
+    course = apply_method(Ridge(), series, rows_to_measure(series, 0.0, 60.0), 0, 6.0, 60.0)
     assert course is not None
     assert judge_course(series, course, 6.0, [0, 1]).rms < 0.02
 
 
 def test_all_methods_are_measured_at_the_same_moments_with_the_same_noise() -> None:
     series = wavy()
-    often, seldom = (given_of(series, moments(series, 4.0, m), 3, 48, 12) for m in (60.0, 240.0))
+    often, seldom = (given_of(series, rows_to_measure(series, 4.0, m), 3, 48, 12) for m in (60.0, 240.0))
     both = often.used & seldom.used
     assert both.sum() > 48
     assert np.array_equal(often.measured[both], seldom.measured[both])
@@ -173,7 +173,7 @@ class Informed:
 @pytest.mark.parametrize("method", [Peeping(0), Peeping(1), Peeping(5), Informed()])
 def test_a_method_that_peeks_is_caught(method: Method) -> None:
     series = wavy()
-    given = given_of(series, moments(series, 4.0, 60.0), 0, 48, 12)
+    given = given_of(series, rows_to_measure(series, 4.0, 60.0), 0, 48, 12)
     with pytest.raises(Peeked, match=method.name):
         check_causal(method, given)
 
@@ -183,14 +183,14 @@ def test_a_method_that_peeks_is_caught(method: Method) -> None:
 )
 def test_no_method_of_ours_peeks(method: Method) -> None:
     series = wavy()
-    given = given_of(series, moments(series, 12.0, 60.0), 0, 144, 12)
+    given = given_of(series, rows_to_measure(series, 12.0, 60.0), 0, 144, 12)
     check_causal(method, given, range(2))
 
 
 def test_models_through_the_controller_beat_nothing_on_what_they_can_learn() -> None:
     series = wavy(rows=500)
-    used = moments(series, 12.0, 60.0)
-    course = carry_out(Models("", TrainingSettings()), series, used, 0, 12.0, 60.0)
+    used = rows_to_measure(series, 12.0, 60.0)
+    course = apply_method(Models("", TrainingSettings()), series, used, 0, 12.0, 60.0)
     assert course is not None
     assert not np.isfinite(course.estimate[:100]).any()  # calibrating
     none = np.sqrt(np.mean(series.truth[144:] ** 2))
@@ -201,9 +201,9 @@ def test_models_through_the_controller_beat_nothing_on_what_they_can_learn() -> 
 
 def test_the_learner_estimates_from_the_first_measurements_on() -> None:
     series = wavy(rows=500)
-    used = moments(series, 0.0, 60.0)
-    course = carry_out(Learning(), series, used, 0, 0.0, 60.0)
-    held = carry_out(HoldLast(), series, used, 0, 0.0, 60.0)
+    used = rows_to_measure(series, 0.0, 60.0)
+    course = apply_method(Learning(), series, used, 0, 0.0, 60.0)
+    held = apply_method(HoldLast(), series, used, 0, 0.0, 60.0)
     assert course is not None
     assert held is not None
     found = judge_course(series, course, 0.0, [0, 1, 2])
@@ -216,8 +216,8 @@ def test_errors_beyond_nine_are_learnt_as_well_as_the_first_ones() -> None:
     """The same error in every place: what a place is called changes nothing."""
     one = wavy(errors=1, probing=0.0)
     many = series_of(np.repeat(one.truth, 11, axis=1), one.inputs)
-    used = moments(many, 0.0, 60.0)
-    course = carry_out(Learning(), many, used, 0, 0.0, 60.0)
+    used = rows_to_measure(many, 0.0, 60.0)
+    course = apply_method(Learning(), many, used, 0, 0.0, 60.0)
     assert course is not None
     assert np.ptp(course.estimate[1:], axis=1).max() < 1e-9
 
@@ -242,7 +242,7 @@ def test_the_learner_and_a_fixed_interval_begin_a_run_alike(measure_first: bool)
     _, asked = Learning().decide(given, 20.0)
     assert asked[begins].all() == measure_first
     assert asked[begins + 1].all() == (not measure_first), "the controller asks only once after a pause"
-    assert moments(series, 1.0, 1e6, measure_first)[begins].all() == measure_first
+    assert rows_to_measure(series, 1.0, 1e6, measure_first)[begins].all() == measure_first
 
 
 def test_a_policy_that_looks_at_other_measurements_is_caught() -> None:
@@ -260,15 +260,15 @@ def test_a_policy_that_looks_at_other_measurements_is_caught() -> None:
 def test_a_sweep_counts_measurements_after_the_beginning() -> None:
     series = wavy()
     (fixed,) = Sweep(12.0, interval_min=60.0).points(Learning(), series, 0, True)
-    assert fixed.measurements == moments(series, 12.0, 60.0)[144:].sum()
+    assert fixed.measurements == rows_to_measure(series, 12.0, 60.0)[144:].sum()
     (asked,) = Sweep(12.0, limit=5.0).points(Learning(), series, 0, True)
     assert 0 < asked.measurements < 256
 
 
 def test_a_swarm_has_no_course_without_a_dense_beginning() -> None:
     series = wavy()
-    used = moments(series, 0.0, 60.0)
-    assert carry_out(papers(gaps=False)[1], series, used, 0, 0.0, 60.0) is None
+    used = rows_to_measure(series, 0.0, 60.0)
+    assert apply_method(papers(gaps=False)[1], series, used, 0, 0.0, 60.0) is None
 
 
 def test_any_number_of_errors_finds_places_of_its_unit() -> None:
@@ -318,5 +318,5 @@ def test_what_a_denser_interval_left_by_chance_does_not_help_the_policy() -> Non
 def test_replaced_measurements_change_nothing_before_them() -> None:
     """The check itself: what it alters is the chosen row and all after it."""
     series = ramp()
-    given = given_of(series, moments(series, 0.0, 60.0), 0, 0, 12)
+    given = given_of(series, rows_to_measure(series, 0.0, 60.0), 0, 0, 12)
     check_causal(HoldLast(), replace(given, sigma=np.ones(2)))

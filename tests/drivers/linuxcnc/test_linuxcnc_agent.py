@@ -149,7 +149,7 @@ REFUSED: list[tuple[dict[str, Any], str]] = [
 ]
 
 
-async def test_what_is_out_of_bounds_is_refused_and_the_line_stays_open(port: int) -> None:
+async def test_what_is_out_of_bounds_is_refused_and_the_connection_stays_open(port: int) -> None:
     async with client(port) as it:
         for command, says in REFUSED:
             assert says in (await it.ask(**command))["error"]

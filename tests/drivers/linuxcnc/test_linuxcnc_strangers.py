@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.agent.line import AgentLine
+from drivers.agent.connection import AgentConnection
 from drivers.base import ConnectError, Refused
 from drivers.linuxcnc import LinuxCncSettings
 from tests.benches.linuxcnc_module import linuxcnc_module
@@ -38,8 +38,8 @@ class Serving:
         while not self._ending.is_set():
             self._server.turn()
 
-    def gateway(self) -> AgentLine:
-        return AgentLine(self._settings)
+    def gateway(self) -> AgentConnection:
+        return AgentConnection(self._settings)
 
     def stop(self) -> None:
         self._ending.set()
@@ -60,8 +60,8 @@ def agent(tmp_path: Path) -> Iterator[Serving]:
 def strangers(agent: Serving, count: int) -> Iterator[list[socket.socket]]:
     """Connections that are greeted and say nothing."""
     with ExitStack() as stack:
-        lines = [stack.enter_context(socket.create_connection(agent.address, timeout=60.0)) for _ in range(count)]
-        yield lines
+        connections = [stack.enter_context(socket.create_connection(agent.address, timeout=60.0)) for _ in range(count)]
+        yield connections
 
 
 @pytest.mark.parametrize("count", [4, 16, 60])
@@ -78,8 +78,8 @@ async def test_unauthenticated_clients_that_reconnect_keep_no_gateway_out(agent:
 
     def knock() -> None:
         while not ending.is_set():
-            with suppress(OSError), socket.create_connection(agent.address, timeout=60.0) as line:
-                line.sendall(b"slowly")
+            with suppress(OSError), socket.create_connection(agent.address, timeout=60.0) as connection:
+                connection.sendall(b"slowly")
                 ending.wait(0.1)
 
     knocking = [threading.Thread(target=knock) for _ in range(8)]
@@ -111,8 +111,8 @@ async def test_unauthenticated_clients_do_not_disturb_an_authenticated_one(agent
 def test_an_unauthenticated_client_that_is_silent_or_slow_is_disconnected(agent: Serving) -> None:
     with strangers(agent, 2) as (silent, slow):
         began = time.monotonic()
-        for line in (silent, slow):
-            assert line.recv(4096).startswith(b'{"challenge"')
+        for connection in (silent, slow):
+            assert connection.recv(4096).startswith(b'{"challenge"')
         with suppress(OSError):
             while time.monotonic() - began < 10.0:
                 slow.sendall(b"x")
@@ -123,31 +123,31 @@ def test_an_unauthenticated_client_that_is_silent_or_slow_is_disconnected(agent:
 
 def test_of_many_unauthenticated_clients_those_that_waited_longest_make_room_before_their_time(agent: Serving) -> None:
     began, more = time.monotonic(), 4
-    with strangers(agent, agent.module.MOST_STRANGERS + more) as lines:
-        for line in lines:
-            assert line.recv(4096).startswith(b'{"challenge"')
-        for line in lines[:more]:
-            assert line.recv(4096) == b""
+    with strangers(agent, agent.module.MOST_STRANGERS + more) as connections:
+        for connection in connections:
+            assert connection.recv(4096).startswith(b'{"challenge"')
+        for connection in connections[:more]:
+            assert connection.recv(4096) == b""
         assert time.monotonic() - began < agent.module.LOGIN_S
 
 
 async def test_clients_that_only_read_are_served_beside_the_gateway_and_can_do_nothing_else(agent: Serving) -> None:
     async with AsyncExitStack() as stack:
 
-        def line() -> AgentLine:
+        def connection() -> AgentConnection:
             one = agent.gateway()
             stack.push_async_callback(one.close)
             return one
 
-        first, gateway = line(), line()
+        first, gateway = connection(), connection()
         await first.connect(reads=True)
         await gateway.connect()
         assert await first.ask("values") == [1.0]
         with pytest.raises(Refused, match="do = 'say': expected one of values of a client that only reads"):
             await first.ask("say", what="harm")
         with pytest.raises(Refused, match="another client is connected"):
-            await line().connect()
-        others = [line() for _ in range(agent.module.MOST_READERS)]
+            await connection().connect()
+        others = [connection() for _ in range(agent.module.MOST_READERS)]
         for other in others:
             await other.connect(reads=True)
             assert await other.ask("values") == [1.0]

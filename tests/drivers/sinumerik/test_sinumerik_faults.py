@@ -19,7 +19,7 @@ from gateway.clock import RealClock
 from simulators.nc import Activity, DayPart, EmulatedControl, LoadCase, MeanLoads, User
 from simulators.nc.nck import R_ANSWERS, R_REQUEST, R_RESULT_OF, R_STATE
 from simulators.nc.variables import AccessRight
-from tests.benches.cut_line import line_to
+from tests.benches.cut_wire import wire_to
 from tests.benches.emulated_bench import Rigid
 
 pytestmark = pytest.mark.simulated_time
@@ -119,34 +119,34 @@ async def test_something_that_is_no_opc_ua_server(answer: bytes) -> None:
     await server.wait_closed()
 
 
-async def test_a_line_that_goes_silent_in_a_session_and_comes_back() -> None:
-    async with running(emulated()) as url, line_to(url) as (line, joined):
+async def test_a_connection_that_goes_silent_in_a_session_and_comes_back() -> None:
+    async with running(emulated()) as url, wire_to(url) as (wire, joined):
         nc = Sinumerik(SinumerikSettings(security="none", url=joined, timeout_s=0.3), SystemClock())
         await nc.connect()
-        line.silent = True
+        wire.silent = True
         began = monotonic()
         with pytest.raises(NoAnswer):
             await nc.snapshot()
         with pytest.raises(ConnectError, match="connect first"):
             await nc.snapshot()
         assert monotonic() - began < 2.0
-        line.silent = False
+        wire.silent = False
         await nc.connect()
         await nc.snapshot()
         await nc.close()
 
 
 async def test_a_write_without_an_answer_ends_with_a_reset_so_that_it_does_not_arrive_later() -> None:
-    async with running(emulated()) as url, line_to(url) as (line, joined):
+    async with running(emulated()) as url, wire_to(url) as (wire, joined):
         nc = Sinumerik(SinumerikSettings(security="none", url=joined, timeout_s=0.3), SystemClock())
         await nc.connect()
-        line.silent = True
+        wire.silent = True
         with pytest.raises(NoAnswer):
             await nc.write_compensation((1.0, 2.0, 3.0))
         async with asyncio.timeout(60.0):
-            while not line.reset:
+            while not wire.reset:
                 await asyncio.sleep(0.01)
-        line.silent = False
+        wire.silent = False
         await nc.connect()
         assert await nc.read_compensation() == (0.0, 0.0, 0.0)
         await nc.close()
@@ -157,39 +157,39 @@ async def test_a_write_that_the_network_holds_for_longer_than_the_session_lasts_
     late_s: float, acts: bool
 ) -> None:
     control = emulated()
-    async with running(control) as url, line_to(url) as (line, joined):
+    async with running(control) as url, wire_to(url) as (wire, joined):
         nc = Sinumerik(SinumerikSettings(security="none", url=joined, timeout_s=0.3, session_s=3.0), SystemClock())
         await nc.connect()
         assert nc.late_write_s == 3.0
-        line.delay = lambda data: late_s if b"TEMP_COMP_ABS_VALUE" in data else 0.0
+        wire.delay = lambda data: late_s if b"TEMP_COMP_ABS_VALUE" in data else 0.0
         with pytest.raises(NoAnswer):
             await nc.write_compensation((1.0, 2.0, 3.0))
         await asyncio.sleep(12.0)
         assert control.nck.k0_mm == ([-0.001, -0.002, -0.003] if acts else [0.0, 0.0, 0.0])
 
 
-async def test_a_line_that_is_cut_in_a_session(caplog: pytest.LogCaptureFixture) -> None:
-    async with running(emulated()) as url, line_to(url) as (line, joined):
+async def test_a_connection_that_is_cut_in_a_session(caplog: pytest.LogCaptureFixture) -> None:
+    async with running(emulated()) as url, wire_to(url) as (wire, joined):
         nc = Sinumerik(SinumerikSettings(security="none", url=joined, timeout_s=0.5), SystemClock())
         await nc.connect()
-        await line.cut()
+        await wire.cut()
         with pytest.raises(ConnectError):
             await nc.snapshot()
         ours = [r for r in caplog.records if r.name.startswith("asyncua.client") and r.levelno >= logging.ERROR]
-        assert not ours, "a lost line is told once, by the driver"
+        assert not ours, "a lost connection is told once, by the driver"
         await nc.connect()
         await nc.snapshot()
         await nc.close()
 
 
 async def test_connecting_can_be_cancelled_and_leaves_nothing() -> None:
-    async with running(emulated()) as url, line_to(url) as (line, joined):
-        line.silent = True
+    async with running(emulated()) as url, wire_to(url) as (wire, joined):
+        wire.silent = True
         nc = Sinumerik(SinumerikSettings(security="none", url=joined, timeout_s=5.0), SystemClock())
         with pytest.raises(TimeoutError):
             async with asyncio.timeout(0.2):
                 await nc.connect()
-        line.silent = False
+        wire.silent = False
         await nc.connect()
         await nc.close()
 

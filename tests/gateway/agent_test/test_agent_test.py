@@ -121,7 +121,7 @@ WRONG: list[tuple[str, str, str]] = [
     ("refuses-offsets-beyond-its-bound", '"um", -BOUND_UM, BOUND_UM', '"um", -1e9, BOUND_UM'),
     ("silence-takes-offsets-to-zero", "min(self.ramp, rate)", "0.0"),
     ("silence-takes-offsets-to-zero", "self.beat_s < self.silence", "self.beat_s < self.silence / 5"),
-    ("a-cut-line-takes-offsets-to-zero", "            writer.close()", "            writer.close()\n"
+    ("a-cut-connection-takes-offsets-to-zero", "            writer.close()", "            writer.close()\n"
      "            self.machine.beat_s = math.inf"),
     ("release-takes-offsets-to-zero", "self.owner = 0 if", "self.ramp = 0.0\n        self.owner = 0 if"),
     ("a-claim-brings-nothing-back", "self.wanted = list(self.um)", "pass"),

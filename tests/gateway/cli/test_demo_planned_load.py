@@ -10,7 +10,7 @@ import pytest
 from gateway.cli.demo_machine import Demo, talc_section
 from simulators.nc.program import LoadCase
 from simulators.plant import Environment, MachineDrive, Plant, load_machine, record_drive
-from simulators.plant.recording import STATES
+from simulators.plant.recording import LOAD_NAMES
 from talc.planned import learn_response
 
 TWO_DAYS_AND_A_BIT = 2 * 288 + 12
@@ -39,7 +39,7 @@ def test_after_two_days_the_demos_warm_up_is_foreseen_to_heat_the_spindle() -> N
     plant.advance(12 * 3600.0, MachineDrive())
     record = record_drive(plant, as_the_demo_cuts(1))
     names, inputs, good = record.input_names, record.inputs, np.ones(record.inputs.shape, dtype=np.bool_)
-    loads = [name for name in STATES if name != "coolant"]
+    loads = [name for name in LOAD_NAMES if name != "coolant"]
     response = learn_response(names, inputs, good, loads)
     assert response is not None
     cold = inputs.copy()

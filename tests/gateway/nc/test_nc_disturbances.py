@@ -17,7 +17,9 @@ from tests.benches.nc_disturbances import (
 
 @pytest.mark.slow
 @pytest.mark.simulated_time
-async def test_whatever_happens_to_gateway_and_line_nothing_moves_farther_in_a_period_than_the_slew_allows() -> None:
+async def test_whatever_happens_to_gateway_and_connection_nothing_moves_farther_in_a_period_than_the_slew_allows() -> (
+    None
+):
     found = await disturbed("errors", len(KINDS), 5)
     assert set(found.counts) == set(KINDS)
     assert max(found.largest_um.values()) <= SLEW_UM_PER_S * PERIOD_S * (1 + 1e-9)

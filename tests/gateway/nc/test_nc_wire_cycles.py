@@ -15,23 +15,23 @@ from simulators.nc.cycle import ReasonCode
 from simulators.nc.nck import R_REQUEST, R_RESULTS, R_WITHDRAW
 from simulators.nc.variables import ALARMS_SHOWN
 from talc.frame import Why
-from tests.benches.nc_line_bench import bench, wants
+from tests.benches.nc_wire_bench import bench, wants
 
 pytestmark = pytest.mark.simulated_time
 
 
 @pytest.mark.slow
-async def test_a_line_lost_while_it_probes_is_no_measurement_and_the_next_cycle_has_another_number() -> None:
+async def test_a_connection_lost_while_it_probes_is_no_measurement_and_the_next_cycle_has_another_number() -> None:
     async with bench() as at:
         await at.clock.run_until(2.0)
         at.control.nck.cycle.withdraw = lambda *_: None  # type: ignore[method-assign]  # the NC program does not look
         first = asyncio.create_task(at.link.measure(Why.INTERVAL))
         await at.clock.run_until(60.0)
         assert at.control.nck.cycle.started_s is not None
-        await at.line.cut()
-        at.line.silent = True
+        await at.wire.cut()
+        at.wire.silent = True
         await at.clock.run_until(70.0)
-        at.line.silent = False
+        at.wire.silent = False
         lost = await first
         await at.clock.run_until(400.0)  # meanwhile the control has ended the cycle by itself
         assert at.control.nck.cycle.answer.centres_mm
@@ -46,7 +46,7 @@ async def test_a_line_lost_while_it_probes_is_no_measurement_and_the_next_cycle_
 
 @pytest.mark.slow
 @pytest.mark.parametrize("looks", [True, False])
-@pytest.mark.parametrize("left_by", ["a line that is lost", "a gateway that is killed"])
+@pytest.mark.parametrize("left_by", ["a connection that is lost", "a gateway that is killed"])
 async def test_a_cycle_that_nobody_waits_for_is_withdrawn_and_the_offsets_stand_until_it_ends(
     left_by: str, looks: bool
 ) -> None:
@@ -60,11 +60,11 @@ async def test_a_cycle_that_nobody_waits_for_is_withdrawn_and_the_offsets_stand_
         await at.clock.run_until(60.0)
         assert nck.cycle.started_s is not None
         at.link.follow(wants(25.0))
-        if left_by == "a line that is lost":
-            await at.line.cut()
-            at.line.silent = True
+        if left_by == "a connection that is lost":
+            await at.wire.cut()
+            at.wire.silent = True
             await at.clock.run_until(66.0)
-            at.line.silent = False
+            at.wire.silent = False
         else:
             cycle.cancel()  # the next run takes back what this one asked for
         await at.clock.run_until(300.0)
@@ -83,7 +83,7 @@ async def test_offsets_stand_still_also_while_another_client_has_the_control_pro
     async with bench(mode=mode) as at:
         nck = at.control.nck
         at.link.follow(wants(5.0))
-        other = Sinumerik(SinumerikSettings(security="none", url=f"opc.tcp://127.0.0.1:{at.line.target}"), at.clock)
+        other = Sinumerik(SinumerikSettings(security="none", url=f"opc.tcp://127.0.0.1:{at.wire.target}"), at.clock)
         await at.clock.run_until(12.0)
         await other.connect()
         await other.request_probing(900)

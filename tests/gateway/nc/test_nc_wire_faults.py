@@ -19,7 +19,7 @@ from simulators.nc import User
 from simulators.nc.cycle import ReasonCode
 from simulators.nc.variables import AccessRight
 from talc.frame import Why
-from tests.benches.nc_line_bench import SLEW_UM_PER_S, bench, driver_of_the_other, wants
+from tests.benches.nc_wire_bench import SLEW_UM_PER_S, bench, driver_of_the_other, wants
 
 pytestmark = pytest.mark.simulated_time
 
@@ -36,7 +36,7 @@ async def test_a_control_that_is_absent_at_the_start_is_reported_once_and_compen
         np.testing.assert_allclose(at.shift(), [0.0, 0.0, 4.0], atol=1e-9)
 
 
-async def test_a_line_lost_in_the_middle_of_a_write_leaves_no_step_behind() -> None:
+async def test_a_connection_lost_in_the_middle_of_a_write_leaves_no_step_behind() -> None:
     async with bench() as at:
         at.link.follow(wants(40.0))
         await at.clock.run_until(10.0)
@@ -46,7 +46,7 @@ async def test_a_line_lost_in_the_middle_of_a_write_leaves_no_step_behind() -> N
         def cut_after_the_first_axis(axis: int, value_mm: float, now_s: float) -> None:
             if not written:
                 written.append(axis)
-                at.line.abort()
+                at.wire.abort()
             write(axis, value_mm, now_s)
 
         at.control.nck.write_k0 = cut_after_the_first_axis  # type: ignore[method-assign]

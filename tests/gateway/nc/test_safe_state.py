@@ -234,7 +234,7 @@ async def test_restarted_in_another_mode_the_offsets_end_at_zero_without_a_step(
         bench.assert_never_stepped()
 
 
-async def test_after_the_line_was_cut_it_goes_on_without_a_step(tmp_path: Path) -> None:
+async def test_after_the_connection_was_cut_it_goes_on_without_a_step(tmp_path: Path) -> None:
     async with wire_bench(tmp_path) as bench, bench.running(bench.link()) as link:
         link.follow(decision(8.0))
         await bench.clock.run_until(10.0)

@@ -9,7 +9,7 @@ import pytest
 from drivers.mqtt.connection import MqttConnection, Publication
 from gateway.outlets import Feed, OutletError, OutletMessage
 from gateway.outlets.mqtt import MqttOutlet, MqttOutletSettings
-from tests.benches.cut_line import line_to
+from tests.benches.cut_wire import wire_to
 from tests.benches.feed_talk import heard, reading
 from tests.benches.mosquitto import LIMIT_S, Mosquitto, Subscriber, made_password, mosquitto
 from tests.benches.plant_authority import PlantAuthority
@@ -60,11 +60,11 @@ def test_the_broker_says_offline_when_the_connection_is_lost(tmp_path: Path) -> 
 
 async def test_an_outlet_that_is_cut_off_is_offline_to_all_others(tmp_path: Path) -> None:
     with mosquitto(tmp_path) as broker, Subscriber(broker, "talc/#") as live:
-        async with line_to(broker.url) as (line, joined):
+        async with wire_to(broker.url) as (wire, joined):
             outlet = MqttOutlet(settings(f"mqtt://127.0.0.1:{joined.rpartition(':')[2]}"))
             await asyncio.to_thread(outlet.open)
             await asyncio.to_thread(live.until, "talc/_outlet/plant", "online")
-            line.abort()
+            wire.abort()
             await asyncio.to_thread(live.until, "talc/_outlet/plant", "offline")
             await asyncio.to_thread(outlet.close)
 

@@ -27,7 +27,7 @@ from gateway.events import (
 )
 from gateway.probing import Outlook
 from gateway.telemetry import (
-    TYPES,
+    MESSAGE_TYPES,
     Composer,
     DecisionMessage,
     Dropped,
@@ -114,7 +114,7 @@ def test_every_field_of_the_first_version_is_still_published_with_the_same_value
     assert [key for key, _ in now] == [line.split(" ")[0] for line in PUBLISHED]
     for line, (_, payload) in zip(PUBLISHED, now, strict=True):
         assert_kept(json.loads(line.split(" ", 1)[1]), json.loads(payload))
-    assert {line.split(" ")[0].split("/")[0] for line in PUBLISHED} <= set(TYPES)
+    assert {line.split(" ")[0].split("/")[0] for line in PUBLISHED} <= set(MESSAGE_TYPES)
 
 
 @pytest.mark.parametrize("line", PUBLISHED)

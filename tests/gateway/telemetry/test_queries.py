@@ -13,8 +13,8 @@ from drivers.base import SystemClock
 from gateway.config import Telemetry
 from gateway.events import EventReported
 from gateway.telemetry import (
+    MESSAGE_TYPES,
     MOST_ROWS,
-    TYPES,
     CoursePage,
     CourseRequest,
     CourseSource,
@@ -284,7 +284,7 @@ async def test_each_schema_is_answered_and_describes_what_is_published() -> None
     assert texts == schemas()
     assert only.payload.to_string() == texts["status"]
     commands = {"command", "command_terms", "command_request"}
-    assert {*TYPES, "history", "course", "report", "stored", *commands, "error"} == set(texts)
+    assert {*MESSAGE_TYPES, "history", "course", "report", "stored", *commands, "error"} == set(texts)
     definitions = json.loads(texts["event"])["$defs"]["EventMessage"]
     assert set(event) == set(definitions["properties"])
     assert set(definitions["required"]) <= set(event)

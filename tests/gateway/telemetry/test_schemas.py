@@ -35,7 +35,7 @@ from gateway.events import (
 )
 from gateway.nc import NcState
 from gateway.storage import Store, boot_id
-from gateway.telemetry import TYPES, ReportPage, TelemetryPublisher
+from gateway.telemetry import MESSAGE_TYPES, ReportPage, TelemetryPublisher
 from tests.benches import telemetry_examples as example
 from tests.benches.free_port import free_port
 from tests.benches.schema_faults import schema_faults
@@ -121,7 +121,7 @@ async def test_every_message_and_every_answer_fits_its_schema(tmp_path: Path) ->
         )  # fmt: skip
         async with publisher:
             await asyncio.to_thread(judge)
-    assert {suffix.split("/")[0] for suffix, _ in heard} == {*TYPES, *ASKED}
+    assert {suffix.split("/")[0] for suffix, _ in heard} == {*MESSAGE_TYPES, *ASKED}
     faults = [
         f"{suffix}: {fault}"
         for suffix, payload in heard

@@ -9,11 +9,11 @@ import pytest
 
 from gateway.umati import ShownMachine
 from gateway.umati.model import (
-    MACHINES,
+    MACHINES_NODE,
+    OBJECT_TYPES,
     OPERATION_MODE,
     OPERATION_MODES,
     PROPERTY,
-    TYPES,
     URIS,
     NodeSpec,
     Space,
@@ -121,7 +121,7 @@ def instances(spec: NodeSpec) -> Iterator[NodeSpec]:
 MILL = machine_nodes("mill", ShownMachine(model="X5", location="hall 2").plate("mill"))
 
 
-@pytest.mark.parametrize("spec", TYPES, ids=lambda spec: spec.name)
+@pytest.mark.parametrize("spec", OBJECT_TYPES, ids=lambda spec: spec.name)
 def test_a_type_is_as_it_was_published(spec: TypeSpec) -> None:
     node = published()[of(spec.space, spec.number)]
     assert (node.name, node.tag) == ((URIS[spec.space], spec.name), "UAObjectType")
@@ -130,7 +130,7 @@ def test_a_type_is_as_it_was_published(spec: TypeSpec) -> None:
 
 def test_the_folder_and_the_modes_have_their_published_numbers() -> None:
     found = published()
-    assert found[of("machinery", MACHINES)].name == (URIS["machinery"], "Machines")
+    assert found[of("machinery", MACHINES_NODE)].name == (URIS["machinery"], "Machines")
     mode = found[of("machine_tool", OPERATION_MODE)]
     assert (mode.name[1], mode.tag) == ("MachineOperationMode", "UADataType")
     root = ElementTree.parse(

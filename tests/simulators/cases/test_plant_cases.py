@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from simulators.cases import long_term, random_axes, table_and_fluid, warm_up_and_cool_down
-from simulators.cases.series import AXES
+from simulators.cases.series import DRAWN_AXES
 from simulators.plant import Environment, MachineDrive, Plant, load_machine, record_drive
 
 CALM = Environment(mean_degC=22, daily_amplitude_K=0, weather_sigma_K=0, gradient_K_m=0, door_openings_per_day=0)
@@ -18,7 +18,7 @@ def test_long_term_lasts_340_hours_in_three_halls() -> None:
 
 def test_one_axis_at_a_time_and_every_one_in_turn() -> None:
     drives = random_axes(3, 2000)
-    moving = np.array([[getattr(d, axis) > 0 for axis in AXES] for d in drives])
+    moving = np.array([[getattr(d, axis) > 0 for axis in DRAWN_AXES] for d in drives])
     assert moving.sum(axis=1).max() == 1
     assert moving.mean(axis=0) == pytest.approx(1 / 6, abs=0.04)
     assert np.mean([d.coolant_on for d in drives]) == pytest.approx(0.3, abs=0.04)

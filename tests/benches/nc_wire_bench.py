@@ -1,4 +1,4 @@
-"""The link at work on an emulated control, over its real protocol and a line that can be cut."""
+"""The link at work on an emulated control, over its real protocol and a connection that can be cut."""
 
 import asyncio
 import math
@@ -20,7 +20,7 @@ from gateway.probing import Outcome
 from simulators.nc import Activity, CycleSettings, DayPart, EmulatedControl, LoadCase, MeanLoads, User
 from simulators.nc.nck import MachineState
 from talc.frame import Decision, Phase
-from tests.benches.cut_line import CutLine, line_to
+from tests.benches.cut_wire import CutWire, wire_to
 from tests.benches.emulated_bench import Rigid
 from tests.benches.wire_clock import WireClock
 
@@ -46,13 +46,13 @@ class LineControl(EmulatedControl):
 
 
 @dataclass
-class LineBench:
-    """A link at work, over a line that can be cut."""
+class NcWireBench:
+    """A link at work, over a connection that can be cut."""
 
     clock: WireClock
     control: LineControl
     link: NcLink
-    line: CutLine
+    wire: CutWire
     notices: list[Notice] = field(default_factory=list)
     steps: list[Write] = field(default_factory=list)
 
@@ -91,7 +91,7 @@ def wants(z_um: float) -> Decision:
 async def bench(
     *, mode: str = "compensate", start: bool = True, users: dict[str, User] | None = None, password: Path | None = None,
     subscribe_s: float = 0.0, owner: int = 1,
-) -> AsyncIterator[LineBench]:  # fmt: skip
+) -> AsyncIterator[NcWireBench]:  # fmt: skip
     clock = WireClock()
     loads = MeanLoads(x=60.0, spindle=3000.0)
     control = LineControl(
@@ -103,7 +103,7 @@ async def bench(
         stack.push_async_callback(control.stop)
         if not start:
             await control.stop()
-        line, joined = await stack.enter_async_context(line_to(url))
+        wire, joined = await stack.enter_async_context(wire_to(url))
         user = None if password is None else "gateway"
         settings = SinumerikSettings(
             security="none", url=joined, timeout_s=1.0, user=user, password_file=password, subscribe_s=subscribe_s
@@ -117,7 +117,7 @@ async def bench(
             }
         )
         nc = Sinumerik(settings, clock)
-        found = LineBench(clock, control, None, line)  # type: ignore[arg-type]  # made with its callbacks
+        found = NcWireBench(clock, control, None, wire)  # type: ignore[arg-type]  # made with its callbacks
         found.link = NcLink(
             nc,
             clock,
@@ -137,9 +137,9 @@ async def bench(
 
 
 @asynccontextmanager
-async def driver_of_the_other(at: LineBench) -> AsyncIterator[Sinumerik]:
-    """A second gateway's connection, past the line that the first one uses; it has claimed the control."""
-    other = Sinumerik(SinumerikSettings(security="none", url=f"opc.tcp://127.0.0.1:{at.line.target}"), at.clock)
+async def driver_of_the_other(at: NcWireBench) -> AsyncIterator[Sinumerik]:
+    """A second gateway's connection, beside the wire that the first one uses; it has claimed the control."""
+    other = Sinumerik(SinumerikSettings(security="none", url=f"opc.tcp://127.0.0.1:{at.wire.target}"), at.clock)
     await other.connect()
     await other.claim(1, WatchdogTerms(60.0, 1.0))
     try:

@@ -1,4 +1,4 @@
-"""What arrives from an agent: a signed answer is returned unchanged, anything else closes the line."""
+"""What arrives from an agent: a signed answer is returned unchanged, anything else closes the connection."""
 
 import asyncio
 import json
@@ -12,10 +12,10 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from drivers.agent import AgentControl
-from drivers.agent.line import AgentLine
+from drivers.agent.connection import AgentConnection
 from drivers.base import BadAnswer, ConnectError, DriverError, NoAnswer, Refused, WrongDevice
 from drivers.nc import WatchdogTerms
-from tests.benches.fake_agent import CHALLENGE, Agent, agent_and_driver, agent_and_line, serving
+from tests.benches.fake_agent import CHALLENGE, Agent, agent_and_connection, agent_and_driver, serving
 
 pytestmark = pytest.mark.simulated_time
 
@@ -39,17 +39,19 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_signed_answers_are_given_as_they_are_and_refusals_with_their_reason(folder: Path) -> None:
     async def asked(answers: list[object], reasons: list[str]) -> None:
-        async with agent_and_line(folder) as (agent, line):
-            await line.connect()
+        async with agent_and_connection(folder) as (agent, connection):
+            await connection.connect()
             for answer in answers:
                 agent.says = [agent.signed(json.dumps({"answer": answer}).encode())]
-                assert await line.ask("state") == answer
+                assert await connection.ask("state") == answer
             for reason in reasons:
                 agent.says = [agent.signed(json.dumps({"error": reason}).encode())]
                 with pytest.raises(Refused) as caught:
-                    await line.ask("mdi")
+                    await connection.ask("mdi")
                 assert caught.value.what == reason
-            assert await line.ask("state", axis=1) == {"do": "state", "axis": 1}, "a refusal leaves the line as it was"
+            assert await connection.ask("state", axis=1) == {"do": "state", "axis": 1}, (
+                "a refusal leaves the connection as it was"
+            )
 
     with asyncio.Runner() as runner:
 
@@ -61,22 +63,22 @@ def test_signed_answers_are_given_as_they_are_and_refusals_with_their_reason(fol
         any_answer()
 
 
-def test_whatever_is_not_signed_for_this_question_ends_the_line(folder: Path) -> None:
+def test_whatever_is_not_signed_for_this_question_ends_the_connection(folder: Path) -> None:
     """Then nothing is asked on it any more, and a new one is right from the first answer on."""
 
     async def asked(said: bytes, before: int) -> None:
-        async with agent_and_line(folder) as (agent, line):
-            await line.connect()
+        async with agent_and_connection(folder) as (agent, connection):
+            await connection.connect()
             for number in range(before):
-                assert await line.ask("count", number=number) == {"do": "count", "number": number}
+                assert await connection.ask("count", number=number) == {"do": "count", "number": number}
             agent.says = [said + b"\n"]
             with pytest.raises((WrongDevice, BadAnswer)):
-                await line.ask("state")
+                await connection.ask("state")
             with pytest.raises(ConnectError, match="connect first"):
-                await line.ask("state")
+                await connection.ask("state")
             agent.says = []
-            await line.connect()
-            assert await line.ask("again") == {"do": "again"}
+            await connection.connect()
+            assert await connection.ask("again") == {"do": "again"}
 
     with asyncio.Runner() as runner:
 
@@ -91,16 +93,16 @@ def test_whatever_is_not_signed_for_this_question_ends_the_line(folder: Path) ->
 
 def test_whatever_greets_or_proves_wrongly_is_refused(folder: Path) -> None:
     async def connected(greeting: bytes, proof: bytes | None) -> None:
-        async with agent_and_line(folder) as (agent, line):
+        async with agent_and_connection(folder) as (agent, connection):
             usual, agent.greeting = agent.greeting, greeting
             agent.says = [proof + b"\n"] if proof is not None else []
             with pytest.raises((WrongDevice, BadAnswer, Refused)):
-                await line.connect()
+                await connection.connect()
             with pytest.raises(ConnectError, match="connect first"):
-                await line.ask("state")
+                await connection.ask("state")
             agent.greeting, agent.says = usual, []
-            await line.connect()
-            assert await line.ask("again") == {"do": "again"}
+            await connection.connect()
+            assert await connection.ask("again") == {"do": "again"}
 
     with asyncio.Runner() as runner:
 
@@ -125,38 +127,38 @@ def test_whatever_greets_or_proves_wrongly_is_refused(folder: Path) -> None:
         pytest.param(lambda line: b"\n" + line, id="an empty line before"),
     ],
 )
-async def test_signed_answer_that_was_changed_ends_the_line(spoilt: Any, tmp_path: Path) -> None:
-    async with agent_and_line(tmp_path) as (agent, line):
-        await line.connect()
+async def test_signed_answer_that_was_changed_ends_the_connection(spoilt: Any, tmp_path: Path) -> None:
+    async with agent_and_connection(tmp_path) as (agent, connection):
+        await connection.connect()
         agent.says = [spoilt(agent.signed(b'{"answer": 42}'))]
         with pytest.raises(WrongDevice, match="is not the agent with this key"):
-            await line.ask("state")
-        await line.connect()
-        assert await line.ask("again") == {"do": "again"}
+            await connection.ask("state")
+        await connection.connect()
+        assert await connection.ask("again") == {"do": "again"}
 
 
 async def test_answer_to_another_question_is_not_taken(tmp_path: Path) -> None:
     """Repeated, or signed for a later one."""
-    async with agent_and_line(tmp_path) as (agent, line):
+    async with agent_and_connection(tmp_path) as (agent, connection):
         for ahead in (-1, 1):
-            await line.connect()
+            await connection.connect()
             agent.says = [agent.signed(b'{"answer": 42}', ahead=ahead)]
             with pytest.raises(WrongDevice):
-                await line.ask("state")
+                await connection.ask("state")
 
 
 @pytest.mark.parametrize(
     "said", [rb'{"answer": {"tool": "\ud800"}}', rb'{"error": "\udfff"}', rb'{"answer": {"\ud800": 1}}']
 )
 async def test_half_a_character_which_nothing_can_store_is_a_bad_answer(said: bytes, tmp_path: Path) -> None:
-    async with agent_and_line(tmp_path) as (agent, line):
-        await line.connect()
+    async with agent_and_connection(tmp_path) as (agent, connection):
+        await connection.connect()
         agent.says = [agent.signed(said)]
         with pytest.raises(BadAnswer, match="expected a JSON object"):
-            await line.ask("status")
+            await connection.ask("status")
 
 
-async def test_what_does_not_come_in_time_leaves_the_line_open(tmp_path: Path) -> None:
+async def test_what_does_not_come_in_time_leaves_the_connection_open(tmp_path: Path) -> None:
     """Neither a watchdog that does not start nor offsets that do not come into force look like a lost connection."""
     async with agent_and_driver(tmp_path) as (agent, nc):
         agent.answers |= {"heartbeat": False}
@@ -168,15 +170,15 @@ async def test_what_does_not_come_in_time_leaves_the_line_open(tmp_path: Path) -
 
 
 async def test_line_without_an_end_or_too_long_is_an_invalid_answer(tmp_path: Path) -> None:
-    async with agent_and_line(tmp_path, timeout_s=0.2) as (agent, line):
-        await line.connect()
+    async with agent_and_connection(tmp_path, timeout_s=0.2) as (agent, connection):
+        await connection.connect()
         agent.says = [agent.signed(b'{"answer": 42}')[:-1]]
         with pytest.raises(NoAnswer):
-            await line.ask("state")
-        await line.connect()
+            await connection.ask("state")
+        await connection.connect()
         agent.says = [b"x" * 200_000]
         with pytest.raises(DriverError, match="is not the agent with this key"):
-            await line.ask("state")
+            await connection.ask("state")
 
 
 ASKED: dict[str, Callable[[AgentControl], Awaitable[object]]] = {
@@ -205,9 +207,9 @@ async def test_an_agent_with_another_key_is_not_trusted(tmp_path: Path) -> None:
     """It greets, answers and signs as ours does, and gets no more of us than the proof."""
     impostor = Agent(b"fedcba9876543210fedcba9876543210")
     async with serving(impostor, tmp_path) as settings:
-        line = AgentLine(settings)
+        connection = AgentConnection(settings)
         with pytest.raises(WrongDevice, match="is not the agent with this key"):
-            await line.connect()
+            await connection.connect()
         with pytest.raises(ConnectError, match="connect first"):
-            await line.ask("status")
+            await connection.ask("status")
         assert [sorted(message) for message in impostor.heard] == [["nonce"]]

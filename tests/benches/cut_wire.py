@@ -1,4 +1,4 @@
-"""A line to a server that can be cut, go silent while it stays open, or corrupt the server's answers."""
+"""A wire to a server that can be cut, go silent while it stays open, or corrupt the server's answers."""
 
 import asyncio
 from collections.abc import AsyncIterator, Callable
@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 
 
 @dataclass
-class CutLine:
-    """A line between the two that can be cut, or go silent while it stays open."""
+class CutWire:
+    """A wire between the two that can be cut, or go silent while it stays open."""
 
     target: int
     silent: bool = False
@@ -69,10 +69,10 @@ class CutLine:
 
 
 @asynccontextmanager
-async def line_to(url: str) -> AsyncIterator[tuple[CutLine, str]]:
-    line = CutLine(int(url.rsplit(":", 1)[1]))
-    joined = await line.open()
+async def wire_to(url: str) -> AsyncIterator[tuple[CutWire, str]]:
+    wire = CutWire(int(url.rsplit(":", 1)[1]))
+    joined = await wire.open()
     try:
-        yield line, joined
+        yield wire, joined
     finally:
-        await line.close()
+        await wire.close()

@@ -36,7 +36,7 @@ class AgentUnderTest:
     """How long an answer may take, and how long the control may take until something is in force."""
 
 
-class BareLine:
+class BareConnection:
     """One connection, greeted by the agent."""
 
     def __init__(self, target: AgentUnderTest, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
@@ -147,35 +147,35 @@ class BareLine:
 
 
 @asynccontextmanager
-async def connected(target: AgentUnderTest) -> AsyncIterator[BareLine]:
+async def connected(target: AgentUnderTest) -> AsyncIterator[BareConnection]:
     """Greeted, not logged in. Raises Unreachable."""
     try:
         async with asyncio.timeout(target.timeout_s):
             reader, writer = await asyncio.open_connection(target.host, target.port, limit=LONGEST_ANSWER)
     except (OSError, TimeoutError) as error:
         raise Unreachable(f"{target.host}:{target.port}: {str(error) or 'no connection'}") from None
-    line = BareLine(target, reader, writer)
+    agent = BareConnection(target, reader, writer)
     try:
-        await line.greeted()
-        yield line
+        await agent.greeted()
+        yield agent
     finally:
-        await line.close()
+        await agent.close()
 
 
 @asynccontextmanager
-async def logged_in(target: AgentUnderTest) -> AsyncIterator[BareLine]:
+async def logged_in(target: AgentUnderTest) -> AsyncIterator[BareConnection]:
     """Raises Unreachable if the agent refuses for longer than it may take to notice that an earlier client has gone."""
     loop = asyncio.get_running_loop()
     until = loop.time() + 3.0 + target.timeout_s
     while True:
-        async with connected(target) as line:
+        async with connected(target) as agent:
             try:
-                await line.login()
+                await agent.login()
             except Told as refusal:
                 if loop.time() > until:
                     raise Unreachable(f"the agent refuses the login: {refusal}") from None
             else:
-                yield line
+                yield agent
                 return
         await asyncio.sleep(0.1)
 

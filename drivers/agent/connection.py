@@ -13,7 +13,7 @@ _LONGEST_LINE = 65536
 Json = None | bool | int | float | str | list["Json"] | dict[str, "Json"]
 
 
-class AgentLine:
+class AgentConnection:
     """Asks one question at a time. Any fault closes the connection: later answers could belong to earlier questions."""
 
     def __init__(self, settings: AgentSettings) -> None:
