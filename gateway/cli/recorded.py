@@ -154,7 +154,8 @@ def make_prior(
 def report(database: Path, output: Path | None, time_zone: str | None, shifts: str, day: datetime | None) -> None:
     """Write the HTML report of DATABASE and print its table."""
     need_extra("report")
-    from gateway.cli.report import Reader, write
+    from gateway.answers import Reader
+    from gateway.cli.report import write
 
     reader = Reader(time_zone_of(time_zone), shifts_of(shifts), None if day is None else day.date())
     write(database, page_path(output, database), reader=reader)

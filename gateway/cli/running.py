@@ -8,8 +8,8 @@ from collections.abc import Callable, Sequence
 from contextlib import AsyncExitStack
 from importlib.metadata import version
 
-from gateway.cli.day_reports import DayReports
-from gateway.cli.stored import course_of, history_of, rows_of
+from gateway.answers import DayReports, course_of, history_of, rows_of
+from gateway.cli.extras import missing_of
 from gateway.clock import ServiceClock, clock_synchronised
 from gateway.config import GatewayConfig, packed_toml
 from gateway.events import ConfigurationApplied, EventReported, GatewayEvent, Sink, in_order
@@ -66,7 +66,7 @@ async def serve(
         sinks: list[Sink] = [store.record]
         telemetry: TelemetryPublisher | None = None
         if config.telemetry.enabled:
-            reports = DayReports(config.storage.path, clock.utc)
+            reports = DayReports(config.storage.path, clock.utc, missing=missing_of("report"))
             telemetry = TelemetryPublisher(
                 config.telemetry,
                 config.machine.name,

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from drivers.base import Quality, SystemClock
-from gateway.cli.stored import history_of
+from gateway.answers import history_of
 from gateway.client import Machine
 from gateway.config import Telemetry
 from gateway.storage.readings import QUALITIES, Channels, Pruning, Retention

@@ -24,7 +24,7 @@ import numpy as np
 import zenoh
 from pyarrow import parquet
 
-from gateway.cli.stored import rows_of
+from gateway.answers import rows_of
 from gateway.config import Telemetry
 from gateway.telemetry import StoredRequest, page_config
 from tests.benches.free_port import free_port

@@ -17,7 +17,7 @@ import zenoh
 
 from drivers.base import Quality, SystemClock
 from gateway.acquisition import Sample
-from gateway.cli.stored import rows_of
+from gateway.answers import rows_of
 from gateway.clock import RealClock
 from gateway.config import Telemetry
 from gateway.events import DecisionMade, EventReported, FrameMade, GatewayEvent, ReadingsTaken

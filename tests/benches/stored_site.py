@@ -11,7 +11,7 @@ from pyarrow import dataset
 
 from drivers.base import Quality
 from gateway.acquisition import Sample
-from gateway.cli.stored import rows_of
+from gateway.answers import rows_of
 from gateway.collect import Collector, SiteKept
 from gateway.events import DecisionMade, EventReported, FrameMade, MeasurementEnded, ReadingsTaken, ReasonsGiven
 from gateway.probing import Outcome

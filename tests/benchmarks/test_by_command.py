@@ -61,7 +61,7 @@ def test_it_makes_the_rows_of_the_page_and_renews_them(
         assert hasattr(module, name)
         monkeypatch.setattr(module, name, value)
     if subject == "selection":
-        monkeypatch.setattr(module, "machine", shorter)
+        monkeypatch.setattr(module, "machine_days", shorter)
         monkeypatch.setattr(module, "median_s", once)
     before = (ROOT / "docs" / "results.md").read_text("utf-8")
     page = tmp_path / "results.md"

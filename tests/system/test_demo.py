@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 import zenoh
 
-from gateway.cli.report import collect
+from gateway.answers import collect
 from gateway.replay import replay
 from gateway.report import summary
 from gateway.storage import History

@@ -12,8 +12,8 @@ import pytest
 from click.testing import CliRunner
 
 from drivers.base import SystemClock
+from gateway.answers import rows_of
 from gateway.cli import main
-from gateway.cli.stored import rows_of
 from gateway.collect.database import database_parameters
 from gateway.config import Telemetry
 from gateway.storage import Store

@@ -14,8 +14,8 @@ from click.testing import CliRunner
 from pyarrow import dataset
 
 from drivers.base import SystemClock
+from gateway.answers import rows_of
 from gateway.cli import main
-from gateway.cli.stored import rows_of
 from gateway.collect import Collector, SiteFolder, SiteNetwork
 from gateway.config import Telemetry, TelemetryTls
 from gateway.storage import Store

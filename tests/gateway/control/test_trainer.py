@@ -73,7 +73,7 @@ async def test_a_killed_training_is_reported() -> None:
 
 
 async def test_work_beyond_its_limit_is_ended(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("gateway.apart.process.LIMIT_S", 0.05)
+    monkeypatch.setattr("gateway.apart.process.WORK_LIMIT_S", 0.05)
     with pytest.raises(WorkError, match="did not finish"):
         await train_apart(MINUTES)
     assert children(os.getpid()) == []

@@ -8,8 +8,8 @@ from zoneinfo import ZoneInfo
 import numpy as np
 from click.testing import CliRunner
 
+from gateway.answers import Reader, collect, empty_page
 from gateway.cli import main
-from gateway.cli.report import Reader, collect, empty_page
 from tests.benches.stored_days import DAY, STEP_S, two_days
 
 ZURICH = ZoneInfo("Europe/Zurich")

@@ -12,8 +12,8 @@ from click.testing import CliRunner
 
 from drivers.base import Quality
 from gateway.acquisition import Sample
+from gateway.answers import own_zone
 from gateway.cli import main
-from gateway.cli.report import own_zone
 from gateway.config import GatewayConfig
 from gateway.events import DecisionMade, FrameMade, MeasurementEnded, ReadingsTaken
 from gateway.past import past_in

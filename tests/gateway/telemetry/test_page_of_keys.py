@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 from drivers.base import Quality, SystemClock
-from gateway.cli.stored import history_of
+from gateway.answers import history_of
 from gateway.clock import RealClock
 from gateway.config import Telemetry
 from gateway.events import DecisionMade, ReadingsTaken

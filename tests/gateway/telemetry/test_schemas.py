@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from drivers.base import Quality, SystemClock
-from gateway.cli.stored import course_of, history_of, rows_of
+from gateway.answers import course_of, history_of, rows_of
 from gateway.clock import RealClock
 from gateway.commands import CommandName
 from gateway.config import Operator, Telemetry

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from gateway.answers import DayReports
 from gateway.apart import WorkError
-from gateway.cli.day_reports import DayReports
 from gateway.telemetry import ReportRequest
 from tests.benches.stored_days import DAY, two_days
 

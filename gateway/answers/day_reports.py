@@ -6,14 +6,13 @@ import resource
 import threading
 import time
 from collections import OrderedDict
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable, Coroutine, Sequence
 from datetime import UTC, date, datetime, timedelta
 from pathlib import Path
 from typing import Any
 from zoneinfo import ZoneInfo
 
 from gateway.apart import WorkError, apart
-from gateway.cli.extras import missing_of
 from gateway.telemetry import ReportPage, ReportRequest
 
 _MOST_BYTES = 3_000_000
@@ -32,7 +31,7 @@ _STORED_WITHIN = timedelta(minutes=30)
 def made(database: Path, day: date, zone: str) -> bytes:
     """The page of a day, HTML compressed with gzip; runs in a separate process. Raises StoreError, ValueError."""
     resource.setrlimit(resource.RLIMIT_DATA, (_MEMORY, _MEMORY))
-    from gateway.cli.report import Reader, collect, empty_page  # loads what draws: never in the gateway itself
+    from gateway.answers.report_data import Reader, collect, empty_page  # loads what draws: never in the gateway itself
     from gateway.report import build
 
     reader = Reader(_zone(zone), day=day)
@@ -67,6 +66,7 @@ class DayReports:
     make: gives a compressed page for a database, a day and a time zone; raises WorkError
     monotonic_s: real seconds
     limit_s: how long a page may take
+    missing: packages that a page needs and that are not installed
     """
 
     def __init__(
@@ -76,8 +76,9 @@ class DayReports:
         make: Callable[[Path, date, str], Coroutine[Any, Any, bytes]] = _made_apart,
         monotonic_s: Callable[[], float] = time.monotonic,
         limit_s: float = _LIMIT_S,
+        missing: Sequence[str] = (),
     ) -> None:
-        self._limit_s = limit_s
+        self._limit_s, self._missing = limit_s, missing
         self._database, self._now, self._make, self._monotonic_s = database, now, make, monotonic_s
         self._kept: OrderedDict[tuple[date, str], tuple[float | None, bytes]] = OrderedDict()
         """With the monotonic time at which it was made; None: the day was over."""
@@ -87,10 +88,9 @@ class DayReports:
 
     def __call__(self, asked: ReportRequest) -> ReportPage:
         """The page of a day. Raises ValueError for an unknown time zone, OSError when it cannot be made."""
-        if missing := missing_of("report"):
-            raise OSError(
-                f"{', '.join(missing)} not installed on the gateway's computer; pip install 'talc-gateway[report]'"
-            )
+        if self._missing:
+            names = ", ".join(self._missing)
+            raise OSError(f"{names} not installed on the gateway's computer; pip install 'talc-gateway[report]'")
         zone = _zone(asked.zone)
         return ReportPage(asked.day.isoformat(), asked.zone, self._page(asked, zone))
 
