@@ -1,6 +1,6 @@
-"""Benchmarks beside peers: one module per subject returns rows; `python -m benchmarks` runs and tabulates them.
+"""Benchmarks beside peers: each module returns the rows of one subject; `python -m benchmarks` runs and tabulates them.
 
-Nothing is for others.
+No other package uses anything of this one.
 """
 
 __all__: list[str] = []

@@ -26,12 +26,12 @@ _SUBJECTS = (
     "recordings",
 )
 _ON_REQUEST = ("thingsboard",)
-"""Subjects that install a program of others, and so run only when they are named."""
+"""Subjects that install a third-party program, and therefore run only when they are named."""
 _RESULTS = Path(__file__).parents[1] / "docs" / "results.md"
 
 
 def main(wanted: list[str], results: Path = _RESULTS) -> None:
-    """Run the subjects, all if none is wanted, and renew their tables in a Markdown file."""
+    """Run the subjects, all of them if none is named, and renew their tables in a Markdown file."""
     available = (*_SUBJECTS, *_ON_REQUEST)
     unknown = set(wanted) - set(available)
     if unknown:

@@ -1,7 +1,7 @@
 """Cost of the whole service in real time: `talc-gateway run` in one process, the emulated devices in others.
 
-Processor time is that of the service's process with all its threads, from /proc; periods are those of the stored
-readings, by their source times. Each is measured over three successive windows, and the median is shown.
+Processor time covers all threads of the service's process, from /proc; periods are those of the stored readings, by
+their source times. Each is measured over three successive windows, and the median is shown.
 """
 
 import json
@@ -209,7 +209,7 @@ def _late_p99_ms(config: GatewayConfig, since: float, until: float) -> float:
 
 
 def readings_of(config: GatewayConfig, since: float, until: float) -> dict[str, list[float]]:
-    """When each channel had a good reading between these, by the service's store; s since 1970."""
+    """When each channel had a good reading between these times, according to the service's store; s since 1970."""
     times: dict[str, list[float]] = {channel.name: [] for channel in config.channels}
     with closing(sqlite3.connect(config.storage.path)) as database:
         for channel, at in database.execute(
@@ -366,5 +366,5 @@ def _buses_rows() -> list[BenchRow]:
 
 
 def rows() -> list[BenchRow]:
-    """A machine's usual size, then 500 channels, alone and with a training beside."""
+    """A machine of the usual size, then 500 channels, without and with a training beside it."""
     return [*_bench_rows(), *_buses_rows()]

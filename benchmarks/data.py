@@ -23,12 +23,12 @@ from studies import Days, days
 
 _IDLE_S = 12 * 3600.0
 _REFERENCE_CYCLES = 5
-"""The gateway's reference is a mean of so many measurements; its noise is in all others."""
+"""The gateway's reference is the mean of this many measurements; its noise is part of all later measurements."""
 
 
 def varied(seed: int) -> PlantParameters:
-    """One machine of the kind. Seeds 0-3: the plant and its variants as they are; later ones: the same in turn, with
-    conduction, films, masses, losses, expansion and lags scattered by 20-35 % (lognormal)."""
+    """One machine of the kind. Seeds 0-3 give the plant and its variants as they are. Later seeds give the same in
+    turn, with conduction, films, masses, losses, expansion and lags scattered by 20-35 % (lognormal)."""
     name = MACHINES[seed % len(MACHINES)]
     if seed < len(MACHINES):
         return load_machine(name)

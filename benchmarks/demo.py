@@ -1,7 +1,7 @@
-"""The demo's figures from twenty seeds: how far those of one run are chance.
+"""The demo's figures from twenty seeds, to show how much of a single run's figures is chance.
 
-The demo's machine, load case, probing and learner in simulated time, a few seconds a seed: what the wires carry is
-called directly. Not there: the checks of a measurement, and latencies of the wires.
+The demo's machine, load case, probing and learner run in simulated time, a few seconds per seed: what the wires carry
+is called directly. The checks of a measurement and the latencies of the wires are left out.
 """
 
 import math
@@ -123,7 +123,7 @@ class DemoLoop:
         self._hours, self._sent = hours, sent
 
     def run(self) -> ReportData:
-        """All of it, as the report takes it."""
+        """Run all hours, and return the run as the report takes it."""
         for time_s in range(_TICK_S, int(self._hours * 3600) + 1, _TICK_S):
             self._clock.now = float(time_s)
             state = self._machine.control.state()
@@ -143,7 +143,7 @@ class DemoLoop:
 
     @property
     def frames(self) -> Sequence[Frame]:
-        """One of each grid step so far."""
+        """One frame for each grid step so far."""
         return self._frames
 
     def _temperatures(self) -> list[float]:

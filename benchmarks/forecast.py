@@ -1,8 +1,9 @@
 """The learner's forecasts on the simulated machines, against the truth when their time has come.
 
-A day measured hourly, then each 2 h. Each hour of the last three days, how far off is at each later time: the error as
-it is estimated now; the learner if the inputs stay as they are; the learner if temperatures go on as they change now,
-and this change fades. And how often the truth lies within the interval that the page states.
+A day measured hourly, then each 2 h. In each hour of the last three days it computes how far off each of these is at
+each later time: the error as it is estimated now; the learner if the inputs stay as they are; the learner if
+temperatures go on as they change now, and this change fades. It also counts how often the truth lies within the
+interval that the page states.
 """
 
 import os
@@ -84,7 +85,7 @@ def _run(kind: str, seed: int) -> ForecastOutcome:
 
 
 def rows() -> list[BenchRow]:
-    """A few minutes."""
+    """All rows of the table; takes a few minutes."""
     with ProcessPoolExecutor(os.cpu_count()) as pool:
         found = list(pool.map(_run, *zip(*MACHINES, strict=True)))
 

@@ -101,7 +101,7 @@ def _curve_row(name: str, curves: list[FloatArray], goal: str = "", peer: list[F
 
 
 def _cost() -> list[BenchRow]:
-    """In processor time, which other programs disturb less."""
+    """Measured in processor time, which other programs disturb less."""
     m = machine_days("axes", 3, 340)
     times: dict[bool, list[float]] = {True: [], False: []}
     valid, used = np.ones(len(m.names), dtype=np.bool_), day_then_every(1, 24, len(m.inputs))

@@ -1,6 +1,6 @@
 """`python -m benchmarks.method_figures`: draws the figures of docs/method.md, from the recording FL_THERMAL.
 
-With the path of a folder, there instead of in docs.
+Given the path of a folder, it writes them there instead of in docs.
 """
 
 import sys

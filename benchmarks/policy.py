@@ -1,7 +1,7 @@
-"""When to measure: the learner's own requests beside itself at fixed intervals, on simulated machines.
+"""When to measure: the learner at its own request, compared with the learner at fixed intervals, on simulated machines.
 
 On the sixteen machines of `benchmarks.learner`, from the first hour on, and on machines of which it sees little: six
-temperatures, chosen by chance, no state of the machine, and switched off at night. Each limit is compared with the
+temperatures chosen at random and no machine state, on a machine that is off at night. Each limit is compared with the
 fixed interval that leaves an equal 99th percentile, or an equal RMSE, of the six position errors.
 """
 
@@ -29,11 +29,11 @@ FEW = tuple(product(("day", "axes"), (0, 5, 6)))
 """Two kinds of load; a machine as it is and two scattered ones."""
 FEW_HOURS, _TEMPERATURES, _SEEN = 12 * 24, 29, 6
 _ON_H, _FREE_DAYS = 14.0, (5, 6)
-"""Switched on for so many hours a day, and not at all at the weekend."""
+"""The machine is switched on for this many hours a day, and not at all at the weekend."""
 
 
 def few(kind: str, seed: int, hours: int = FEW_HOURS) -> Series:
-    """A machine of which six temperatures are seen, and which is off at night and at the weekend."""
+    """A machine of which only six temperatures are seen, and which is off at night and at the weekend."""
 
     def off(k: int) -> bool:
         day, step = divmod(k, round(24 * 3600 / _STEP_S))

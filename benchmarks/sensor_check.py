@@ -40,7 +40,7 @@ class SensorOutcome:
     told: list[str] = field(default_factory=list)
     watched_days: float = 0.0
     found: dict[tuple[int, float], int] = field(default_factory=dict)
-    """Days learnt and offset (0: an exchange), to how many of `DRAWS` were found and named."""
+    """From days learnt and offset (0: an exchange) to how many of `DRAWS` were found and named."""
     smallest: dict[int, list[float]] = field(default_factory=dict)
     alike: list[tuple[str, str]] = field(default_factory=list)
     """After eight days, one entry per pair and window."""
@@ -126,7 +126,7 @@ def _is_off(k: int) -> bool:
 
 
 def rows() -> list[BenchRow]:
-    """False alarms, detection after so many days of learning, and the pairs that look alike."""
+    """False alarms, detection after a given number of days of learning, and the pairs that look alike."""
     jobs = [(kind, seed) for kind in ("day", "axes", "off") for seed in SEEDS]
     with ProcessPoolExecutor(os.cpu_count()) as pool:
         every = list(pool.map(check_outcome, *zip(*jobs, strict=True)))

@@ -26,10 +26,11 @@ from talc.frame import FloatArray, Frame, Measurement, Why
 _DEVICES, _EACH = 7, 4
 _CHANNELS, _STEP_S, _STEPS_A_YEAR = _DEVICES * _EACH, 300, 365 * 288
 _REAL_S = 400
-"""At the real pace. At the end the log is put into the database, as when it has grown to its limit."""
+"""Length of the part that runs at the real pace. At its end the log is put into the database, as when it has grown to
+its limit."""
 _BEGAN = datetime(2026, 1, 1, tzinfo=UTC)
 _KEEP_EVERY_S = 600
-"""As the store's thread does it."""
+"""As often as the store's thread does it."""
 _AT_ONCE, _DECIDED, _RESTARTS = 20_000, 300, 7
 _TEXT = """
 [machine]
@@ -134,12 +135,12 @@ def thinning(folder: Path, turns: int = 30) -> float:
 
 
 def played(folder: Path, turns: int, samples_days: float) -> float:
-    """GB a day of what comes each second, played with a commit each `commit_s`.
+    """GB a day of what comes each second, played with a commit every `commit_s`.
 
-    An hour of readings stays instead of a week: after the first third of the turns, as many become old as are new. Each
-    ten minutes the store is opened anew, which makes it do what it does each ten minutes; another connection keeps the
-    log from being put into the database by that. The kernel's own writes of the log's index, while time passes, are
-    not in it.
+    Readings are kept for an hour instead of a week: after the first third of the turns, as many become old as are new.
+    Every ten minutes the store is opened again, which makes it do what it does every ten minutes; another connection
+    keeps that from putting the log into the database. The figure does not include the kernel's own writes of the log's
+    index while time passes.
     """
     folder.mkdir()
     config, clock, machine = config_in(folder), PlayedClock(), StoredMachine()

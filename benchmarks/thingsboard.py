@@ -1,14 +1,13 @@
 """`python -m benchmarks thingsboard`: the 500 channels of `acquisition`, read by thingsboard-gateway and by ours.
 
 Both get the same emulated devices at 1 Hz, one after the other, and make the same requests: the values and the fault
-bits of each unit, one request each. ThingsBoard's gateway runs from an environment of its own (out/thingsboard), with
-one Modbus connector for the serial lines and one for TCP, as it advises itself (one for each bus would cost more: each
-is a thread that looks for work every millisecond), report strategy ON_RECEIVED, and without rate limits, statistics and
+bits of each unit, one request each. ThingsBoard's gateway runs from its own environment (out/thingsboard), with one
+Modbus connector for the serial lines and one for TCP, as ThingsBoard advises (one for each bus would cost more: each is
+a thread that looks for work every millisecond), report strategy ON_RECEIVED, and without rate limits, statistics and
 remote configuration. Mosquitto takes the place of the ThingsBoard server. It publishes values only; ours also checks,
 stores and publishes each reading with its quality.
 
-Missed periods are those by which a channel's readings are fewer than the seconds. Times are those that each program
-gives its readings.
+A channel's missed periods are the seconds less its readings. Times are those that each program gives its readings.
 """
 
 import json

@@ -50,7 +50,7 @@ class Way:
     training: TrainingSettings = field(default_factory=TrainingSettings)
     control: ControlSettings = field(default_factory=ControlSettings)
     learner_each: int | None = None
-    """The learner, measured every so many steps in the first day and then every 2 h; None: the models."""
+    """The learner, measured at this interval, in steps, on the first day and then every 2 h; None: the models."""
 
     def measured(self, rows: int) -> BoolArray | None:
         """(rows,) when the learner is measured; None: when the models request it."""

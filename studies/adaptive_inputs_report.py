@@ -39,7 +39,7 @@ E_PV is largest minus smallest, E_RMS the root mean square about zero, of what i
 after the first day, before a measurement of the same moment.
 
 none: no compensation. hold: the last of the same measurements. regression: a linear regression on all inputs renewed
-with the measurements that search (adaptive) made. learner: all inputs weighed anew at each measurement, with one each
+with the measurements that search (adaptive) made. learner: all inputs weighted again at each measurement, with one each
 2 h and none for model updates."""
 
 _MISSING, _NOT_ASKED = "not at hand", "not in it"

@@ -22,7 +22,7 @@ PAPER = {
 }
 """The paper's Table 2, validation. Its machine, loads and sensors are not known well enough to be ours."""
 _DIVERGED = 10.0
-"""A model that leaves more than so many times the error without any has run away."""
+"""A model that leaves more than this many times the uncompensated error has run away."""
 _EIGHT = [(direction, name) for direction in PAPER for name in FIGURES]
 _ASKED = """Does one autoregressive term make a thermal model better than more delays of the inputs, or none, and when
 does it not? A machine of three bodies (base, column, spindle; finite elements, reduced) is warmed by two heat sources;
@@ -46,7 +46,7 @@ _WHY = {
     "stored in the rest of the structure.",
     ("near", True): "Noise on past outputs shrinks the pole of a one-step fit, and the model forgets (errors in "
     "variables); fitting the free run does not suffer.",
-    ("far", False): "A far sensor knows of heat later than the drift does. A model would have to look ahead; least "
+    ("far", False): "A far sensor responds to heat later than the drift does. A model would have to look ahead; least "
     "squares on clean data does so with a pole beyond 1 and runs away.",
     ("far", True): "The same delay. Noise hides the unstable pole, and what is left of the heat's history is not much.",
 }

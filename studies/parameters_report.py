@@ -28,7 +28,7 @@ min), with fixed limits of 5 µm and 15 µm/m, and the best set is the one of la
 below 5 µm.
 
 13 calibration lengths (4 to 24 h), 13 intervals (0.5 to 12 h) and 13 no-good lengths (2 to 26 measurements 10 min
-apart) make 2,197 combinations; the paper has 2,191, whose list is not at hand. P99 and RMSE are taken over the six
+apart) make 2,197 combinations; the paper has 2,191, of which no list is available. P99 and RMSE are taken over the six
 position errors together, against the simulated truth, after the calibration, before a measurement of the same moment.
 Pd counts a cycle of 95 s for each measurement over the whole series, calibration included. Inputs are chosen in the
 calibration and kept, as the paper's are; models are output-error ones (`search`), renewed when a limit is exceeded.

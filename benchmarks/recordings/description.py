@@ -138,7 +138,7 @@ class Description(_DescriptionSection):
         return self.errors[error].unit or self.unit
 
     def says_unit_of(self, error: str) -> bool:
-        """Whether the file says the unit of an error, of itself or of all."""
+        """Whether the file states the unit of an error: its own, or one for all errors."""
         return self.errors[error].unit is not None or "unit" in self.model_fields_set
 
     def scale_of(self, error: str) -> float:
@@ -191,7 +191,7 @@ def recordings_in(folder: Path) -> list[Path]:
     found = sorted(folder.rglob("*.toml"))
     if not found:
         tables = sorted(file.name for file in folder.iterdir() if file.suffix in _TABLES)
-        there = f"it holds {', '.join(tables)}; " if tables else ""
+        there = f"it contains {', '.join(tables)}; " if tables else ""
         what = f"no TOML file: {there}describe each recording in one beside it (docs/benchmark-recordings.md)"
         raise ConfigError(folder, [Problem("", what)])
     return found

@@ -17,7 +17,7 @@ _POSITIONS = tuple(i for i, name in enumerate(THERMAL_ERRORS) if ERROR_UNITS[nam
 _ANGLES = tuple(i for i in range(_ERRORS) if i not in _POSITIONS)
 _DAY_S = 86400.0
 _LEAST_MEASUREMENTS = 12
-"""That a controller's calibration takes."""
+"""Number of measurements that a controller's calibration takes."""
 
 
 def slots(angle: BoolArray) -> list[dict[int, int]]:
@@ -41,7 +41,8 @@ class Models:
     gaps: bool = True
     """Steps that were not recorded are missing values; otherwise each recorded step follows the one before."""
     most_trainings: int = 8
-    """The first models and so many updates less one: weeks of measurements each hour would take a swarm hours."""
+    """At most this many trainings, the first models' included: a swarm would need hours for weeks of hourly
+    measurements."""
 
     def courses(self, given: Given) -> Sequence[MethodCourse]:
         if not self.gaps:

@@ -85,7 +85,7 @@ def read_series(description: Path) -> tuple[Description, Series]:
     columns, places = _cells(table, wanted, problems)
     time_s, run = _times(columns, places, table.word, said, description, problems)
     problems.refuse()
-    notes = [*table.notes, *(f"column {name!r}: does not hold numbers; left out" for name in strange_kinds)]
+    notes = [*table.notes, *(f"column {name!r}: does not contain numbers; left out" for name in strange_kinds)]
     notes += [
         f"column {name!r}: its name says {named_unit(name)}, read in {said.unit_of(name)}, as the file says no unit"
         for name in said.errors
@@ -251,16 +251,16 @@ def _times(
         hint = "sort the rows, or name the column that distinguishes runs ([runs] column)"
         problems.add(f"{word} {places[i]}, column {said.time.column!r}", f"{what}; {hint}")
     problems.refuse()
-    anew = np.flatnonzero(back & begins)
+    restarts = np.flatnonzero(back & begins)
     off = said.runs.off_h
-    if anew.size and off is None:
-        what = f"missing: time starts again at {word} {places[anew[0]]}, so the hours off before it are unknown"
+    if restarts.size and off is None:
+        what = f"missing: time starts again at {word} {places[restarts[0]]}, so the hours off before it are unknown"
         raise ConfigError(description, [Problem("[runs] off_h", what)])
-    hours = off if isinstance(off, tuple) else (off or 0.0,) * int(anew.size)
-    if len(hours) != anew.size and anew.size:
-        what = f"has {len(hours)} entries; time starts again {anew.size} times"
+    hours = off if isinstance(off, tuple) else (off or 0.0,) * int(restarts.size)
+    if len(hours) != restarts.size and restarts.size:
+        what = f"has {len(hours)} entries; time starts again {restarts.size} times"
         raise ConfigError(description, [Problem("[runs] off_h", what)])
-    for i, gap_h in zip(anew.tolist(), hours, strict=False):
+    for i, gap_h in zip(restarts.tolist(), hours, strict=False):
         time_s[i:] += time_s[i - 1] - time_s[i] + gap_h * 3600.0
     begins[1:] |= np.diff(time_s) > said.runs.gap_min * 60.0
     return time_s, np.cumsum(begins).astype(np.int64)

@@ -28,7 +28,7 @@ _GOALS = {
     (12.0, minutes): f"≤ {share} of hold" for minutes, share in ((60.0, "0.30"), (120.0, "0.24"), (240.0, "0.20"))
 }
 _LONG_H = 100.0
-"""Longer recordings have their limits swept after the second beginning alone, to end within minutes."""
+"""Limits of longer recordings are swept after the second beginning only, so that a run ends within minutes."""
 _DEFAULT = "learner"
 """The method that the table is about."""
 

@@ -192,7 +192,7 @@ def test_parquet_is_read_and_columns_without_numbers_are_left_out(tmp_path: Path
 
 def test_a_folder_without_a_description_says_what_to_do(tmp_path: Path) -> None:
     (tmp_path / "lathe.csv").write_text("time,t1\n")
-    with pytest.raises(ConfigError, match=r"no TOML file: it holds lathe\.csv; describe each recording"):
+    with pytest.raises(ConfigError, match=r"no TOML file: it contains lathe\.csv; describe each recording"):
         recordings_in(tmp_path)
     with pytest.raises(ConfigError, match="is not a folder; set RECORDINGS"):
         recordings_in(tmp_path / "nothing")
