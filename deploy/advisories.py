@@ -2,9 +2,9 @@
 
 python deploy/advisories.py LOCK... [--index URL] [--longest SECONDS]
 
-It asks PyPI's JSON for each distribution in its locked version. An index may tell of the newest version alone: that is
-an answer only where the newest version is the locked one. What does not answer is asked three times, while there is
-time. The last line says all of it in short. Exit code 1: a vulnerability is known; 3: none is known, but not everything
+It asks PyPI's JSON for each distribution in its locked version. An index may report only the newest version: that is an
+answer only where the newest version is the locked one. A question without an answer is asked three times, while there
+is time. The last line sums up the result. Exit code 1: a vulnerability is known; 3: none is known, but not everything
 could be checked.
 """
 
@@ -53,7 +53,7 @@ def page(url: str, until_s: float) -> Any:
 
     Raises
     ------
-    OSError, ValueError: no answer, or none that can be read, three times or for so long
+    OSError, ValueError: no answer, or none that can be read, three times or until then
     """
     pauses_s = list(PAUSES_S)
     while True:
@@ -72,7 +72,7 @@ def page(url: str, until_s: float) -> Any:
 
 
 def stated(about: Any) -> tuple[str, ...]:
-    """The advisories of an answer, each with its aliases and the versions that mend it; not those withdrawn.
+    """The advisories of an answer, each with its aliases and the versions that fix it; without those withdrawn.
 
     Raises
     ------
@@ -94,7 +94,7 @@ def asked(index: str, name: str, version: str, until_s: float) -> IndexAnswer:
             return IndexAnswer(name, version, unchecked="the index does not have it")
         told = about["info"]["version"]
         if told != version:
-            return IndexAnswer(name, version, unchecked=f"the index tells of {told} only")
+            return IndexAnswer(name, version, unchecked=f"the index reports only {told}")
         return IndexAnswer(name, version, stated(about))
     except (OSError, ValueError) as error:
         return IndexAnswer(name, version, unchecked=str(error) or type(error).__name__)

@@ -32,7 +32,7 @@ for architecture in x86_64 aarch64; do
         "$work/build/bin/python" "$architecture" >"$work/zig-$architecture"
     chmod +x "$work/zig-$architecture"
     rm -rf "$work/source/build"
-    # What scikit-build-core and nanobind take from the target's Python, said for them.
+    # States what scikit-build-core and nanobind would take from the target's Python.
     env "PATH=$work/build/bin:$PATH" CXXFLAGS="-include cstdio" CXX="$work/zig-$architecture" ZIG_GLOBAL_CACHE_DIR="${ZIG_GLOBAL_CACHE_DIR:-$work/zig}" \
         _PYTHON_HOST_PLATFORM="manylinux_2_28_$architecture" SETUPTOOLS_EXT_SUFFIX=.abi3.so \
         "${pip[@]}" wheel --quiet --no-deps --no-build-isolation --wheel-dir "$work/wheels" "$work/source"

@@ -87,7 +87,7 @@ def test_an_index_that_tells_of_the_newest_version_alone_answers_for_that_one(tm
     assert code == 1
     assert lines[0] == "one 1.0: PYSEC-1 (CVE-1), fixed in 1.1"
     assert lines[-1].startswith("1 in one 1.0; checked 1 of 2 locked versions; NOT CHECKED: ")
-    assert lines[-1].endswith("NOT CHECKED: Two.2 2.0 (the index tells of 3.0 only)")
+    assert lines[-1].endswith("NOT CHECKED: Two.2 2.0 (the index reports only 3.0)")
 
 
 def test_an_index_that_refuses_once_is_asked_again(tmp_path: Path) -> None:

@@ -29,7 +29,7 @@ root=$work/root home=/opt/talc-gateway
 
 if [ "$architecture" != "$native" ]; then
     [ "$architecture" = arm64 ] || { echo "$0: cannot build for $architecture here" >&2; exit 2; }
-    # What scikit-build-core and nanobind take from the target's Python, said for them.
+    # States what scikit-build-core and nanobind would take from the target's Python.
     cross=(CXX=aarch64-linux-gnu-g++ "CXXFLAGS=${ARM64_ROOT:+-idirafter $ARM64_ROOT/usr/include}"
         _PYTHON_HOST_PLATFORM=linux-aarch64 "SETUPTOOLS_EXT_SUFFIX=.cpython-${minor/./}-aarch64-linux-gnu.so")
 fi

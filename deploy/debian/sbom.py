@@ -1,4 +1,4 @@
-"""Writes what an environment holds: a CycloneDX 1.5 list (JSON) and the licences as a text.
+"""Lists what an environment contains: a CycloneDX 1.5 list (JSON), and the licences as a text.
 
 python deploy/debian/sbom.py SITE_PACKAGES BUILD_SITE_PACKAGES FOLDER
 
@@ -44,7 +44,7 @@ def component(distribution: Distribution) -> dict[str, object]:
 
 
 def words(text: str) -> list[str]:
-    """Those of a licence, without the comment signs and lines in which it is set."""
+    """The words of a licence, without comment signs and line breaks."""
     return text.replace("*", " ").split()
 
 
@@ -84,7 +84,7 @@ def main(site: Path, build: Path, folder: Path) -> None:
     """Write both files."""
     found = sorted(distributions(path=[str(site)]), key=lambda d: d.metadata["Name"].lower())
     if not found:
-        raise SystemExit(f"{site}: holds no distributions")
+        raise SystemExit(f"{site}: contains no distributions")
     compiled = list(compiled_in(site, build))
     components = [*map(component, found), script(site), *(part for part, _ in compiled)]
     bom = {"bomFormat": "CycloneDX", "specVersion": "1.5", "version": 1, "components": components}

@@ -1,5 +1,5 @@
 #!/bin/sh
-# A small certificate authority for Zenoh by TLS: one folder, openssl alone. Keep the folder on one computer, offline.
+# A small certificate authority for Zenoh over TLS: one folder, only openssl. Keep the folder on one computer, offline.
 #
 #   certificates.sh authority FOLDER NAME           begin it: FOLDER/authority.pem and its key
 #   certificates.sh issue FOLDER NAME HOSTS [DAYS]  FOLDER/NAME.pem and NAME.key, valid 397 days unless DAYS says otherwise

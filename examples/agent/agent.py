@@ -1,6 +1,6 @@
 """A whole agent (docs/agent.md) on an emulated machine, standard library only: `python agent.py KEY_FILE [PORT]`.
 
-Replace Machine by your control. Its watchdog must then run where it goes on when this program dies: in the control.
+Replace Machine by your control. Its watchdog must then run in the control, so that it goes on when this program dies.
 """
 
 import asyncio
@@ -108,7 +108,7 @@ class Machine:
 
 
 def number(it, name, low=1, high=2**31 - 1):
-    """An owner's or a request's number, which is whole; with limits of its own, any."""
+    """A number of the command. An owner's or a request's is whole; a number with its own limits may be any."""
     value = it.get(name)
     if type(value) not in ((int,) if low == 1 else (int, float)) or not low <= value <= high:  # neither true nor NaN
         raise Refusal(f"{name} = {value!r}: expected {low} to {high}")
@@ -139,7 +139,7 @@ class Agent:
                     if time.monotonic() - self.heard_s < QUIET_S:
                         writer.write(b'{"error": "another client is connected"}\n')
                         return
-                    self.client.close()  # its computer has lost power, perhaps
+                    self.client.close()  # perhaps its computer lost power
                 said = self.answer(text) if session else {"answer": self.machine.greeting}
                 session, self.client, self.heard_s = key, writer, time.monotonic()
                 out = json.dumps(said).encode()

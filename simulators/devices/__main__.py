@@ -1,7 +1,7 @@
 """Emulated devices on real wires, driven by a scenario: `python -m simulators.devices m7015 scenario.toml`.
 
-Instead of a device's name, the path of a Modbus profile (`meter.toml`) emulates a unit that is as it says. Prints its
-address in the form of a gateway's configuration, and runs until it is interrupted.
+Given the path of a Modbus profile (`meter.toml`) instead of a device's name, it emulates a unit as that profile
+describes it. Prints its address in the form of a gateway's configuration, and runs until it is interrupted.
 """
 
 import argparse

@@ -114,11 +114,11 @@ class Cia404Node:
         return self._tpdos() if self._state == Nmt.START else ()
 
     def set_sensor_type(self, channel: int, code: int) -> None:
-        """What a service man does with the maker's tool."""
+        """Set an input's sensor type, as a technician does with the maker's tool."""
         self._sensor_types[channel] = code
 
     def set_digits(self, digits: int) -> None:
-        """Another number of decimal digits, as of a node that takes its place."""
+        """Set the number of decimal digits, as if another node took this one's place."""
         self._digits = digits
 
     def set_transmission_type(self, kind: int) -> None:
@@ -126,7 +126,7 @@ class Cia404Node:
         self._transmission_type = kind
 
     def reboot(self) -> Sequence[CanFrame]:
-        """It has lost power and is back: it sends its boot-up and waits to be started."""
+        """Come back after a loss of power: send the boot-up, and wait to be started."""
         self.faults.silent = False
         return self._network_management(Nmt.RESET_NODE)
 

@@ -1,4 +1,4 @@
-"""Modbus RTU requests that were not recorded, answered from recorded ones that read the same and more.
+"""Answers Modbus RTU requests that were not recorded from recorded ones that read the same and more.
 
 Whoever reads a played line may ask for less than was recorded: to tell a late answer from the next one, or after a
 refusal.

@@ -46,7 +46,7 @@ class LoopbackServer:
         # asyncio leaves the socket of a client open whose connection it makes after the server was closed.
         for listening in self._server.sockets:
             asyncio.get_running_loop().remove_reader(listening.fileno())
-        await asyncio.sleep(0)  # who was accepted by now is a connection after this pass of the loop
+        await asyncio.sleep(0)  # a client accepted by now is a connection after this pass of the loop
         self._server.close()
         while self.connections:
             for connection in tuple(self.connections):

@@ -145,7 +145,7 @@ class ControlScreen:
         self.until("emergency stop", lambda s: s.task_state == linuxcnc.STATE_ESTOP)
 
     def messages(self) -> list[str]:
-        """What LinuxCNC has told its operator since this was last asked."""
+        """What LinuxCNC has reported to its operator since the last call."""
         found = []
         while (message := self.errors.poll()) is not None:
             found.append(message[1])

@@ -22,7 +22,7 @@ _REST_S, _WORK_S, _PARTS = 50.0, 10.0, 10000
 WORK = MeanLoads(x=1200.0, y=900.0, z=400.0, a=0.5, c=2.0, spindle=8000.0, coolant=1.0)
 LOOK_S = 0.1
 TOLD_UM = 0.5
-"""Smallest change of an offset that is told; zero is always told."""
+"""Smallest change of an offset that is reported; zero is always reported."""
 
 
 class OwnTime:

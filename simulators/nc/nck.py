@@ -46,8 +46,8 @@ class MachineUnderControl(Protocol):
     ) -> tuple[float, float, float]:
         """Thermal deviation (X, Y, Z) in µm of the workpiece side from where the tool meets it, uncompensated.
 
-        A sphere on the table that stands 5 µm too far in X is found at +5 µm. The time of a call may lie a few
-        seconds behind the simulated clock, as touches are worked off when the control's loop wakes.
+        A sphere on the table that stands 5 µm too far in X is found at +5 µm. The time of a call may be a few seconds
+        behind the simulated clock, because touches are processed when the control's loop wakes.
         """
         ...
 

@@ -1,6 +1,6 @@
 """Interprets the synchronised actions of an NC program.
 
-It knows the subset that TALC's programs use, and no more than manuals name as possible there.
+It knows the subset that TALC's programs use, and nothing beyond what the manuals allow there.
 
 What a synchronised action may contain: NC Programming, Programming Manual, 12/2019 (6FC5398-2EP40-0BA0), 2.15.7: the
 functions of FUNCTIONS, and the priority of operators, by which a comparison binds weaker than AND and OR. Actions run
@@ -112,7 +112,7 @@ class SynchronisedActions:
         self._order = [self._actions[number] for number in self.numbers]
 
     def cancel(self, number: int) -> None:
-        """CANCEL: the action is gone. Raises KeyError if there is none."""
+        """CANCEL: remove the action. Raises KeyError if there is none."""
         del self._actions[number]
         self._order = [self._actions[number] for number in self.numbers]
 
@@ -141,7 +141,7 @@ class SynchronisedActions:
         if not 1 <= int(number) <= HIGHEST_ID:
             raise ProgramAlarm(f"IDS={number}: expected 1 to {HIGHEST_ID}")
         if int(number) in self._actions:
-            raise ProgramAlarm(f"IDS={number} is there already")
+            raise ProgramAlarm(f"IDS={number} is already defined")
         self._actions[int(number)] = _Action(
             _Parser(condition, self._variables).condition() if word else None,
             tuple(_Parser(actions, self._variables).assignments()),
@@ -149,7 +149,8 @@ class SynchronisedActions:
 
 
 class _Parser:
-    """Recursive descent, by the manual's priorities. Strict: a truth is no number, and nothing is converted."""
+    """Recursive descent, by the manual's priorities. Strict: a truth value is not a number, and nothing is
+    converted."""
 
     def __init__(self, text: str, variables: Mapping[str, SystemVariable], *, main_run: bool = True) -> None:
         self._variables, self._main_run = variables, main_run
@@ -234,7 +235,7 @@ class _Parser:
             return float, lambda: constant
         if self._peek() == "(":
             if token not in FUNCTIONS:
-                raise ProgramAlarm(f"{token}: no function of synchronised actions")
+                raise ProgramAlarm(f"{token}: not a function of synchronised actions")
             self._next()
             function, inside = FUNCTIONS[token], self._comparison()
             self._expect(")")

@@ -1,5 +1,5 @@
-# The control without hardware: each drive follows at once. Put your own here: x-drive is what the drive of X shall do, and
-# the encoder's position goes to talc-fb-x.in0, that of a rotary axis to its joint's motor-pos-fb.
+# The control without hardware: each drive follows at once. Put your own here: x-drive is the command of X's drive, and
+# the encoder's position goes to talc-fb-x.in0, or for a rotary axis to its joint's motor-pos-fb.
 foreach row [split [exec /usr/bin/python3 ./talc_joints.py] "\n"] {
     lassign $row name axis joint
     if {$axis in {A C}} {

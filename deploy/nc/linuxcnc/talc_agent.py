@@ -235,7 +235,8 @@ class Control:
         return {"values": [hal_value(name) for name in names], "stale": stale}
 
     def _watched(self) -> bool:
-        """Also from a beat on until the component has seen it: on a busy computer that takes a while."""
+        """Whether the watchdog is active; also from a beat until the component has seen it, which takes a while on a
+        busy computer."""
         return bool(self._pins["watching"]) or self._pins["beat"] != self._pins["beat-seen"]
 
     def _beat(self, goes_on: bool) -> None:

@@ -110,7 +110,7 @@ class Server:
         mac, _, text = line.partition(b" ")
         if client.session is not None:
             if not _fits(client.session, "client", client.heard, text, mac):
-                self._drop(client)  # not who logged in: nothing it says is worth an answer
+                self._drop(client)  # not from whoever logged in: nothing it says gets an answer
                 return
             client.heard, client.heard_s = client.heard + 1, time.monotonic()
         try:
@@ -136,7 +136,7 @@ class Server:
         return self._verbs[wanted](command)
 
     def _login(self, client: Client, command: dict[str, Any], mac: bytes, text: bytes) -> None:
-        """The session's key comes of the shared one and of a number from each side: nothing can be played again."""
+        """The session's key is derived from the shared key and a number from each side: nothing can be replayed."""
         session = hmac.digest(self._key, f"{client.challenge} {command.get('nonce')}".encode(), "sha256")
         if not _fits(session, "client", 0, text, mac):
             raise Refusal("the proof does not fit: is it the same key on both sides?")
@@ -157,7 +157,7 @@ class Server:
         for other in [c for c in self._clients if c.session is not None and not c.reads]:
             if time.monotonic() - other.heard_s < QUIET_S:
                 raise Refusal("another client is connected")
-            self._drop(other)  # its computer has lost power, perhaps, and comes back here
+            self._drop(other)  # perhaps its computer lost power and connects again here
 
     def _say(self, client: Client, message: dict[str, Any]) -> None:
         text = json.dumps(message).encode()

@@ -1,4 +1,4 @@
-"""A TwinCAT PLC that is read by ADS, with the library pyads. Its calls block: they have a thread of their own."""
+"""Reads a TwinCAT PLC over ADS with the library pyads, whose calls block and therefore have their own thread."""
 
 import asyncio
 import math
@@ -33,7 +33,7 @@ class AdsControl(OnlyRead):
         self._thread: ThreadPoolExecutor | None = None
 
     async def connect(self) -> None:
-        """Every variable must be there. Raises WrongDevice naming the field of one that is not."""
+        """Connect, and check that the PLC has every variable. Raises WrongDevice, naming the field of a missing one."""
         await self.close()
         section = self._section
         try:  # the library would wait for minutes
@@ -55,14 +55,14 @@ class AdsControl(OnlyRead):
             raise
 
     async def close(self) -> None:
-        """What the thread still waits for ends by its own timeout."""
+        """Close the connection; a call that the thread still waits for ends by its own timeout."""
         plc, thread, self._plc, self._thread = self._plc, self._thread, None, None
         if plc is not None and thread is not None:
             thread.submit(plc.close)
             thread.shutdown(wait=False)
 
     async def snapshot(self) -> NcSnapshot:
-        """Raises BadAnswer while the PLC's program does not run: its values stand still."""
+        """Read the machine's state. Raises BadAnswer while the PLC's program does not run: its values stand still."""
         plc = self._plc
         if plc is None:
             raise ConnectError("not connected", device="nc", hint="connect first")
@@ -106,7 +106,8 @@ class AdsControl(OnlyRead):
 
 
 def _number(symbol: str, value: Any) -> float:
-    """A BOOL is 0 or 1. Raises BadAnswer: not a finite number; the library tells an error as text."""
+    """A value as a number; a BOOL is 0 or 1. Raises BadAnswer if it is not finite: the library reports errors as
+    text."""
     if not isinstance(value, int | float) or not math.isfinite(value):
         raise BadAnswer(f"{symbol} = {str(value)[:60]!r}: expected a number", device="nc")
     return float(value)

@@ -81,7 +81,7 @@ class TextTcpDevice:
         ]
 
     async def close(self) -> None:
-        """Nothing of its own."""
+        """The device has nothing of its own to close."""
 
 
 class TextTcpSection(OtherBus):

@@ -263,7 +263,7 @@ def test_a_second_start_by_hand_does_nothing_while_something_is_in_force() -> No
     channel.turn(4_000)
     assert channel.shift_um == pytest.approx(np.zeros(3), abs=1e-9)
     # Now it goes on. The emulated control wants new numbers; docs/first-hour.md finds out what a real one wants.
-    with pytest.raises(ProgramAlarm, match="IDS=60 is there already"):
+    with pytest.raises(ProgramAlarm, match="IDS=60 is already defined"):
         channel.call(program())
     assert not any(channel.turn(50).ravel())
 

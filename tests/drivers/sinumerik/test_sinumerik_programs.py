@@ -159,7 +159,7 @@ def test_a_second_start_by_hand_does_nothing_while_something_is_in_force(name: s
         run.actions.load(text)
         assert (settings[setting][2], r) == (value, marked)
     else:
-        with pytest.raises(ProgramAlarm, match="is there already"):
+        with pytest.raises(ProgramAlarm, match="is already defined"):
             run.actions.load(text)
 
 

@@ -46,7 +46,7 @@ def test_an_expression_has_the_value_of_arithmetic(expression: str, expected: fl
 @pytest.mark.parametrize(
     ("block", "cause"),
     [
-        ("IDS=1 DO $R[0] = MINVAL($R[1], 2)", "no function of synchronised actions"),
+        ("IDS=1 DO $R[0] = MINVAL($R[1], 2)", "not a function of synchronised actions"),
         ("IDS=1 WHENEVER $R[1] == 2 AND $R[2] > 0 DO $R[0] = 1", "set parentheses"),
         ("IDS=1 WHENEVER $R[1] DO $R[0] = 1", "the condition is a number"),
         ("IDS=1 DO $R[0] = ($R[1] > 2)", "set parentheses"),
@@ -54,7 +54,7 @@ def test_an_expression_has_the_value_of_arithmetic(expression: str, expected: fl
         ("IDS=1 DO $R[10] = 1", "has none"),
         ("IDS=1 DO $AC_PARAM[4] = 1", "has none"),
         ("IDS=256 DO $R[0] = 1", "1 to 255"),
-        ("IDS=1 DO $R[0] = 1\nIDS=1 DO $R[0] = 2", "line 2: IDS=1 is there already"),
+        ("IDS=1 DO $R[0] = 1\nIDS=1 DO $R[0] = 2", "line 2: IDS=1 is already defined"),
         ("IDS=1 DO $$SA_UNKNOWN[X] = 1", "not known"),
         ("IDS=1 DO $R[0] = 1 + ", "ends too early"),
         (f"IDS=1 DO $R[0] = {' + '.join(['1'] * 130)}", "at most 512"),
