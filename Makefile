@@ -1,4 +1,4 @@
-# One environment, made on first use; every other target stands on it.
+# One environment, made on first use; every other target needs it.
 PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
@@ -13,12 +13,12 @@ bench: $(VENV)/.ready
 	OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 RECORDINGS="$(RECORDINGS)" METHODS="$(METHODS)" \
 		$(BIN)/python -m benchmarks $(SUBJECTS)
 
-# One of the papers' studies in full (docs/studies.md); goes on where it was stopped, and renews its table in
+# One of the papers' studies in full (docs/studies.md); continues where it was stopped, and renews its table in
 # docs/results.md and its page in docs/studies.
 study: $(VENV)/.ready
 	$(BIN)/python -m studies $(NAME) --results docs/results.md --pages docs/studies
 
-# The pictures of the documentation, drawn anew; takes as long as the demo. PICTURES=folder: there, not in docs.
+# Draws the pictures of the documentation again; takes as long as the demo. PICTURES=folder: there, not in docs.
 # DEMO="--hours 2": a shorter demo; OUT=folder: its files, instead of out; SHOTS="tests/...": the tests that take pictures of the page for operators.
 PICTURES ?= docs
 DEMO ?=
@@ -55,13 +55,14 @@ deb: $(VENV)/.ready
 wheels:
 	PYTHON=$(PYTHON) deploy/wheels.sh dist
 
-# Known vulnerabilities of what an installation brings and of what builds it (asks pypi.org, with the standard library alone).
+# Known vulnerabilities of what an installation brings and of what builds it (asks pypi.org; needs only the standard
+# library).
 audit:
 	$(PYTHON) deploy/advisories.py requirements/run.lock requirements/build.lock requirements/wheels.lock
 
 # Which mutants of the safety-critical modules no test kills (tests/README.md); continues where it was stopped.
-# MODULES="gateway.nc.slew ...": only these; MINUTES=30: end after that time; SAMPLE=150: so many of each, at random.
-# cosmic-ray has an environment of its own.
+# MODULES="gateway.nc.slew ...": only these; MINUTES=30: end after that time; SAMPLE=150: this many of each, at random.
+# cosmic-ray has its own environment.
 MODULES ?=
 MINUTES ?= 600
 mutation: $(VENV)/.ready
@@ -76,12 +77,13 @@ types: $(VENV)/.ready
 	$(BIN)/mypy
 
 imports: $(VENV)/.ready
-	PYTHONPATH=. $(BIN)/lint-imports --no-cache  # a cache from before a rename reports imports that are gone
+	PYTHONPATH=. $(BIN)/lint-imports --no-cache  # a cache from before a rename reports imports that no longer exist
 
-# Tests against programs of others (libmodbus; node-opcua, modbus-serial, canopen) need Debian and npm packages; .ci/run installs them,
-# and runs the slow ones too. Tests about the computer's own time (realtime) run alone, after the others.
-# Two workers more than cores, as many tests wait; each takes five seconds of a core to import and collect all tests, twice
-# that the first time. The tests start many Python programs: without byte code on disk, each would compile every module again.
+# Tests against third-party programs (libmodbus; node-opcua, modbus-serial, canopen) need Debian and npm packages;
+# .ci/run installs them, and runs the slow ones too. Tests about the computer's own time (realtime) run alone, after the
+# others. Two more workers than cores, because many tests wait; each takes five seconds of a core to import and collect
+# all tests, twice that the first time. The tests start many Python programs: without byte code on disk, each would
+# compile every module again.
 TESTS ?= not peer and not slow
 WORKERS ?= $(shell expr $$(nproc) + 2)
 PYTEST := env -u PYTHONDONTWRITEBYTECODE $(BIN)/python -m pytest --durations=15
