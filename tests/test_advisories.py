@@ -81,7 +81,7 @@ def test_an_advisory_is_shown_with_its_aliases_and_what_mends_it(tmp_path: Path)
     ]
 
 
-def test_an_index_that_tells_of_the_newest_version_alone_answers_for_that_one(tmp_path: Path) -> None:
+def test_an_index_that_reports_only_the_newest_version_answers_for_that_one(tmp_path: Path) -> None:
     with index({"/one/json": of("1.0", KNOWN), "/Two.2/json": of("3.0")}) as url:
         code, lines = audited(tmp_path, url)
     assert code == 1

@@ -18,7 +18,7 @@ def minutes(test: str) -> float | None:
     return LASTS.get(file(test))
 
 
-def test_the_longest_begin_at_once_each_on_a_worker_of_its_own() -> None:
+def test_the_longest_begin_at_once_each_on_its_own_worker() -> None:
     tests = [*QUICK[:10], "study 1", "study 2", "kills 1", "package 1", "soak 1", *QUICK[10:]]
     order = dealt(tests, file, minutes, 3)
     assert sorted(order) == sorted(tests)

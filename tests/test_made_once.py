@@ -26,7 +26,7 @@ def test_those_that_ask_at_the_same_moment_get_the_same(tmp_path: Path) -> None:
     assert len(made) == 1
 
 
-def test_after_a_failure_the_next_begins_anew(tmp_path: Path) -> None:
+def test_after_a_failure_the_next_begins_again(tmp_path: Path) -> None:
     def fails(folder: Path) -> None:
         (folder / "half").touch()
         raise OSError("the disk is full")

@@ -45,7 +45,7 @@ def test_a_mutant_that_a_test_notices_is_killed_and_the_module_itself_is_not() -
 
 
 @pytest.mark.slow
-def test_mutants_within_functions_are_told_apart_with_tests_that_are_collected_once() -> None:
+def test_mutants_within_functions_are_distinguished_with_tests_that_are_collected_once() -> None:
     done = subprocess.run([sys.executable, "-c", COLLECTED], cwd=ROOT, capture_output=True, text=True, check=False)
     told = [line.split() for line in done.stderr.splitlines() if line[:1].isdigit()]
     file = MODULES["gateway.nc.motion"][0]
@@ -154,7 +154,7 @@ def test_every_explained_survivor_is_about_lines_that_exist() -> None:
         assert survivor.reason
 
 
-def test_what_differs_is_told_without_indentation() -> None:
+def test_lines_that_differ_are_shown_without_indentation() -> None:
     assert changed("if a:\n    b = 1\n    c = 2\n", "if a:\n    b = 3\n    c = 2\n") == ("b = 1", "b = 3")
 
 

@@ -1,4 +1,4 @@
-"""Each line of docs/safety.md names tests that exist, and code that can be broken to make them fail.
+"""Each row of the tables in docs/safety.md names tests that exist, and code that can be broken to make them fail.
 
 That they do fail is the subject of test_safety_mutations, which takes minutes.
 """
@@ -27,7 +27,7 @@ def code_of_python(source: str) -> str:
 
 
 def code_of_c(source: str) -> list[str]:
-    """Its words, without comments."""
+    """Its tokens, without comments."""
     return re.sub(r"/\*.*?\*/|//[^\n]*", " ", source, flags=re.DOTALL).split()
 
 
@@ -48,7 +48,7 @@ def test_every_test_that_the_safety_page_names_exists() -> None:
 
 
 def test_every_test_in_a_line_has_a_mutation_that_makes_it_fail() -> None:
-    """Of this line: what breaks another promise may leave this one unproved."""
+    """A mutation of this row: what breaks another promise may leave this one unproved."""
     tests = named_functions()
     lacking = {}
     for promise in promises():

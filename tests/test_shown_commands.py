@@ -151,7 +151,7 @@ def test_make_pictures_draws_those_of_the_pages(tmp_path: Path) -> None:
         "PICTURES": docs,
         "OUT": out,
         "DEMO": f"--hours 1 --zenoh-port {free_port()}",
-        "SHOTS": f"{shot}_begins_anew",
+        "SHOTS": f"{shot}_begins_again",
     }
     command = ["make", f"--old-file={sys.prefix}/.ready", "pictures", *(f"{k}={v}" for k, v in settings.items())]
     alone = {name: value for name, value in os.environ.items() if not name.startswith("PYTEST")}

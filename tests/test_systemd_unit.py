@@ -19,7 +19,7 @@ def unit() -> ConfigParser:
     return parser
 
 
-def test_a_configuration_that_is_invalid_is_not_tried_again_and_anything_else_for_ever() -> None:
+def test_a_configuration_that_is_invalid_is_not_tried_again_and_anything_else_without_end() -> None:
     service = unit()["Service"]
     assert service["RestartPreventExitStatus"] == str(EXIT_CONFIG)
     assert service["Restart"] == "on-failure"

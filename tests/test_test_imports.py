@@ -133,5 +133,5 @@ def test_what_is_private_and_another_file_s_is_found(source: str, said: str) -> 
         f"{CLOCK}class A(LoopClock):\n def rest(self): self._mine = super().__init__()",
     ],
 )
-def test_what_is_private_and_the_file_s_own_is_none(source: str) -> None:
+def test_private_names_of_the_file_itself_are_allowed(source: str) -> None:
     assert private_of_others(source) == []

@@ -77,7 +77,7 @@ def metadata(wheel: Path) -> Message:
         return message_from_bytes(archive.read(name))
 
 
-def test_the_wheel_holds_the_service_and_no_simulators_studies_benchmarks_or_tests(wheel: Path) -> None:
+def test_the_wheel_contains_the_service_and_no_simulators_studies_benchmarks_or_tests(wheel: Path) -> None:
     packages, names = packed(wheel)
     assert packages == INSTALLED
     assert not [name for name in names if Path(name).name.startswith(("test_", "conftest"))]

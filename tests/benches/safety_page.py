@@ -11,7 +11,7 @@ TABLE = ROOT / "tests" / "safety_mutations.toml"
 
 @dataclass(frozen=True, slots=True)
 class Promise:
-    """One line of the page's tables."""
+    """One row of the page's tables."""
 
     text: str
     """Without backticks."""
@@ -43,7 +43,7 @@ class Mutation:
 
 
 def promises() -> list[Promise]:
-    """Every line of the page's tables of promises, in its order; a table of figures has no column `test`."""
+    """Every row of the page's tables of promises, in the page's order; a table of figures has no column `test`."""
     lines = (ROOT / "docs" / "safety.md").read_text(encoding="utf-8").splitlines()
     found, inside, promising = [], False, False
     for line in lines:

@@ -121,7 +121,7 @@ async def test_a_server_that_goes_without_a_word_is_noticed(tmp_path: Path, sche
 
 
 @pytest.mark.peer
-async def test_a_server_of_raw_tcp_is_told_from_one_of_rfc_2217(tmp_path: Path) -> None:
+async def test_a_server_of_raw_tcp_is_distinguished_from_one_of_rfc_2217(tmp_path: Path) -> None:
     async with served(tmp_path, "socket", line_baud=1200, baud=1200) as (_, server):
         url = server.url.replace("socket:", "rfc2217:")
         bus = make_bus("bus2", "modbus_rtu", {"port": url})

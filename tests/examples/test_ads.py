@@ -144,7 +144,7 @@ async def test_a_plc_that_says_nothing_is_silent() -> None:
         ),
     ],
 )
-def test_mistakes_in_its_section_are_told_with_their_place(old: str, new: str, says: str) -> None:
+def test_mistakes_in_its_section_are_reported_with_their_place(old: str, new: str, says: str) -> None:
     with pytest.raises(ConfigError) as refused:
         parse(TEXT.replace(old, new).replace("HOST", "127.0.0.1"), Path("gateway.toml"))
     assert says in str(refused.value)

@@ -181,7 +181,7 @@ def test_by_tls_prometheus_shows_its_certificate(tmp_path: Path) -> None:
         ('listen = "127.0.0.1:9464"\ntls = true', "[metrics] tls: true, but there is no [telemetry.tls] certificate"),
     ],
 )
-def test_an_address_that_cannot_be_or_is_open_is_refused(metrics: str, said: str) -> None:
+def test_an_impossible_or_open_address_is_refused(metrics: str, said: str) -> None:
     with pytest.raises(ConfigError, match=re.escape(said)):
         parse(f"{TEXT}\n[metrics]\n{metrics}\n", Path("gateway.toml"))
     open_to_all = '[metrics]\nlisten = "0.0.0.0:9464"\nallow_unencrypted = true\n'

@@ -50,7 +50,7 @@ def test_it_is_drawn_at_once_and_lost_with_the_server(settings: Path) -> None:
             expect(machines.locator("#machines .word")).to_have_text(VERDICT)
 
 
-def test_it_is_not_drawn_for_a_browser_with_a_tolerance_of_its_own(settings: Path) -> None:
+def test_it_is_not_drawn_for_a_browser_with_its_own_tolerance(settings: Path) -> None:
     with page_rig() as rig:
         played_mill(rig, settings)
         with rig.page("/machine/mill") as page:

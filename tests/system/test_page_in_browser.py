@@ -199,7 +199,7 @@ def test_the_tolerance_and_the_point_are_this_browsers_and_the_keyboard_is_enoug
             assert page.evaluate(inside) == [True, True, True]
 
 
-def test_a_gateway_that_is_killed_looks_gone_and_one_that_comes_back_begins_anew(settings: Path) -> None:
+def test_a_gateway_that_is_killed_looks_gone_and_one_that_comes_back_begins_again(settings: Path) -> None:
     with page_rig() as rig:
         port, other = ports(2)
         mill, lathe = rig.gateway(port, "mill"), rig.gateway(other, "lathe")

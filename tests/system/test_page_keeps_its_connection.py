@@ -64,7 +64,7 @@ def test_a_proxy_that_ends_long_answers_is_not_seen(settings: Path) -> None:
             rig.web.kill()
 
 
-def test_a_connection_that_broke_without_a_word_is_made_anew(settings: Path) -> None:
+def test_a_connection_that_broke_silently_is_made_again(settings: Path) -> None:
     """As when a panel was out of reach while its access point was exchanged: nobody tells it that nothing will come."""
     with page_rig() as rig:
         gateway = played_mill(rig, settings)

@@ -293,7 +293,7 @@ def test_a_change_of_phase_is_an_event_and_no_other_training_is() -> None:
     assert EventKind.PHASE_CHANGED not in kinds(c.adopt(models(CALIBRATION + 4)))
 
 
-def test_after_a_training_without_a_model_the_measurements_count_anew() -> None:
+def test_after_a_training_without_a_model_the_measurements_are_counted_again() -> None:
     c = controller()
     for k in range(CALIBRATION):
         c.step(frame(k, measured=2.0))

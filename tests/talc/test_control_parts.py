@@ -27,7 +27,7 @@ def taught(only: tuple[str, ...] = THERMAL_ERRORS) -> tuple[Controller, list[Eve
 
 
 @pytest.mark.parametrize(("gap", "rows"), [(2016, 2057), (2017, 1)])
-def test_after_a_week_without_a_frame_the_record_begins_anew(gap: int, rows: int) -> None:
+def test_after_a_week_without_a_frame_the_record_begins_again(gap: int, rows: int) -> None:
     c, _ = taught()
     c.step(frame(40))
     decision = c.step(frame(40 + gap))

@@ -68,7 +68,7 @@ def test_a_missed_pose_is_left_out_while_the_rank_stays() -> None:
         solve(deviations, SIX, radius_m=RADIUS, height_m=HEIGHT, sigma_um=1.0)
 
 
-def test_another_sphere_at_the_same_poses_has_equations_of_its_own() -> None:
+def test_another_sphere_at_the_same_poses_has_its_own_equations() -> None:
     errors = np.arange(1.0, 10.0)
     for radius, height in ((0.2, 0.08), (0.15, 0.08), (0.15, 0.05), (0.2, 0.08)):
         deviations = (design_matrix(SIX, radius, height) @ errors).reshape(6, 3)

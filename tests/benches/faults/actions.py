@@ -41,7 +41,7 @@ def sensor(fault: SensorFault | None) -> Do:
 
 
 def spoilt(heard: Callable[[bytes], OnWire], senders: Collection[int] | None = (VICTIM,)) -> Do:
-    """What becomes of the victim's frames, or of everybody's."""
+    """Spoil the victim's frames, or everybody's."""
 
     def on_wire(sender: int, frame: bytes) -> OnWire:
         return heard(frame) if senders is None or sender in senders else ((0.0, frame),)
@@ -70,7 +70,7 @@ def bus_off(off: bool) -> Do:
 
 
 def rebooted(plant: FaultyPlant) -> None:
-    """The node is back, sends its boot-up, and waits to be started."""
+    """The node comes back, sends its boot-up, and waits to be started."""
     assert plant.node is not None
     talking(plant)
     plant.send(list(plant.node.on_frame(0, bytes((Nmt.RESET_NODE, VICTIM)))))
@@ -123,7 +123,7 @@ def half_open(plant: FaultyPlant) -> None:
     plant.server.forget(True)
 
 
-def served_anew(plant: FaultyPlant) -> None:
+def served_again(plant: FaultyPlant) -> None:
     """Only new connections are affected: existing ones stay as they are."""
     assert plant.server is not None
     plant.server.forget(False)

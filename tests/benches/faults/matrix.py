@@ -36,7 +36,7 @@ from tests.benches.faults.actions import (
     restarted,
     right_type,
     sensor,
-    served_anew,
+    served_again,
     silent,
     spoilt,
     talking,
@@ -127,7 +127,7 @@ MATRIX: Sequence[Case] = [
         for plant in ASKED
     ),
     *(
-        Case("half-open connection", plant, half_open, served_anew, says, whole_bus=True)
+        Case("half-open connection", plant, half_open, served_again, says, whole_bus=True)
         for plant, says in (
             ("tcp", "did not answer within"),
             ("wago", "did not answer within"),
@@ -164,8 +164,8 @@ MATRIX: Sequence[Case] = [
         whole,
         "no valid answer",
     ),
-    # An answer on RS-485 carries no number, nor does a TPDO: of a Micro-Epsilon sensor, or a node read by SYNC, that is
-    # behind for ever nobody can tell it. One block of a Modbus device is good for as long as its late answer comes in
+    # An answer on RS-485 carries no number, nor does a TPDO: if a Micro-Epsilon sensor, or a node read by SYNC, stays
+    # one answer behind, nobody can see it. One block of a Modbus device is good for as long as its late answer comes in
     # time for the same question (test_disturbed_line). They are late until they are let go.
     *cases(
         "late answer",
@@ -197,8 +197,8 @@ MATRIX: Sequence[Case] = [
         "did not answer within",
     ),
     *cases("wrong device answers", ("multicast",), spoilt(now(answered_by(7)), SDO), whole, "no answer within"),
-    # After a failure a node is asked for its device type first, so that no late answer is one of the object asked for:
-    # whether the bus would take it is seen in test_canopen_late.
+    # After a failure a node is asked for its device type first, so no late answer belongs to the object asked for:
+    # test_canopen_late shows whether the bus would take one.
     *cases("late answer", ("slcan", "multicast"), behind(SDO), let_go, "no answer within"),
     *cases("late answer", ("sync",), behind((*SDO, *TPDO), before=()), let_go, "did not arrive after SYNC"),
     *cases(
@@ -341,7 +341,7 @@ MATRIX: Sequence[Case] = [
 
 @dataclass(frozen=True)
 class Harmless:
-    """A disturbance that no reading may show: every value right, every period kept, nothing told."""
+    """A disturbance that must not show in any reading: every value right, every period kept, nothing reported."""
 
     disturbance: str
     plant: str

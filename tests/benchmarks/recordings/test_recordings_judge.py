@@ -289,7 +289,7 @@ def test_coverage_counts_the_recordings_own_noise() -> None:
     assert coverage(left, sigma, np.array([1.5])) == 0.0
 
 
-def test_rows_after_the_beginning_alone_are_judged() -> None:
+def test_only_rows_after_the_beginning_are_judged() -> None:
     series = ramp(rows=200, errors=1)
     estimate = series.truth.copy()
     estimate[:144] += 50.0

@@ -75,7 +75,7 @@ def test_a_silence_begins_a_run_and_counts_in_full(tmp_path: Path) -> None:
     assert series.on_h[-1] == pytest.approx(59 * 300 / 3600)
 
 
-def test_time_that_begins_anew_needs_the_hours_off(tmp_path: Path) -> None:
+def test_time_that_begins_again_needs_the_hours_off(tmp_path: Path) -> None:
     lines = ["run,time,t1,drift"]
     lines += [f"{run},{line}" for run in (1, 2, 3) for line in rows_each(300, 20)]
     toml = 'errors = ["drift"]\n[runs]\ncolumn = "run"\n'

@@ -190,7 +190,7 @@ async def test_a_connection_that_was_lost_is_reported_and_opened_again(tmp_path:
         assert len(await device.read()) == 3
 
 
-def test_a_source_that_shall_count_needs_the_time_that_it_may_rest(tmp_path: Path) -> None:
+def test_a_source_that_counts_needs_the_time_that_it_may_rest(tmp_path: Path) -> None:
     (tmp_path / "control.toml").write_text(PROFILE.replace("max_age_s = 10\n", ""))
     bus = make_bus("nc1", "agent", {"key_file": str(tmp_path / "key")})
     with pytest.raises(SetupError, match=r"control\.toml: value\[2\]\.alive: needs max_age_s"):

@@ -63,7 +63,7 @@ def test_signed_answers_are_given_as_they_are_and_refusals_with_their_reason(fol
         any_answer()
 
 
-def test_whatever_is_not_signed_for_this_question_ends_the_connection(folder: Path) -> None:
+def test_whatever_is_not_signed_for_this_question_closes_the_connection(folder: Path) -> None:
     """Then nothing is asked on it any more, and a new one is right from the first answer on."""
 
     async def asked(said: bytes, before: int) -> None:
@@ -127,7 +127,7 @@ def test_whatever_greets_or_proves_wrongly_is_refused(folder: Path) -> None:
         pytest.param(lambda line: b"\n" + line, id="an empty line before"),
     ],
 )
-async def test_signed_answer_that_was_changed_ends_the_connection(spoilt: Any, tmp_path: Path) -> None:
+async def test_signed_answer_that_was_changed_closes_the_connection(spoilt: Any, tmp_path: Path) -> None:
     async with agent_and_connection(tmp_path) as (agent, connection):
         await connection.connect()
         agent.says = [spoilt(agent.signed(b'{"answer": 42}'))]

@@ -91,7 +91,7 @@ async def test_decimal_digits_that_no_value_of_32_bits_has_are_refused(digits: i
             await driver.connect()
 
 
-async def test_sensors_are_checked_again_after_the_node_started_anew(node: Cia404Node) -> None:
+async def test_sensors_are_checked_again_after_the_node_restarted(node: Cia404Node) -> None:
     async with bench(node) as (adapter, driver):
         await driver.connect()
         await driver.read()
@@ -128,7 +128,7 @@ SDOS_OF_A_READ = 6
 
 
 @pytest.mark.parametrize("after", range(1, SDOS_OF_A_READ))
-async def test_node_that_starts_anew_while_it_is_read_is_checked_before_anything_is_taken(after: int) -> None:
+async def test_node_that_restarts_while_it_is_read_is_checked_before_anything_is_taken(after: int) -> None:
     node = Restarting(after, 0, sensor_type=1)
     async with bench(node) as (_, driver):
         await driver.connect()
@@ -138,7 +138,7 @@ async def test_node_that_starts_anew_while_it_is_read_is_checked_before_anything
 
 
 @pytest.mark.parametrize("after", range(1, SDOS_OF_A_READ))
-async def test_node_that_started_anew_while_it_was_read_is_read_again(after: int) -> None:
+async def test_node_that_restarted_while_it_was_read_is_read_again(after: int) -> None:
     node = Restarting(after, 0, sensor_type=30)
     async with bench(node) as (_, driver):
         await driver.connect()
@@ -146,7 +146,7 @@ async def test_node_that_started_anew_while_it_was_read_is_read_again(after: int
         assert [r.value for r in await driver.read()] == [22.0, 22.0]
 
 
-async def test_node_that_starts_anew_again_and_again_gives_no_value() -> None:
+async def test_node_that_restarts_again_and_again_gives_no_value() -> None:
     node = Restarting(SDOS_OF_A_READ - 1, 0, sensor_type=30)
     async with bench(node) as (_, driver):
         await driver.connect()

@@ -96,7 +96,7 @@ async def test_tpdos_on_events_are_refused() -> None:
             await driver.connect()
 
 
-async def test_node_that_starts_anew_between_two_reads_is_made_operational_again() -> None:
+async def test_node_that_restarts_between_two_reads_is_made_operational_again() -> None:
     node = Cia404Node(5, lambda: TEMPERATURES, inputs=6)
     async with bench(node, 6) as (_, driver):
         await driver.connect()
@@ -197,7 +197,7 @@ async def test_timed_values_that_stop_give_no_answer_and_no_earlier_one_is_taken
         assert [r.value for r in await driver.read()] == pytest.approx(TEMPERATURES[:2])
 
 
-async def test_node_that_starts_anew_is_made_operational_before_its_values_are_due_again() -> None:
+async def test_node_that_restarts_is_made_operational_before_its_values_are_due_again() -> None:
     node = timed()
     async with bench(node, 2, "timer") as (adapter, driver):
         await driver.connect()
@@ -208,7 +208,7 @@ async def test_node_that_starts_anew_is_made_operational_before_its_values_are_d
             assert [r.value for r in await driver.read()] == pytest.approx(TEMPERATURES[:2])
 
 
-async def test_what_a_node_sent_before_it_started_anew_is_not_taken() -> None:
+async def test_what_a_node_sent_before_it_restarted_is_not_taken() -> None:
     """200 with one digit is 20.0, and would be 200 without."""
     node = Cia404Node(5, lambda: [20.0, 30.0], inputs=2, event_ms=80)
     async with bench(node, 2, "timer") as (adapter, driver):

@@ -84,7 +84,7 @@ def test_joints_are_those_of_the_kinematics(
     assert machine_of(talc_joints, ini(coordinates)).joints == joints
 
 
-def test_the_second_joint_of_a_gantry_has_a_name_of_its_own(talc_joints: Any) -> None:
+def test_the_second_joint_of_a_gantry_has_its_own_name(talc_joints: Any) -> None:
     rows = machine_of(talc_joints, ini("XYYZAC")).named()
     assert rows == [("x", "X", 0), ("y", "Y", 1), ("y2", "Y", 2), ("z", "Z", 3), ("a", "A", 4), ("c", "C", 5)]
 

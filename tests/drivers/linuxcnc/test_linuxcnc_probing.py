@@ -249,7 +249,7 @@ async def ran_to_its_end(bench: AgentBench) -> bool:
 
 
 @pytest.mark.realtime
-async def test_a_program_that_does_not_start_is_waited_for_so_long(bench: AgentBench, tmp_path: Path) -> None:
+async def test_a_program_that_does_not_start_is_waited_for_only_ten_seconds(bench: AgentBench, tmp_path: Path) -> None:
     """10 s, by the agent's clock. Tolerance: none before; later as long as `reaches` waits."""
     (tmp_path / "machine" / "nc" / "talc_safe_point.ngc").unlink()
     await allow(bench)

@@ -143,7 +143,7 @@ async def test_function_that_the_unit_does_not_have_takes_its_channels_only(tmp_
     assert meter.asked == [3, 3, 3, 4]
 
 
-async def test_refused_address_is_asked_for_again_after_a_minute_and_when_connecting_anew(tmp_path: Path) -> None:
+async def test_refused_address_is_asked_for_again_after_a_minute_and_after_reconnecting(tmp_path: Path) -> None:
     meter, clock = Meter(lacks={(4, 2)}), ManualClock()
     async with reading(meter, tmp_path, clock=clock) as driver:
         assert faults(list(await driver.read())).keys() == {"c1"}

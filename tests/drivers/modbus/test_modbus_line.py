@@ -89,7 +89,7 @@ async def test_what_is_not_our_answer_is_reported_and_not_used(answer: bytes, he
         assert await bus.read("d", 1, TWO) == (100, 101)
 
 
-async def test_a_device_with_an_id_of_its_own_is_told_by_that() -> None:
+async def test_a_device_that_answers_with_its_own_id_is_recognised_by_it() -> None:
     """Some devices answer to every id, with their own."""
     async with line() as (bus, peer):
         peer.reply = lambda _: registers(5, 7, 7)

@@ -155,7 +155,9 @@ SPOILT: dict[str, Callable[[bytes], bytes]] = {
 
 @pytest.mark.parametrize("how", SPOILT)
 @pytest.mark.parametrize("wire", WIRES)
-async def test_what_does_not_fit_the_request_is_no_value_and_is_told(wire: str, how: str, tmp_path: Path) -> None:
+async def test_what_does_not_fit_the_request_is_not_a_value_and_is_reported(
+    wire: str, how: str, tmp_path: Path
+) -> None:
     heard, told = await WIRES[wire](lambda _, right: [(0.0, SPOILT[how](right))], tmp_path, 6, (ODD, GOOD))
     assert of_the_odd_one(heard) == {Quality.COMM_FAULT}
     if (wire, how) == ("rtu", "its request"):

@@ -154,7 +154,7 @@ async def test_inspect_waits_for_a_busy_unit() -> None:
     assert not seen.refused
 
 
-async def test_a_unit_that_is_silent_when_a_gap_is_read_is_told_by_name_of_the_gap(tmp_path: Path) -> None:
+async def test_a_unit_that_is_silent_when_a_gap_is_read_is_reported_with_the_gap(tmp_path: Path) -> None:
     profile = tmp_path / "module.toml"
     profile.write_text(PROFILE.replace("address = 0\nchannels = 30", "addresses = [0, 1, 20, 24]"))
     host = RefusingHost(lambda first, count: SILENT if first <= 22 < first + count else 0)

@@ -272,7 +272,9 @@ async def test_a_status_that_is_silent_makes_its_own_values_invalid(kind: str, t
 
 
 @KINDS
-async def test_a_unit_that_is_silent_for_everything_is_no_unit_with_a_silent_address(kind: str, tmp_path: Path) -> None:
+async def test_a_unit_that_is_silent_for_everything_is_not_a_unit_with_a_silent_address(
+    kind: str, tmp_path: Path
+) -> None:
     unit = MutedUnit()
     async with reading(unit, tmp_path, kind) as (driver, _):
         await connected(driver)

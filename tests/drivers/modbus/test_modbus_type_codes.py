@@ -92,7 +92,7 @@ async def asked_later(driver: Driver, clock: ManualClock, now_s: float) -> bool:
     return due
 
 
-async def test_a_module_that_is_set_anew_while_it_is_read_is_noticed(tmp_path: Path) -> None:
+async def test_a_module_that_is_set_again_while_it_is_read_is_noticed(tmp_path: Path) -> None:
     module, clock = CodedModule(), ManualClock()
     async with reading(module, tmp_path, clock) as driver:
         assert [await asked_later(driver, clock, now_s) for now_s in (50.0, 61.0, 62.0, 122.0)] == [

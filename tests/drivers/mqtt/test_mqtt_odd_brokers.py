@@ -259,7 +259,9 @@ async def test_what_nobody_asked_for_is_not_kept(tmp_path: Path) -> None:
         assert (await bus.heard(0.0, 2)).keys() == {"a", "b"}
 
 
-async def test_of_a_wildcard_only_so_many_topics_are_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_of_a_wildcard_only_a_limited_number_of_topics_is_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(mqtt_bus, "MOST_TOPICS", 20)
     many = b"".join(message(b"x/%d" % number, b"3") for number in range(300))
     async with reading(broker(grants=granting(b"\x01" * 3), then=many + BOTH), tmp_path) as (bus, driver):

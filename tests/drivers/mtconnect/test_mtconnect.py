@@ -140,7 +140,7 @@ async def test_a_data_item_that_is_something_else_is_named(
         await control(agent[1], **changed).connect()
 
 
-async def test_an_address_or_machine_that_the_server_does_not_have_is_told(agent: tuple[Any, str]) -> None:
+async def test_an_address_or_machine_that_the_server_does_not_have_is_reported(agent: tuple[Any, str]) -> None:
     with pytest.raises(BadAnswer, match=r"probe: HTTP status 404 \(check url and machine\)"):
         await control(agent[1], machine="lathe").connect()
 
@@ -269,7 +269,7 @@ async def test_an_agent_that_sends_byte_by_byte_is_hung_up_on() -> None:
 
 
 @pytest.mark.parametrize("text", ["1_000", "١٢", "1e999", "nan", "infinity", "0x10", "1 2"])
-def test_what_only_python_takes_for_a_number_is_none(text: str) -> None:
+def test_a_text_that_only_python_takes_for_a_number_is_refused(text: str) -> None:
     with pytest.raises(BadAnswer, match=r"Xpos = .*: expected a number"):
         number("Xpos", text, 1.0)
 

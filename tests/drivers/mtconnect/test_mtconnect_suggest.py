@@ -99,7 +99,7 @@ def test_of_several_machines_it_is_the_first_and_its_items_only() -> None:
         (b"moved", "not XML"),
     ],
 )
-def test_what_describes_no_machine_is_told(document: bytes, says: str) -> None:
+def test_a_document_that_describes_no_machine_is_reported(document: bytes, says: str) -> None:
     with pytest.raises(ValueError, match=says):
         suggested_items(document)
 

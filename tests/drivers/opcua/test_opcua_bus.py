@@ -231,7 +231,7 @@ async def test_without_max_age_a_value_is_as_old_as_its_reading(tmp_path: Path) 
         await read_aged(device, Quality.GOOD, 0.0)
 
 
-async def test_a_source_time_that_cannot_be_spoils_no_time_of_a_reading(tmp_path: Path) -> None:
+async def test_an_impossible_source_time_spoils_no_time_of_a_reading(tmp_path: Path) -> None:
     """1601 is how OPC UA writes no time; the server's clock stands at its end."""
     async with with_own_clock(tmp_path) as (server, device):
         await server.set_clock(datetime(9999, 12, 31, tzinfo=UTC))
@@ -256,7 +256,7 @@ async def read_until_it_fails(device: Driver) -> None:
             await device.read()
 
 
-async def test_a_session_or_channel_that_the_server_has_forgotten_is_opened_anew(tmp_path: Path) -> None:
+async def test_a_session_or_channel_that_the_server_has_forgotten_is_opened_again(tmp_path: Path) -> None:
     """It answers each request so, on a connection that stays open; only another session helps."""
     server = Drives()
     await server.start()
@@ -293,7 +293,7 @@ async def test_a_session_or_channel_that_the_server_has_forgotten_is_opened_anew
         await server.server.stop()
 
 
-async def test_a_session_whose_namespaces_are_not_known_is_none(
+async def test_a_session_whose_namespaces_are_not_known_is_not_used(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Another one is opened; an index of an earlier session could be another namespace's by now."""

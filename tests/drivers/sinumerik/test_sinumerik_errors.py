@@ -186,7 +186,7 @@ def test_errors_and_what_a_broken_off_cycle_has_left_move_within_the_slew_togeth
     assert channel.shift_um == pytest.approx(expected(channel, -SMALL), abs=1e-6)
 
 
-def test_a_cycle_that_no_gateway_compensates_is_not_told_with_an_earlier_one_s_shift() -> None:
+def test_a_cycle_that_no_gateway_compensates_is_not_reported_with_an_earlier_one_s_shift() -> None:
     channel = ErrorChannel(program())
     channel.alive()
     channel.settle(SMALL)

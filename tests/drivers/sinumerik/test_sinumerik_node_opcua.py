@@ -55,7 +55,7 @@ async def works(nc: Sinumerik) -> None:
 
 
 @pytest.mark.parametrize("subscribe_s", [0.0, 0.05])
-async def test_in_the_clear_asking_and_being_told(node: str, tmp_path: Path, subscribe_s: float) -> None:
+async def test_in_the_clear_polling_and_subscribing(node: str, tmp_path: Path, subscribe_s: float) -> None:
     async with peer(node, tmp_path) as (url, _):
         nc = Sinumerik(
             SinumerikSettings(security="none", timeout_s=TIMEOUT_S, url=url, subscribe_s=subscribe_s), SystemClock()

@@ -123,7 +123,7 @@ async def test_of_many_dead_devices_the_longest_waiting_is_tried_first() -> None
     assert max(tries) - min(tries) <= 1
 
 
-async def test_a_bus_that_does_not_open_is_tried_for_ever_and_reported_once() -> None:
+async def test_a_bus_that_does_not_open_is_tried_without_end_and_reported_once() -> None:
     plant = ScriptedPlant("a")
     plant.bus.fault = ConnectError("no such port", bus="rtu1")
     async with plant.running():

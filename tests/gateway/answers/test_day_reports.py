@@ -115,7 +115,7 @@ def test_closing_ends_what_is_being_made_and_what_comes_later() -> None:
 
 
 @pytest.mark.slow
-def test_a_process_of_its_own_makes_the_page(tmp_path: Path) -> None:
+def test_a_separate_process_makes_the_page(tmp_path: Path) -> None:
     reports = DayReports(two_days(tmp_path / "g.sqlite"), lambda: NOON, limit_s=3600.0)
     page = gzip.decompress(reports(ReportRequest(DAY, "Europe/Zurich")).page).decode()
     assert "Mon 2026-03-02 00:55 CET to Tue 2026-03-03 00:00 CET" in page, "the first step of that day, and the last"

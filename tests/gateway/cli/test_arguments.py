@@ -45,7 +45,7 @@ def test_a_number_of_a_command_is_read(parameter: click.Parameter) -> None:
         (("scan", "can", "can0", "--udp-port", "99999"), "99999 is not in the range 1<=x<=65535"),
     ],
 )
-def test_what_cannot_be_is_refused_in_words(arguments: tuple[str, ...], said: str) -> None:
+def test_impossible_values_are_refused_in_words(arguments: tuple[str, ...], said: str) -> None:
     done = here(*arguments)
     assert done.code == 2
     assert said in done.err

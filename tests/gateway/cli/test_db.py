@@ -97,7 +97,7 @@ def test_the_other_tables_are_exported_too(running: Path) -> None:
     assert exported(running, "minutes") == []
 
 
-def test_parquet_holds_the_same_with_types(running: Path) -> None:
+def test_parquet_contains_the_same_with_types(running: Path) -> None:
     file = running.with_name("steps.parquet")
     assert here("db", "export", running, "steps", "-o", file).code == 0
     found = parquet.read_table(file).to_pylist()
@@ -129,7 +129,7 @@ def test_stats_tell_rows_and_sizes(running: Path) -> None:
     assert f"steps 0 to {STEPS - 1}" in answer.together
 
 
-def test_check_finds_rows_that_are_none_and_passes_a_whole_database(running: Path) -> None:
+def test_check_finds_invalid_rows_and_passes_a_whole_database(running: Path) -> None:
     answer = here("db", "check", running)
     assert (answer.code, answer.together) == (0, f"{running}: whole\n")
     with closing(sqlite3.connect(running)) as connection, connection:

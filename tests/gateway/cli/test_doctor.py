@@ -185,7 +185,7 @@ def test_a_second_program_on_a_serial_line_is_found(config: GatewayConfig, root:
     assert found(config, root) == [f"bus 'rtu1': {tmp_path}/line is open in 2 processes: 17, 23 (minicom)"]
 
 
-def test_who_does_not_see_the_programs_of_others_is_told_so(
+def test_a_user_who_does_not_see_other_users_programs_is_told_so(
     config: GatewayConfig, root: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     for sees_all in (True, False):

@@ -212,7 +212,7 @@ def test_an_mtconnect_agent_that_is_silent_leaves_placeholders(tmp_path: Path) -
     assert CliRunner().invoke(main, ["check", str(file)]).exit_code == 0
 
 
-def test_a_wire_that_cannot_be_opened_is_told_and_nothing_is_written(tmp_path: Path) -> None:
+def test_a_wire_that_cannot_be_opened_is_reported_and_nothing_is_written(tmp_path: Path) -> None:
     file, answers = tmp_path / "gateway.toml", tmp_path / "answers.toml"
     answers.write_text('machine = "mill"\nserial = ["/dev/absent"]\nhosts = ["127.0.0.1:9"]\n', encoding="utf-8")
     done = init(str(file), "--answers", str(answers))
@@ -251,14 +251,14 @@ def test_the_untouched_example_of_the_package_is_replaced_and_an_edited_one_is_n
     assert file.stat().st_mode & 0o777 == 0o640
 
 
-def test_a_folder_that_cannot_be_written_is_told_before_anything_is_asked(tmp_path: Path) -> None:
+def test_a_folder_that_cannot_be_written_is_reported_before_anything_is_asked(tmp_path: Path) -> None:
     done = init(str(tmp_path / "absent" / "gateway.toml"), typed="mill\n")
     assert done.exit_code == 2
     assert "does it exist, and may you write there?" in done.output
     assert "Name of the machine" not in done.output
 
 
-def test_a_serial_line_is_scanned_at_the_usual_speeds_and_an_absent_can_interface_is_told(tmp_path: Path) -> None:
+def test_a_serial_line_is_scanned_at_the_usual_speeds_and_an_absent_can_interface_is_reported(tmp_path: Path) -> None:
     file, answers = tmp_path / "gateway.toml", tmp_path / "answers.toml"
     with answering(RtuLine({7: M7015(lambda: SEVEN[:6])}, baud=19200)) as port:
         answers.write_text(f'machine = "mill"\nserial = ["{port}"]\ncan = ["absent0"]\n', encoding="utf-8")

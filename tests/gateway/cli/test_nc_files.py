@@ -45,7 +45,7 @@ def files(folder: Path, text: str) -> Result:
     return CliRunner().invoke(main, ["nc", "sinumerik-files", str(folder / "gateway.toml"), "-o", str(folder)])
 
 
-def test_the_program_holds_the_machine_s_data(tmp_path: Path) -> None:
+def test_the_program_contains_the_machine_s_data(tmp_path: Path) -> None:
     done = files(tmp_path, CONFIG)
     assert done.exit_code == 0, done.output
     assert "TALC_ERRORS.SPF: 38 synchronised actions" in done.output

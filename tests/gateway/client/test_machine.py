@@ -83,7 +83,7 @@ async def test_last_messages_are_typed_and_by_key() -> None:
     assert (status.channels_good, status.channels, status.waits_for) == (29, 30, ("an operator",))
 
 
-async def test_silence_ends_a_follower_that_wants_no_more_than_so_much_of_it() -> None:
+async def test_silence_longer_than_its_limit_ends_a_follower() -> None:
     port = free_port()
     async with telemetry(port):
         with (
@@ -110,7 +110,7 @@ async def test_who_is_not_there_is_named() -> None:
     ("name", "connect", "said"),
     [("a*", "tcp/127.0.0.1:7447", "name = 'a\\*'"), (None, "7447", "connect = '7447': expected Zenoh endpoints")],
 )
-def test_what_cannot_be_is_refused_at_once(name: str | None, connect: str, said: str) -> None:
+def test_invalid_arguments_are_refused_at_once(name: str | None, connect: str, said: str) -> None:
     with pytest.raises(ValueError, match=said):
         Machine(name, connect=connect)
     with pytest.raises(MachineError, match="not connected"):

@@ -110,7 +110,7 @@ def test_killed_or_failing_at_any_moment_it_loses_and_doubles_nothing(
 @pytest.mark.parametrize(
     ("number", "said"), [(errno.ENOSPC, "free some space"), (errno.EROFS, "see to its disk")], ids=["full", "read-only"]
 )
-def test_a_disk_that_takes_nothing_is_told_with_what_to_do(
+def test_a_disk_that_takes_nothing_is_reported_with_what_to_do(
     number: int, said: str, stored_site: StoredSite, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def sync(descriptor: int) -> None:

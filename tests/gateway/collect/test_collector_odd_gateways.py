@@ -32,7 +32,7 @@ TIME = StoredColumn("time", "time", [1.7e9, 1.7e9])
 ONE = StoredColumn("time", "time", [1.7e9])
 
 
-def test_rows_that_are_told_again_are_kept_once_and_an_empty_promise_of_more_is_not_asked_without_end(
+def test_rows_that_are_sent_again_are_kept_once_and_an_empty_promise_of_more_is_not_asked_without_end(
     stored_site: StoredSite, tmp_path: Path
 ) -> None:
     same = StoredRows({"events": StoredTable(E, 2, more=True, numbers=[1, 2], columns=(TIME,))})
@@ -88,7 +88,7 @@ def test_rows_that_are_told_again_are_kept_once_and_an_empty_promise_of_more_is_
         (StoredTable(problem="events cannot be read: a page is damaged"), "events cannot be read"),
     ],
 )
-def test_an_answer_that_is_none_is_told_and_holds_up_no_other_machine(
+def test_an_invalid_answer_is_reported_and_holds_up_no_other_machine(
     table: StoredTable, said: str, stored_site: StoredSite, tmp_path: Path
 ) -> None:
     write(stored_site, "mill", range(3))
@@ -173,7 +173,7 @@ def test_a_gateway_that_says_to_have_no_table_at_all_is_asked_for_all_of_them_ag
         assert kept(tmp_path / "site") == expected(range(20))
 
 
-def test_what_befalls_many_machines_is_told_in_one_line_when_it_begins_and_when_it_ends(
+def test_a_problem_of_many_machines_is_reported_in_one_line_when_it_begins_and_when_it_ends(
     stored_site: StoredSite, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     liar = Liar(stored_site.folder, {f"m{n}": OSError("no answer") for n in range(7)})

@@ -150,7 +150,7 @@ def test_killed_at_any_moment_it_loses_and_doubles_nothing(
     assert at > 20
 
 
-def test_while_the_database_is_down_nothing_is_lost_and_it_is_told_once(
+def test_while_the_database_is_down_nothing_is_lost_and_it_is_reported_once(
     server: Postgres, database: str, stored_site: StoredSite
 ) -> None:
     write(stored_site, "mill", range(5))
@@ -309,7 +309,7 @@ def test_a_zero_byte_in_a_text_does_not_stop_a_machine(server: Postgres, databas
         ((StoredColumn("n\0", "whole", [1, 2]),), "database: "),
     ],
 )
-def test_columns_that_no_gateway_has_are_told(
+def test_columns_that_no_gateway_has_are_reported(
     columns: tuple[StoredColumn, ...], said: str, server: Postgres, database: str, tmp_path: Path
 ) -> None:
     rows, problem = told(server, database, tmp_path, table(*columns))

@@ -61,7 +61,7 @@ def test_beyond_loopback_the_server_proves_who_it_is_unless_the_address_says_oth
         ("postgresql://127.0.0.1:1/site", 3, "database: connection failed: "),
     ],
 )
-def test_a_wrong_address_is_told(address: str, code: int, said: str) -> None:
+def test_an_invalid_address_is_reported(address: str, code: int, said: str) -> None:
     answer = CliRunner().invoke(main, ["collect", address, "--connect", "tcp/127.0.0.1:1"])
     assert (answer.exit_code, said in answer.output) == (code, True), answer.output
     assert "secret" not in answer.output

@@ -47,7 +47,7 @@ def test_the_turns_of_many_machines_are_spread_over_the_time_and_stay_so(tmp_pat
     assert set(later) == {30.0}
 
 
-def test_what_holds_up_all_machines_is_told_when_it_begins_and_when_it_ends(
+def test_what_holds_up_all_machines_is_reported_when_it_begins_and_when_it_ends(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     stop, refused = threading.Event(), OSError("database: connection refused")

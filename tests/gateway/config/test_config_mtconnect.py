@@ -69,7 +69,7 @@ def test_the_driver_gets_the_states_that_models_use() -> None:
         ),
     ],
 )
-def test_what_cannot_work_is_told_with_its_place(old: str, new: str, says: str) -> None:
+def test_settings_that_cannot_work_are_reported_with_their_place(old: str, new: str, says: str) -> None:
     with pytest.raises(ConfigError) as refused:
         parse(TEXT.replace(old, new), Path("gateway.toml"))
     assert says in str(refused.value)

@@ -104,7 +104,7 @@ def test_check_accepts_kinds_of_another_package_and_names_them(example: Path) ->
         ('kind = "text_tcp"', 'kind = "text"', "bus 'board', kind: unknown kind 'text'; did you mean 'text_tcp'?"),
     ],
 )
-def test_a_mistake_in_its_section_is_told_with_its_place(example: Path, old: str, new: str, says: str) -> None:
+def test_a_mistake_in_its_section_is_reported_with_its_place(example: Path, old: str, new: str, says: str) -> None:
     done = check(example, (BUS + NC).replace(old, new))
     assert done.exit_code == 2, done.output
     assert says in done.output
@@ -161,7 +161,7 @@ def test_a_broken_package_is_one_clear_line(
     assert f"warning: kind 'strange' of the package other 2.3 cannot be used: {says}" in idle.stderr
 
 
-def test_a_bug_of_the_package_is_told_at_its_place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_bug_of_the_package_is_reported_at_its_place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     rows = {"talc_gateway.controls": {"strange": "other_package:It"}}
     install(files_of("other", rows, {"other_package.py": WHOLE}), tmp_path / "site")
     monkeypatch.syspath_prepend(str(tmp_path / "site"))
@@ -190,7 +190,7 @@ PLACELESS = BASES + (
         ("buses", PLACELESS, '[[bus]]\nname = "odd"\nkind = "strange"\n', "bus 'odd': the package"),
     ],
 )
-def test_a_bug_in_what_the_gateway_asks_before_the_driver_is_told_too(
+def test_a_bug_in_what_the_gateway_asks_before_the_driver_is_reported_too(
     group: str, code: str, section: str, says: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     rows = {f"talc_gateway.{group}": {"strange": "other_package:It"}}

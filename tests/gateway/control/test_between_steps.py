@@ -134,7 +134,7 @@ async def test_a_sensor_whose_last_readings_are_wrong_moves_it_as_little_as_the_
     ("value", "quality"),
     [(USUAL, Quality.STALE), (np.nan, Quality.GOOD), (1e30, Quality.GOOD), (850.0, Quality.GOOD)],
 )
-async def test_what_is_not_read_or_cannot_be_changes_it_no_more_than_an_input_that_stays(
+async def test_a_missing_or_impossible_input_changes_it_no_more_than_an_input_that_stays(
     value: float, quality: Quality
 ) -> None:
     async with between() as rig:

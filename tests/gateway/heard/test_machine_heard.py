@@ -102,7 +102,7 @@ def test_what_anybody_publishes_is_bounded() -> None:
     assert len(heard.seen.events) == 200
 
 
-def test_times_that_are_none_are_ignored() -> None:
+def test_invalid_times_are_ignored() -> None:
     heard = HeardMachine()
     for time in ("", "yesterday", "0001-01-01T00:00:00+00:00", "9999-12-31T23:59:59+00:00"):
         heard.hear("event", EventMessage("boot-1", 7, time, "system", None, "problem", "x", None, None, None))

@@ -361,7 +361,7 @@ def test_what_a_control_with_slopes_says_of_itself_is_checked(name: str, value: 
     [(1.0,), (1.0, -1.0), (-1.0, 1.0), (math.nan, 1.0), (1.0, math.inf), (math.inf, 1.0), (1.0, float("inf")),
      (float("inf"), 1.0), "far", 5],
 )  # fmt: skip
-def test_a_reach_that_is_none_is_refused(value: object) -> None:
+def test_an_invalid_reach_is_refused(value: object) -> None:
     control, nc = following()
     control.answers["error_reach_mm"] = value
     with pytest.raises(UnexpectedError, match="in error_reach_mm"):
@@ -369,7 +369,7 @@ def test_a_reach_that_is_none_is_refused(value: object) -> None:
 
 
 @pytest.mark.parametrize("value", [None, (0.0, 0.0), (0.0, 400.0)])
-def test_a_reach_that_is_one_passes(value: object) -> None:
+def test_a_valid_reach_passes(value: object) -> None:
     assert following(error_reach_mm=value)[1].error_reach_mm == value
 
 

@@ -105,7 +105,7 @@ async def test_the_ramp_goes_on_in_the_other_form(bench: tuple[TwoForms, NcLink,
     await asyncio.gather(running, return_exceptions=True)
 
 
-async def test_another_program_is_told_from_the_lost_write(bench: tuple[TwoForms, NcLink, list[str]]) -> None:
+async def test_another_program_is_distinguished_from_the_lost_write(bench: tuple[TwoForms, NcLink, list[str]]) -> None:
     control, link, notices = bench
     running = asyncio.create_task(link.run())
     await control.clock.run_until(10.0)

@@ -116,7 +116,7 @@ async def test_the_control_is_told_what_is_declared_and_disarmed_it_does_that(
     assert bench.lease.right is Right.DISARMED
 
 
-async def test_one_beat_that_is_not_heard_at_the_begin_is_no_news_and_two_are() -> None:
+async def test_one_beat_that_is_not_heard_at_the_beginning_is_not_reported_and_two_are() -> None:
     assert await LeaseBench().beats(False, True, True) == []
     texts = await LeaseBench().beats(False, False, False, False)
     assert len(texts) == 1
@@ -124,7 +124,7 @@ async def test_one_beat_that_is_not_heard_at_the_begin_is_no_news_and_two_are() 
     assert texts[0].endswith("Has its program been started since power-on?")
 
 
-async def test_a_watchdog_that_was_active_and_is_not_is_told_once_and_so_is_its_return() -> None:
+async def test_a_watchdog_that_was_active_and_is_not_is_reported_once_and_so_is_its_return() -> None:
     bench = LeaseBench()
     texts = await bench.beats(True, True, False, False, False, True, True, False)
     assert [text.partition(" of this")[0] for text in texts] == [EAR, AGAIN, EAR]
@@ -132,7 +132,7 @@ async def test_a_watchdog_that_was_active_and_is_not_is_told_once_and_so_is_its_
     assert {notice.subject for notice in bench.notices} == {"watchdog of NC"}
 
 
-async def test_the_end_of_a_silence_that_was_told_at_the_begin_is_told_too() -> None:
+async def test_the_end_of_a_silence_that_was_reported_at_the_beginning_is_reported_too() -> None:
     texts = await LeaseBench().beats(False, False, True, True, True)
     assert texts[1:] == [AGAIN]
     assert texts[0].startswith(SILENT)
@@ -165,7 +165,7 @@ async def test_a_lost_connection_leaves_the_claim_to_be_made_again() -> None:
     assert [call[0] for call in bench.control.asked] == ["claim", "heartbeat", "claim"]
 
 
-async def test_what_happened_to_a_write_is_told_and_it_goes_on() -> None:
+async def test_what_happened_to_a_write_is_reported_and_it_goes_on() -> None:
     bench = LeaseBench()
     await bench.beats(True)
     bench.lease.tell("a write arrived late")

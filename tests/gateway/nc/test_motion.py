@@ -22,12 +22,12 @@ def test_an_axis_that_reports_a_speed_and_does_not_move_is_reported_after_its_ti
 
 
 @pytest.mark.parametrize("speed", [0.0, None])
-def test_a_machine_at_rest_or_of_unknown_speed_may_stand_for_ever(speed: float | None) -> None:
+def test_a_machine_at_rest_or_of_unknown_speed_may_stand_without_limit(speed: float | None) -> None:
     motion = Motion(60.0)
     assert [motion.frozen(snapshot(t, 5.0, speed)) for t in (0.0, 1e3, 1e6)] == [(), (), ()]
 
 
-def test_a_short_stop_starts_the_time_anew() -> None:
+def test_a_short_stop_starts_the_time_again() -> None:
     motion = Motion(60.0)
     for t in range(0, 105, 10):
         assert motion.frozen(snapshot(float(t), 5.0, 0.0 if t == 50 else 100.0)) == ()

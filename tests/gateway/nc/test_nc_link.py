@@ -64,7 +64,7 @@ async def test_a_stale_prediction_decays_to_the_declared_value() -> None:
 
 @pytest.mark.parametrize("measured_s", [None, -150.0, -math.inf])
 @pytest.mark.parametrize("when_stale", ["zero", "hold"])
-async def test_an_error_without_a_model_is_corrected_by_its_last_measurement_only_so_long(
+async def test_an_error_without_a_model_is_corrected_by_its_last_measurement_for_a_limited_time(
     when_stale: str, measured_s: float | None
 ) -> None:
     """measured_s: when an earlier run measured; this one begins at 0."""
@@ -187,7 +187,7 @@ async def test_a_watchdog_that_misses_the_first_beat_alone_is_not_reported() -> 
     ]
 
 
-async def test_a_control_slower_than_the_period_is_told_once_until_it_is_quick_again() -> None:
+async def test_a_control_slower_than_the_period_is_reported_once_until_it_is_quick_again() -> None:
     bench = LinkBench("monitor")
     quick, takes_s = bench.control.snapshot, 1.5
 

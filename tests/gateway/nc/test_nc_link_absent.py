@@ -25,7 +25,7 @@ async def test_each_new_cause_while_it_is_not_connected_is_reported_once() -> No
     assert still_wrong(bench.notices) == ()
 
 
-async def test_an_intermittent_connection_is_not_reported_for_ever() -> None:
+async def test_an_intermittent_connection_is_not_reported_without_end() -> None:
     bench = LinkBench("monitor")
     async with bench.running():
         for turn in range(200):

@@ -104,7 +104,7 @@ def link_of(control: Following, steps: list[Write], notices: list[Notice] | None
     )
 
 
-async def test_a_control_whose_program_is_missing_is_told_until_it_is_there() -> None:
+async def test_a_control_whose_program_is_missing_is_reported_until_it_is_there() -> None:
     clock, notices = SteppedClock(), list[Notice]()
     control = Following(clock, error_reach_mm=None)
     task = asyncio.create_task(link_of(control, [], notices).run())

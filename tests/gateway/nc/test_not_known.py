@@ -6,7 +6,7 @@ from drivers.nc import NcSnapshot
 from tests.benches.nc_link_bench import LinkBench, answer_wrongly, decision
 
 
-async def test_values_that_are_not_known_are_told_once_and_when_they_are_known_again() -> None:
+async def test_values_that_are_not_known_are_reported_once_and_again_when_they_are_known() -> None:
     bench = LinkBench("compensate")
     asked = 0
 

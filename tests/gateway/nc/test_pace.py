@@ -28,7 +28,7 @@ def test_five_slow_periods_in_a_row_are_reported_and_four_are_not() -> None:
     assert not notice.ended
 
 
-def test_a_quick_period_begins_the_count_anew() -> None:
+def test_a_quick_period_starts_the_count_again() -> None:
     assert told(1, 1, 1, 1, 0, 1, 1, 1, 1) == []
     assert len(told(1, 1, 1, 1, 0, 1, 1, 1, 1, 1)) == 1
 

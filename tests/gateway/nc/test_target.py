@@ -124,7 +124,7 @@ def test_without_any_known_error_there_is_no_target(when_stale: Literal["zero", 
     assert at.errors(Quality.GOOD, 2.0) == (None, Source.NO_MODEL)
 
 
-def test_an_unknown_error_is_left_alone_and_a_measured_one_counts_only_so_long() -> None:
+def test_an_unknown_error_is_left_alone_and_a_measured_one_counts_for_a_limited_time() -> None:
     at = target()
     known = replace(decision(4.0), predicted=np.array([3.0, *[math.nan] * 8]))
     known.corrected[0], known.corrected[5] = 3.0, math.nan

@@ -56,6 +56,6 @@ def test_times_that_become_known_replace_only_unknown_ones() -> None:
 
 
 @pytest.mark.parametrize("predicted", [math.nan, math.inf, -math.inf])
-def test_a_prediction_that_is_no_number_is_none(predicted: float) -> None:
+def test_a_prediction_that_is_not_a_number_is_ignored(predicted: float) -> None:
     made = replace(without_models(), predicted=np.full(9, predicted))
     assert LastMeasured(100.0, [UNKNOWN] * 9).outdated(made, 0.0).all()

@@ -51,7 +51,7 @@ def receiver(answer: bytes) -> Iterator[tuple[int, list[bytes]]]:
             thread.join()
 
 
-def test_check_accepts_an_outlet_of_another_package_and_a_mistake_in_it_is_told_with_its_place(example: Path) -> None:
+def test_check_accepts_an_outlet_of_another_package_and_reports_a_mistake_in_it_with_its_place(example: Path) -> None:
     good = check(example, LINES)
     assert (good.exit_code, good.output.strip().endswith("good. Outlets: board (text_lines)")) == (0, True), good.output
     for old, new, says in (

@@ -43,7 +43,7 @@ def test_a_mistake_is_named_with_its_place(tmp_path: Path, text: str, problem: s
     assert (code, problem in output) == (2, True), output
 
 
-def test_a_good_file_is_told_without_using_the_network(tmp_path: Path) -> None:
+def test_a_good_file_is_reported_without_using_the_network(tmp_path: Path) -> None:
     (tmp_path / "password").write_text("secret\n")
     text = f'{MQTT}url = "mqtts://broker.plant.example"\nuser = "talc"\npassword_file = "password"\n'
     assert said(tmp_path, text) == (0, "/outlets.toml: good. Outlets: plant (mqtt)")

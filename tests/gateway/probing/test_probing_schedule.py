@@ -86,7 +86,7 @@ def test_in_the_end_it_insists_and_informs_the_operator() -> None:
     assert "waited 30 min" in due.operator
 
 
-def test_waiting_goes_on_when_the_reason_to_measure_changes_and_begins_anew_after_it_ends() -> None:
+def test_waiting_goes_on_when_the_reason_to_measure_changes_and_begins_again_after_it_ends() -> None:
     plan = schedule()
     plan.want(Why.NOVELTY, 0.0)
     plan.look(CUTTING, 0.0)
@@ -156,7 +156,7 @@ def test_a_refusal_such_as_a_missing_probe_is_reported_once_and_asked_again_at_t
     assert [e.text for e in events] == ["probing: the control refused the cycle: the touch probe is missing"]
 
 
-def test_rejected_results_are_asked_for_again_so_often_and_no_more() -> None:
+def test_rejected_results_are_asked_for_again_a_limited_number_of_times() -> None:
     plan, bulletin = schedule(retries=2), Bulletin()
     asked: list[tuple[float, Why]] = []
     operator: list[Event] = []
@@ -300,7 +300,7 @@ def probed(program: LoadCase, hours: float, every_s: float = 7200.0) -> list[tup
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
-def test_over_a_day_no_cycle_begins_in_a_cut_and_none_waits_for_ever(seed: int) -> None:
+def test_over_a_day_no_cycle_begins_in_a_cut_and_none_waits_without_end(seed: int) -> None:
     program = LoadCase.random(seed, 48 * 3600.0)
     found = probed(program, 47.0)
     assert len(found) == 24

@@ -145,7 +145,7 @@ def test_plain_numbers_are_in_the_unit_that_is_given_or_named(
     assert any("as the column's name says" in note for note in found.notes) is not bool(unit)
 
 
-def test_a_unit_that_is_none_is_refused(tmp_path: Path) -> None:
+def test_an_invalid_unit_is_refused(tmp_path: Path) -> None:
     path = written(tmp_path, lines("time,t1,EZ0T"))
     for options in (["--time-unit", "weeks"], ["--time-unit", "h", "--time-format", "excel"]):
         assert here("replay", path, *options).code == 2

@@ -82,7 +82,7 @@ def test_the_neighbour_of_an_error_is_no_input_in_silence(tmp_path: Path, error:
     assert f"column '{other}': has two roles" in answer.together
 
 
-def test_an_error_that_is_hardly_in_micrometres_is_told(tmp_path: Path) -> None:
+def test_an_error_that_is_hardly_in_micrometres_is_reported(tmp_path: Path) -> None:
     path = table(tmp_path, "time,t1,t2,EX0C")
     heading, *lines = path.read_text(encoding="utf-8").splitlines()
     cells = [line.rsplit(",", 1) for line in lines]

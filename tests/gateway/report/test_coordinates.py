@@ -45,7 +45,7 @@ def test_a_coordinate_that_is_never_touched_has_a_reason_for_each_error() -> Non
     assert [part.split(":")[0] for part in found.not_corrected.split("; ")] == ["EX0C", "ER0T", "EB0C", "EC0C"]
 
 
-def test_with_trained_models_an_error_without_one_is_told_apart_from_one_that_was_never_measured() -> None:
+def test_with_trained_models_an_error_without_one_is_distinguished_from_one_that_was_never_measured() -> None:
     run = small_run()
     predicted, corrected = run.predicted.copy(), run.corrected.copy()
     ex0c, eb0c = THERMAL_ERRORS.index("EX0C"), THERMAL_ERRORS.index("EB0C")

@@ -113,7 +113,7 @@ def test_every_chart_is_a_picture_with_text_too_for_readers_without_a_script(pag
     assert colours == set(), "they follow the reader's light or dark"
 
 
-def test_the_scripts_charts_hold_the_numbers(page: str) -> None:
+def test_the_scripts_charts_contain_the_numbers(page: str) -> None:
     series = series_of(page)
     assert series["start"] == START
     assert series["zone"] == "Europe/Zurich"
@@ -223,7 +223,7 @@ def test_the_legend_explains_what_is_there_alone(page: str) -> None:
     assert shown(build(replace(run, limits=limits, models=models))) == list(marks[2:])
 
 
-def test_nothing_is_told_of_no_channel_and_no_event() -> None:
+def test_nothing_is_said_of_no_channel_and_no_event() -> None:
     run = unmeasured()
     page = build(run)
     assert "<p>2 channels: good readings only.</p>" in page

@@ -62,7 +62,7 @@ def test_what_got_worse_is_a_loss_too() -> None:
     assert said["worse with compensation, RMS"] == "tool X 0.0 → 3.0 µm, EX0C 0.0 → 3.0 µm"
 
 
-def test_of_a_recording_it_is_told_where_holding_the_last_measurement_would_have_left_less() -> None:
+def test_of_a_recording_it_says_where_holding_the_last_measurement_would_have_left_less() -> None:
     run = small_run()  # EZ0A: 40 µm, of which 4 are left
     for held, said in (
         (0.95, {"worse than holding the last measurement, RMS": "EZ0A 4.0 instead of 2.0 µm"}),

@@ -62,7 +62,7 @@ def test_a_disk_that_does_not_answer_is_reported_after_its_time(disk: HangingDis
     assert time.monotonic() - began_s == pytest.approx(20.0, abs=0.1)
 
 
-def test_a_migration_or_repair_takes_as_long_as_it_takes_and_the_time_counts_anew_after_it(disk: HangingDisk) -> None:
+def test_a_migration_or_repair_takes_as_long_as_it_takes_and_the_time_counts_again_after_it(disk: HangingDisk) -> None:
     def migrate() -> str:
         with long_work():
             time.sleep(3600.0)

@@ -23,7 +23,7 @@ def wrong(acts: list[DiskAct], seeds: range, folder: Path) -> list[str]:
     return found
 
 
-def test_no_power_cut_tears_the_store_or_loses_what_was_told_to_be_stored(acts: list[DiskAct], tmp_path: Path) -> None:
+def test_no_power_cut_tears_the_store_or_loses_what_was_reported_as_stored(acts: list[DiskAct], tmp_path: Path) -> None:
     assert wrong(acts, range(50), tmp_path) == []
 
 

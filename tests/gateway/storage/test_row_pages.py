@@ -165,7 +165,7 @@ def test_what_a_frame_is_learnt_from_comes_with_its_step(tmp_path: Path) -> None
     assert [cells[-10:] for cells in asker.cells["steps"]] == [[*[0.5] * 9, 0], [*[1.5] * 9, 1]]
 
 
-def test_a_frame_on_which_nothing_was_decided_is_not_told(tmp_path: Path) -> None:
+def test_a_frame_on_which_nothing_was_decided_is_not_returned(tmp_path: Path) -> None:
     path = tmp_path / "g.sqlite"
     asker = Asker(path)
     with Store(path, "boot-1", SteppedClock()) as store:
@@ -175,7 +175,7 @@ def test_a_frame_on_which_nothing_was_decided_is_not_told(tmp_path: Path) -> Non
         assert asker.seen["steps"] == []
 
 
-def test_what_an_earlier_program_left_is_told_too(tmp_path: Path) -> None:
+def test_what_an_earlier_program_left_is_returned_too(tmp_path: Path) -> None:
     path = tmp_path / "g.sqlite"
     with Store(path, "boot-1", SteppedClock()) as store:
         event(store, "early")
@@ -189,7 +189,7 @@ def test_what_an_earlier_program_left_is_told_too(tmp_path: Path) -> None:
     assert texts(asker) == ["early", "late"]
 
 
-def test_inputs_that_change_are_told_in_pages_of_their_own(tmp_path: Path) -> None:
+def test_inputs_that_change_come_in_separate_pages(tmp_path: Path) -> None:
     path = tmp_path / "g.sqlite"
     one, two = parse(TEXT, path), parse(TEXT.replace("column", "table"), path)
     for boot, config in enumerate((one, two)):
@@ -210,7 +210,7 @@ def test_inputs_that_change_are_told_in_pages_of_their_own(tmp_path: Path) -> No
     assert list(second.rows[0])[:5] == [3, datetime.fromtimestamp(900.0, UTC), "compensation", 23.5, None]
 
 
-def test_rows_that_became_old_before_they_were_asked_for_are_told_as_a_gap(tmp_path: Path) -> None:
+def test_rows_that_became_old_before_they_were_asked_for_are_reported_as_a_gap(tmp_path: Path) -> None:
     path, day = tmp_path / "g.sqlite", 86400.0
     asked, never = Asker(path), Asker(path)
     with Store(path, "boot-1", SteppedClock()) as store:

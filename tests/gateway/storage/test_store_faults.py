@@ -187,7 +187,7 @@ def has_readings(connection: sqlite3.Connection, count: int) -> bool:
     return bool(connection.execute("SELECT count(*) FROM reading").fetchone() == (count,))
 
 
-def test_readings_alone_reach_the_file_without_anything_that_hurries_them(tmp_path: Path) -> None:
+def test_readings_reach_the_file_without_anything_that_hurries_them(tmp_path: Path) -> None:
     path = tmp_path / "g.sqlite"
     with Store(path, "boot1", SteppedClock(), commit_s=0.3) as store, closing(sqlite3.connect(path)) as other:
         store.flush()

@@ -30,7 +30,7 @@ def test_messages_leave_in_the_order_in_which_they_came() -> None:
     assert (backlog.dropped_loose, backlog.dropped_firm) == (0, 0)
 
 
-def test_of_too_many_the_oldest_that_may_be_lost_go_and_none_of_the_others() -> None:
+def test_of_too_many_messages_the_oldest_that_may_be_lost_are_dropped_and_no_others() -> None:
     backlog = Backlog(3, 10, 1000, 0.0)
     for number in range(10):
         backlog.put([(f"loose{number}", b"x" * 200)], firm=False)

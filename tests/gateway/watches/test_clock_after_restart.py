@@ -247,7 +247,7 @@ async def test_a_clock_that_is_set_before_the_first_step_ends_leaves_nothing_unk
     assert at.frames[0].k == int(MONDAY.timestamp() // STEP_S) + 2
 
 
-async def test_a_year_that_cannot_be_is_not_believed_until_it_is_synchronised() -> None:
+async def test_an_impossible_year_is_not_believed_until_it_is_synchronised() -> None:
     schedule = Schedule(STEP_S, 1000)
     assert schedule.next(datetime(2106, 1, 1, tzinfo=UTC), 0.0, known=False).k == 1001
     assert schedule.next(datetime(2106, 1, 1, tzinfo=UTC), 400.0, known=True).k > 10_000_000

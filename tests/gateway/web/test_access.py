@@ -76,7 +76,7 @@ def test_a_gateway_that_publishes_nothing_has_no_page(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("text", ["8080", "localhost:", "host:99999", "::1:8080", "host:x"])
-def test_an_address_that_is_none_is_refused_in_words(text: str) -> None:
+def test_an_invalid_address_is_refused_in_words(text: str) -> None:
     arguments = ["web", "--connect", "tcp/127.0.0.1:1", "--listen", text]
     answer = CliRunner().invoke(main, arguments, catch_exceptions=False)
     assert answer.exit_code == 2
@@ -176,6 +176,6 @@ def test_every_answer_forbids_what_is_not_of_this_server(path: str) -> None:
 @pytest.mark.parametrize(
     "query", ["tolerance=-1", "tolerance=nan", "x=inf", "z=1e9", "a=left", "x=1_0", "x=١٢", "y=%201"]
 )
-def test_a_point_that_is_none_is_refused(query: str) -> None:
+def test_an_invalid_point_is_refused(query: str) -> None:
     answer = client(WebSettings()).get(f"/stream/mill?{query}")
     assert (answer.status_code, "expected a number" in answer.text) == (400, True)

@@ -77,13 +77,13 @@ def refused() -> bytes:
         (lambda: gzip.compress(bytes(4_000_001)), "the page has more than 4 MB"),
     ],
 )
-def test_a_gateway_that_cannot_is_told_as_text(answer: Callable[[], bytes], said: str) -> None:
+def test_a_gateway_that_cannot_make_it_is_reported_as_text(answer: Callable[[], bytes], said: str) -> None:
     found = mill_page(Reporting(answer)).get("/machine/mill/report/2026-03-02")
     assert (found.status_code, found.headers["content-type"]) == (503, "text/plain; charset=utf-8")
     assert found.text.startswith("There is no report of 2026-03-02 from mill: ")
     assert said in found.text
 
 
-def test_without_a_connection_there_is_none_and_nothing_can_be_sent() -> None:
+def test_without_a_connection_there_is_no_report_and_nothing_can_be_sent() -> None:
     assert mill_page(None).get("/machine/mill/report/2026-03-02").status_code == 503
     assert mill_page(Reporting(refused)).post("/machine/mill/report/2026-03-02").status_code == 405

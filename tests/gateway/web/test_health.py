@@ -57,7 +57,7 @@ def test_a_store_with_a_problem_says_which_and_how_much_waits() -> None:
         (StorageStanding("", 0, 12, 900.0), "spool.dropped", "notice"),  # the store works again
     ],
 )
-def test_what_is_not_stored_yet_is_told_with_its_age(storage: StorageStanding, say: str, mark: str) -> None:
+def test_what_is_not_stored_yet_is_shown_with_its_age(storage: StorageStanding, say: str, mark: str) -> None:
     spool = rows(storage=storage)["label.spool"]
     assert (spool.said.say, spool.mark) == (say, mark)
     if say == "spool.oldest":

@@ -53,7 +53,7 @@ def test_where_nothing_older_is_stored_there_is_no_next_answer() -> None:
     assert found == {"lines": [], "before": None, "why": ""}
 
 
-def test_a_gateway_that_does_not_answer_is_told_and_so_is_one_that_was_never_heard() -> None:
+def test_a_gateway_that_does_not_answer_is_reported_and_so_is_one_that_was_never_heard() -> None:
     def silent() -> CoursePage:
         raise OSError("no answer within 5 s")
 
@@ -64,7 +64,7 @@ def test_a_gateway_that_does_not_answer_is_told_and_so_is_one_that_was_never_hea
 
 
 @pytest.mark.parametrize("before", ["yesterday", "0001-01-01T00:00:00+00:00", "9999-12-31T23:59:59-14:00"])
-def test_a_time_that_is_none_is_refused_and_nobody_asked(before: str) -> None:
+def test_an_invalid_time_is_refused_and_nobody_asked(before: str) -> None:
     source = StoredElsewhere(stored)
     assert mill_page(source, heard=True).get("/corrections/mill", params={"before": before}).status_code == 400
     assert mill_page(source, heard=True).get("/corrections/no%20machine").status_code == 404

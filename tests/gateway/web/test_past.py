@@ -89,7 +89,7 @@ async def test_a_gateway_is_asked_by_two_at_once_and_the_others_wait() -> None:
         SPAN | {"x": "far"},
     ],
 )
-def test_a_span_that_is_none_is_refused_and_nobody_asked(asked: dict[str, str]) -> None:
+def test_an_invalid_span_is_refused_and_nobody_asked(asked: dict[str, str]) -> None:
     source = StoredElsewhere(stored)
     assert mill_page(source).get("/past/mill", params=asked).status_code == 400
     assert source.asked == []
@@ -114,7 +114,7 @@ def test_an_answer_with_columns_of_other_lengths_is_refused_and_one_without_erro
         assert answer.json()["without"][2] == [None, None]
 
 
-def test_without_a_connection_and_for_a_name_that_no_machine_can_have_there_is_none() -> None:
+def test_without_a_connection_or_for_an_impossible_name_there_is_no_past() -> None:
     assert mill_page(None).get("/past/mill", params=SPAN).status_code == 503
     assert mill_page(StoredElsewhere(stored)).get("/past/a%20b", params=SPAN).status_code == 404
     assert mill_page(StoredElsewhere(stored)).post("/past/mill", params=SPAN).status_code == 405

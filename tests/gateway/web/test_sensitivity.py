@@ -101,7 +101,7 @@ def test_a_week_in_which_the_temperature_failed_has_none_and_the_others_have() -
         CoursePage([1e9], {"EX0C": PublishedCourse([], [])}, [], {}, [], {"bed": [1.0]}),
     ],
 )
-def test_columns_of_other_lengths_and_times_that_are_none_are_refused(page: CoursePage) -> None:
+def test_columns_of_other_lengths_and_invalid_times_are_refused(page: CoursePage) -> None:
     with pytest.raises(ValueError, match=r"temperatures for|is not a time|numbers for"):
         sensitivity_by_week(page)
 

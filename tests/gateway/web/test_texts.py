@@ -92,7 +92,7 @@ def test_the_language_is_the_browsers_unless_another_is_asked_for(
 
 
 @pytest.mark.parametrize("template", TEMPLATES, ids=lambda path: path.name)
-def test_no_template_has_a_script_a_style_or_a_handler_of_its_own(template: Path) -> None:
+def test_no_template_has_its_own_script_style_or_handler(template: Path) -> None:
     text = template.read_text("utf-8")
     assert re.findall(r"<style|\sstyle=|\son\w+=|javascript:|\|\s*safe", text) == []
     for attributes in re.findall(r"<script([^>]*)>", text):

@@ -43,7 +43,7 @@ def test_the_interval_if_it_is_not_measured_stands_beside_that_after_a_measureme
     assert row.said.values["axis"] == Word("Y"), "two tilts and two positions move it there; X and Z have one tilt"
 
 
-def test_it_is_told_for_when_the_next_measurement_is_expected() -> None:
+def test_it_is_stated_for_when_the_next_measurement_is_expected() -> None:
     heard = growing(after=2.0, measured=1.0)
     heard.passes(STEP)
     heard.decision(1)

@@ -38,7 +38,7 @@ def test_weeks_begin_on_monday_and_the_latest_comes_first() -> None:
 
 
 @pytest.mark.parametrize("page", [CoursePage([], {}, [1e9], {}), CoursePage([], {}, [1e30], {}, [1.0])])
-def test_columns_of_other_lengths_and_times_that_are_none_are_refused(page: CoursePage) -> None:
+def test_columns_of_other_lengths_and_invalid_times_are_refused(page: CoursePage) -> None:
     with pytest.raises(ValueError, match=r"residuals of|is not a time"):
         scatter_by_week(page)
 

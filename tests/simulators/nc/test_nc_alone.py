@@ -204,7 +204,7 @@ async def test_monitor_and_advise_learn_what_compensate_corrects(tmp_path: Path)
     assert last_shift(told) == (0.0, 0.0, 0.0), "taken back at the end"
 
 
-def test_what_a_gateway_does_is_told_once() -> None:
+def test_what_a_gateway_does_is_reported_once() -> None:
     rest = LoadCase([DayPart(0.0, 1.0, Activity.PAUSE, MeanLoads())])
     table, told = GrowingTable(300.0), ControlTold()
     nck = Nck(table, rest, cycle=CycleSettings(duration_s=12.0, approach_s=1.0))

@@ -122,7 +122,7 @@ def test_the_supplied_watchdog_does_what_the_emulated_one_does() -> None:
     assert max(steps[3:]) <= 1e-3 * IPO_S * (1 + 1e-9)
 
 
-def test_a_ramp_of_zero_holds_and_power_on_begins_anew() -> None:
+def test_a_ramp_of_zero_holds_and_power_on_begins_again() -> None:
     nck = control(START)
     for number, value in ((R_SILENCE, 1.0), (R_OWNER, 7.0), (R_BEAT, 1.0)):
         nck.write_r(number, value, 0.05)

@@ -48,7 +48,7 @@ def test_parameters_are_read_set_and_cloned(estimator: talc.Learner) -> None:
 
 
 @pytest.mark.parametrize("estimator", ESTIMATORS, ids=lambda e: type(e).__name__)
-def test_what_is_not_fitted_is_told_in_both_languages(estimator: Any) -> None:
+def test_what_is_not_fitted_is_reported_in_both_languages(estimator: Any) -> None:
     from sklearn.base import clone
     from sklearn.exceptions import NotFittedError
 

@@ -144,7 +144,9 @@ def test_the_unit_of_the_errors_only_scales(days: ThermalSeries) -> None:
         np.testing.assert_allclose(1000.0 * b, a, rtol=1e-6, atol=1e-6)
 
 
-def test_a_noise_in_another_unit_than_the_errors_is_told(days: ThermalSeries, recwarn: pytest.WarningsRecorder) -> None:
+def test_a_noise_in_another_unit_than_the_errors_is_reported(
+    days: ThermalSeries, recwarn: pytest.WarningsRecorder
+) -> None:
     mm = sparse(days)[:200, :3] / 1000.0
     talc.Learner(unit_um=1000.0, noise=[0.001, 0.001, 100.0]).fit(days.inputs[:200], mm)
     assert not recwarn.list, "an error below the noise is none of the unit"
@@ -239,7 +241,7 @@ def test_an_error_s_name_occurs_once() -> None:
             estimator.fit([[1.0], [2.0]], y)
 
 
-def test_an_hour_that_repeats_is_told_from_rows_in_disorder() -> None:
+def test_an_hour_that_repeats_is_distinguished_from_rows_in_disorder() -> None:
     index = pd.date_range("2026-10-24 22:00", periods=100, freq="5min", tz="Europe/Zurich")
     X, y = np.arange(100.0)[:, None], np.arange(100.0)
     with pytest.raises(ValueError, match=r"row 60 is not later .* if summer time ended there, tz_localize\(zone, amb"):
