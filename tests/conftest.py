@@ -19,11 +19,11 @@ from tests.benches.simulated_time import real_monotonic_s, simulated_time
 # Before NumPy is imported: tests run side by side, and BLAS threads that wait for a core cost a hundredfold.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-# What imports and the collection of tests make stays to the end, nearly a million objects: the garbage collector is off
-# meanwhile and leaves them alone afterwards, or it would look through them again and again.
+# Imports and the collection of tests make nearly a million objects, which stay to the end: the garbage collector is off
+# meanwhile and ignores them afterwards, or it would look through them again and again.
 gc.disable()
 
-# How long an example takes tells about this computer, not about the code.
+# How long an example takes depends on this computer, not on the code.
 settings.register_profile("any computer", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("any computer")
 
@@ -32,14 +32,14 @@ _GRACE_S = 30.0
 
 
 def _minutes(item: pytest.Item) -> float | None:
-    """As its marker `slow` states; about ten seconds, if that states nothing."""
+    """The minutes that its marker `slow` states; about ten seconds if that states nothing."""
     slow = item.get_closest_marker("slow")
     return None if slow is None else float(slow.kwargs.get("minutes", 0.2))
 
 
 @pytest.hookimpl(trylast=True)
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """After the choice of tests."""
+    """Called after the choice of tests."""
     workers = int(getattr(config, "workerinput", {}).get("workercount", 1))
     items[:] = dealt(items, lambda item: item.path, _minutes, workers)
 
@@ -60,7 +60,7 @@ _phase_began_s = pytest.StashKey[float]()
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, object, object]:
-    """Run the whole of a test marked `simulated_time` on it."""
+    """Run the whole of a test marked `simulated_time` on simulated time."""
     if item.get_closest_marker("simulated_time") is None:
         return (yield)
     item.stash[_phase_began_s] = real_monotonic_s()
@@ -86,7 +86,7 @@ async def no_leaked_tasks() -> AsyncIterator[None]:
 
 
 def _open_channels() -> set[str]:
-    """Sockets and terminals this process holds."""
+    """Sockets and terminals that this process has open."""
     return {link for link in open_links() if link.startswith(("socket:", "/dev/pts/", "/dev/ptmx"))}
 
 

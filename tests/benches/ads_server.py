@@ -1,4 +1,4 @@
-"""The ADS server that the library pyads brings for tests, as a TwinCAT PLC; Beckhoff's own client talks to it."""
+"""The test server of the library pyads as a TwinCAT PLC; Beckhoff's own client talks to it."""
 
 import itertools
 import os
@@ -35,11 +35,11 @@ class EmulatedPlc(AdvancedHandler):  # type: ignore[misc]
                 self.add_variable(PLCVariable(name, value, constants.ADST_REAL64, "LREAL"))
 
     def set(self, name: str, value: float | bool) -> None:
-        """As the PLC's program would."""
+        """Set a value, as the PLC's program would."""
         self.get_variable_by_name(name).value = struct.pack("<?" if isinstance(value, bool) else "<d", value)
 
     def exchange_places(self, one: str, other: str) -> None:
-        """As another program that was loaded: each variable is where the other was."""
+        """Exchange two variables' places, as loading another program would."""
         first, second = self.get_variable_by_name(one), self.get_variable_by_name(other)
         first.index_offset, second.index_offset = second.index_offset, first.index_offset
         self.add_variable(first)
@@ -56,13 +56,13 @@ class EmulatedPlc(AdvancedHandler):  # type: ignore[misc]
 
 
 def unused_host() -> str:
-    """An address on the loopback: ADS has one fixed port, so each server has an address of its own."""
+    """An unused loopback address: ADS has one fixed port, so each server needs its own address."""
     return f"127.{(os.getpid() >> 8) % 254 + 1}.{os.getpid() % 254 + 1}.{next(_NUMBERS)}"
 
 
 @contextmanager
 def ads_server(plc: EmulatedPlc) -> Iterator[str]:
-    """Its address."""
+    """Run a server inside; yields its address."""
     host = unused_host()
     server = AdsTestServer(handler=plc, ip_address=host, logging=False)
     server.start()

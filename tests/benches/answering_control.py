@@ -1,4 +1,4 @@
-"""A control that answers whatever it is told to, right or wrong, in each of the three forms of a control."""
+"""A control that gives any answer that a test sets, right or wrong, in each of the three forms of a control."""
 
 from dataclasses import dataclass, field
 from typing import Any, cast
@@ -8,7 +8,7 @@ from drivers.nc import LinearOffsets, NcSnapshot, NineErrors, RequestStatus, Tak
 
 @dataclass
 class AnsweringControl:
-    """Gets a shift alone; `asked`: what it was asked so far."""
+    """Gets only a shift; `asked`: what it was asked so far."""
 
     answers: dict[str, Any] = field(default_factory=dict)
     asked: list[tuple[Any, ...]] = field(default_factory=list)

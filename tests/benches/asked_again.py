@@ -1,4 +1,4 @@
-"""Asking a device of another program as the service does: again, when it is later than usual."""
+"""Asks a third-party device as the service does: again, when its answer is later than usual."""
 
 import asyncio
 from collections import Counter
@@ -23,7 +23,7 @@ _counted = Counter[str]()
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_call(item: pytest.Item) -> Generator[None, object, object]:
-    """The report of a test has its repeats in it, the one that a worker sends, too."""
+    """Put a test's repeats into its report, also into one that a worker sends."""
     before = _counted["repeats"]
     try:
         return (yield)
@@ -39,7 +39,7 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
 
 
 def told(reports: Iterable[object]) -> str:
-    """A line for the summary; empty if no device was asked again."""
+    """A line for the summary of the tests; empty if no device was asked again."""
     tests = {
         report.nodeid: int(str(value))
         for report in reports
@@ -54,11 +54,11 @@ def told(reports: Iterable[object]) -> str:
 
 
 async def answered(ask: Callable[[bool], Awaitable[Answer]]) -> Answer:
-    """The answer to a question, which is told whether it continues with one that was not answered.
+    """The answer to a question; the question gets whether it repeats one that was not answered.
 
-    On a serial line the driver learns from the first answer to wait no longer than 50 ms, and leaves it to who polls to
-    ask again; a late answer is as good. On a busy computer another program is later now and then.
-    The summary of the tests tells how often.
+    On a serial line the driver learns from the first answer to wait no longer than 50 ms, and leaves it to the poller
+    to ask again; a late answer is as good. On a busy computer another program is late now and then. The summary of the
+    tests reports how often.
 
     Raises NoAnswer after MOST_REPEATS, TimeoutError after LIMIT_S.
     """
@@ -71,5 +71,5 @@ async def answered(ask: Callable[[bool], Awaitable[Answer]]) -> Answer:
 
 
 async def readings_of(driver: Driver) -> Sequence[Reading]:
-    """One of each channel, asked for until the device answers. Raises as `answered` does."""
+    """A reading of each channel; asks until the device answers. Raises as `answered` does."""
     return await answered(lambda again: driver.read(again=again))

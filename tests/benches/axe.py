@@ -1,4 +1,4 @@
-"""axe, which judges whether everybody can use a page."""
+"""Runs axe, which judges whether everybody can use a page."""
 
 from playwright.sync_api import Page
 

@@ -1,4 +1,4 @@
-"""What an upgrade must take back: newer packages whose program ends itself, or runs and reads nothing."""
+"""Newer packages that an upgrade must take back: their program ends itself, or runs and reads nothing."""
 
 import re
 from dataclasses import dataclass
@@ -29,7 +29,7 @@ class BadPackage:
     """How long the installation waits until what was well before is well again."""
 
     def build(self, contents: Path, folder: Path) -> None:
-        """Make it of what is in a good one, as NAME.deb in the folder."""
+        """Build it from the content of a good one, as NAME.deb in the folder."""
         raw = contents.with_name(self.name)
         run(["cp", "--archive", "--link", contents, raw], check=True)
         for path, pattern, value in (

@@ -58,7 +58,7 @@ class BootedDebian:
             "systemd-nspawn", "--quiet", "--boot", "--register=no", "--keep-unit", "--private-network",
             "--console=pipe", "--link-journal=no", "--resolv-conf=off", "--timezone=off",
             # The guest's systemd puts the filters of addresses and devices into this kernel with bpf. Its clock can be
-            # asked, and without CAP_SYS_TIME not set.
+            # read, but without CAP_SYS_TIME not be set.
             "--capability=CAP_BPF,CAP_NET_ADMIN", "--system-call-filter=bpf adjtimex clock_adjtime",
             f"--directory={self._root}",
         ]  # fmt: skip

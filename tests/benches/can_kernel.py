@@ -72,7 +72,7 @@ class CanSocket:
         self._inside.send(frame)
 
     def fail(self, number: int) -> None:
-        """As the kernel wakes whoever waits."""
+        """Fail, as the kernel wakes whoever waits."""
         self._pending = number
         self._inside.send(b"")
 
@@ -102,7 +102,7 @@ class CanKernel:
             self._each(channel, lambda open_one: open_one.fail(errno.ENETDOWN))
 
     def remove(self, channel: str) -> None:
-        """The adapter is pulled out."""
+        """Pull the adapter out."""
         del self.up[channel]
         self._each(channel, lambda open_one: open_one.fail(errno.ENODEV))
 
@@ -113,7 +113,7 @@ class CanKernel:
             self._each(channel, lambda open_one, frame=frame: open_one.put(frame))  # type: ignore[misc]
 
     def pass_on(self, channel: str, identifier: int, data: bytes) -> None:
-        """What a socket sent, to the nodes; and their answers back."""
+        """Pass what a socket sent to the nodes, and their answers back."""
         for node in self._nodes:
             self.send(node.on_frame(identifier, data), channel)
 

@@ -1,4 +1,4 @@
-"""Changes the source of loaded modules for a while: so defects are planted, to see that a bench finds them."""
+"""Changes the source of loaded modules for a while, to plant defects and see that a bench finds them."""
 
 import inspect
 from collections.abc import Iterator, Sequence
@@ -13,7 +13,7 @@ from tests.benches.mutated_functions import exchanges
 
 @dataclass(frozen=True, slots=True)
 class SourceChange:
-    """Within a function of a module. What the new text needs and the module has not, it imports itself."""
+    """A change within a function of a module. The new text imports itself what it needs and the module lacks."""
 
     module: ModuleType
     text: str

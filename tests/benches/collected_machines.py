@@ -1,4 +1,4 @@
-"""Machines that have run, and the collector that has all that they stored."""
+"""Machines that have run, and a collector that has everything they stored."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -52,7 +52,7 @@ def work(folder: Path, seed: int, kind: str | None = None) -> None:
 
 
 def collected(gateways: Path, site: str) -> None:
-    """All that these gateways have stored, in a folder or in the database at an address."""
+    """Collect all that these gateways have stored, in a folder or in the database at an address."""
     with site_at(site) as kept:
         collecting = Collector(StoredSite(gateways), kept, limit=100)
         for turn in count():

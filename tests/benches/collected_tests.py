@@ -48,7 +48,8 @@ class _Reaching:
 
 @dataclass(slots=True)
 class _Ended:
-    """A fork: what it told, None if a signal ended it because it took too long; its exit code and what it took."""
+    """A fork that has ended: what it reported, None if a signal ended it because it took too long; its exit code and
+    time."""
 
     told: dict[str, Any] | None
     code: int

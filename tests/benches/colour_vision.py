@@ -1,4 +1,4 @@
-"""How far two colours are apart for people who see all colours, and for those who do not."""
+"""How different two colours are for people who see all colours, and for those who do not."""
 
 from collections.abc import Mapping
 from typing import Final

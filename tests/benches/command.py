@@ -1,6 +1,7 @@
 """The command line as a user runs it: in a separate process, with the emulated devices inside the test.
 
-A process takes a second to start, so what ends by itself runs in the test's: `here`, with the devices `beside` it.
+A process takes a second to start, so a command that ends by itself runs in the test's process: `here`, with the devices
+`beside` it.
 """
 
 import asyncio
@@ -26,7 +27,7 @@ Devices = TypeVar("Devices")
 
 @dataclass(frozen=True, slots=True)
 class Done:
-    """What a command left."""
+    """The result of a command."""
 
     code: int
     out: str

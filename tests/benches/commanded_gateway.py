@@ -1,4 +1,4 @@
-"""The telemetry of a gateway that takes commands, and that a command pauses, with neither machine nor store.
+"""The telemetry of a gateway that takes commands and that a command can pause, with neither machine nor store.
 
 `python -m tests.benches.commanded_gateway PORT MACHINE OPERATOR KEY_FILE` says `listening`, then each command.
 """
@@ -20,7 +20,7 @@ _STATUS_S = 5.0
 
 
 async def main(port: int, machine: str, operator: str, key_file: Path) -> None:
-    """Until standard input ends."""
+    """Run until standard input ends."""
     clock, paused = SystemClock(), None
     may = (CommandName.PAUSE, CommandName.RESUME)
     settings = Telemetry(

@@ -1,4 +1,4 @@
-"""In the guest, by the Python of the package: puts the files of deploy/pi where they go, and sees what they do.
+"""Runs in the guest under the package's Python: puts the files of deploy/pi where they belong, and sees what they do.
 
 `tries` gives rows: what was tried, whether it went as it should, what was seen.
 """
@@ -78,7 +78,8 @@ def _opened(heard: bytearray) -> bool:
 
 
 def networkd() -> Iterator[GuestRow]:
-    """An adapter with slcan hears of the bit rate on its serial line. It cannot obey one line of the file."""
+    """networkd sets the bit rate of an slcan adapter over its serial line. The adapter cannot obey one line of the
+    file."""
     placed("80-can.network", "/etc/systemd/network/80-can.network", ("RestartSec=100ms\n", ""))
     run("modprobe slcan")
     adapter, line = os.openpty()
@@ -135,7 +136,7 @@ def journald() -> Iterator[GuestRow]:
 
 
 def kernel_log() -> Iterator[GuestRow]:
-    """What the driver of a Pi's firmware says of its supply is found as docs/install-pi.md shows."""
+    """The commands of docs/install-pi.md find what the driver of a Pi's firmware logs about its supply."""
     Path("/dev/kmsg").write_text("<2>hwmon hwmon1: Undervoltage detected!\n", encoding="utf-8")
     run("journalctl --sync")
     found = run("journalctl -k --grep voltage")
@@ -143,7 +144,7 @@ def kernel_log() -> Iterator[GuestRow]:
 
 
 def read_only() -> Iterator[GuestRow]:
-    """The root read-only, the data on a partition of its own (a second disk), and the service on it."""
+    """The root is read-only, the data is on a separate partition (a second disk), and the service runs on it."""
     boot = next(line for line in (SHARE / "fstab-read-only").read_text("utf-8").splitlines() if "REPLACE-01" in line)
     placed("fstab-read-only", "/etc/fstab", ("PARTUUID=REPLACE-02", "/dev/ubda"), (boot + "\n", ""))
     run("systemctl stop talc-gateway")

@@ -1,4 +1,4 @@
-"""Models by which tests of the controller tell one training from another."""
+"""Models by which tests of the controller distinguish one training from another."""
 
 import numpy as np
 

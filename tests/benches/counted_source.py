@@ -16,7 +16,7 @@ class CountedSource:
         return self._values
 
     async def reads(self, count: int) -> None:
-        """Until there were so many since this was called."""
+        """Wait until there were this many reads since the call."""
         wanted = self._count + count
         while self._count < wanted:
             self._news.clear()

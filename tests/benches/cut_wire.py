@@ -1,4 +1,4 @@
-"""A wire to a server that can be cut, go silent while it stays open, or corrupt the server's answers."""
+"""A connection to a server that can be cut, go silent while it stays open, or corrupt the server's answers."""
 
 import asyncio
 from collections.abc import AsyncIterator, Callable
@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 @dataclass
 class CutWire:
-    """A wire between the two that can be cut, or go silent while it stays open."""
+    """Passes on a connection between client and server; it can be cut, or go silent while it stays open."""
 
     target: int
     silent: bool = False

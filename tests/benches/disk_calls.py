@@ -6,7 +6,7 @@ its store, the control is the emulated one in this process, and time is simulate
 time. A layer under the process (`failing_disk.cc`) counts the calls and refuses them.
 
 A fault lasts until the gateway has gone on with it for two steps, or has refused to start, or has stopped; or it is a
-single one. Whatever it does, a gateway that refuses to start is started again, as systemd would.
+single one. A gateway that refuses to start is always started again, as systemd would.
 
 `python -m tests.benches.disk_calls` prints a table; `--step 20` takes each twentieth call only. With `--planted` the
 gateway has a defect, which is to be found.
@@ -42,9 +42,9 @@ _HANGS = "one hangs"
 
 
 def lives(folder: Path) -> None:
-    """As a program: for each line `number of the fault or -1, call` on standard input, a life; its verdict as JSON.
+    """As a program: each line `number of the fault or -1, call` on standard input starts a life; prints verdicts as JSON.
 
-    Each is a fork of this process, in which a whole life has passed already: it loads and compiles nothing any more.
+    Each life is a fork of this process, in which a whole life has passed already: it loads and compiles nothing more.
     """
     rehearsal = folder / "rehearsal"
     rehearsal.mkdir()
@@ -80,7 +80,7 @@ def lives(folder: Path) -> None:
 class LivesProcess:
     """Starts lives quickly: everything is imported once, each life is a fork. As a context manager.
 
-    defect: of PLANTED, which each of its gateways has; None: none
+    defect: the defect from PLANTED that each of its gateways has; None: no defect
     """
 
     def __init__(self, folder: Path, defect: str | None = None) -> None:

@@ -133,14 +133,14 @@ class Life:
             self._disk.fail_from(0, 0, 0, 0)
 
     def _damage(self) -> None:
-        """The file says another version than it was written with; nothing of it is lost."""
+        """Make the file state a different version from the one it was written with; nothing in it is lost."""
         self._disk.pause_disk_faults(1)
         with closing(sqlite3.connect(self._path)) as connection:
             connection.execute("PRAGMA user_version = 3")
         self._disk.pause_disk_faults(0)
 
     async def _run(self, boot: str) -> bool:
-        """One run of a gateway; whether it started."""
+        """One run of a gateway; returns whether it started."""
         first, started = len(self._made), False
         name = f"{boot} {first} {self.verdict.not_started}"
         try:
@@ -250,7 +250,7 @@ class Life:
         return x, y, z
 
     def _judge(self) -> None:
-        """Of the control's record and of the store that is left."""
+        """Judge the control's record and the store that is left."""
         wrong = self.verdict.wrong
         try:
             assert_never_stepped(self._nck.log, (50.0, 50.0, 50.0), 1.0, _PERIOD_S)

@@ -1,4 +1,4 @@
-"""Three units on one RTU line, over the real wire, whose middle one's answers are disturbed by a seed."""
+"""Three units on one RTU line, over the real wire; a seed decides how the middle one's answers are disturbed."""
 
 import asyncio
 import random
@@ -47,7 +47,7 @@ def lost(share: float) -> Disturb:
 
 
 def busy(share: float) -> Disturb:
-    """Instead of this share of the answers the unit says that it is busy (exception 6)."""
+    """For this share of the requests the unit says that it is busy (exception 6) instead of answering."""
 
     def disturb(draw: random.Random, frame: bytes) -> Sent:
         refusal = bytes((frame[0], frame[1] | 0x80, 6))
@@ -75,9 +75,9 @@ def slow(share: float, by_s: float) -> Disturb:
 
 
 def least_lost(seed: int, share: float, by_s: float, requests: int) -> int:
-    """How many of 60 periods are lost on a line that is `slow` by anyone who needs so many answers in each.
+    """How many of 60 periods any master loses on a line that is `slow` if it needs this many answers in each period.
 
-    He sends each request once, knows which answer is whose, and so waits for nothing but the unit.
+    It sends each request once, knows which answer is whose, and so waits only for the unit.
     """
     draw, free_s, lost_periods = random.Random(seed), 0.0, 0
     for period in range(PERIODS):

@@ -15,7 +15,7 @@ async def read_until_error(driver: Driver) -> None:
 
 
 def told(readings: Sequence[Reading]) -> list[tuple[float | str, str]]:
-    """Value and unit of good channels, quality and reason of others."""
+    """Each channel in the form that tests expect: value and unit if it is good, otherwise quality and reason."""
     return [(r.value, r.unit) if r.quality is Quality.GOOD else (r.quality.value, r.detail) for r in readings]
 
 

@@ -87,7 +87,7 @@ def day() -> LoadCase:
 
 
 def wired(plain: SinumerikSettings) -> SinumerikSettings:
-    """With the bits that the emulated control's machine builder has wired."""
+    """Settings with the bits that the emulated control's machine builder has wired."""
     states = {**plain.state_sources, "coolant": StateNode(COOLANT)}
     nodes = replace(plain.nodes, probe_in_spindle=PROBE_IN_SPINDLE)
     return plain.model_copy(update={"nodes": nodes, "states": states})

@@ -37,7 +37,7 @@ class ErrorChannel:
         self._run = MainRun([text], self.r, {"SA_TEMP_COMP_ABS_VALUE": self.k0_mm}, "XYZAC", IPO_S, 0.0)
 
     def call(self, text: str) -> None:
-        """By hand, or at the end of a part program."""
+        """Call it, by hand or at the end of a part program."""
         self._run.actions.load(text)
 
     def alive(self, ramp_um_per_s: float = SLEW_UM_PER_S, silence_s: float = 1e9) -> None:
@@ -51,7 +51,7 @@ class ErrorChannel:
         self.r[WANTED : WANTED + 9] = [float(v) for v in errors]
 
     def settle(self, errors: Sequence[float] | FloatArray) -> None:
-        """In force at once, as after a long time."""
+        """Bring the errors into force at once, as after a long time."""
         self.want(errors)
         self.r[IN_FORCE : IN_FORCE + 9] = self.r[WANTED : WANTED + 9]
         self.turn()

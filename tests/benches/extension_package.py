@@ -1,4 +1,4 @@
-"""Packages of others, as pip leaves them in a folder: modules, and a dist-info with entry points."""
+"""Third-party packages as pip leaves them in a folder: modules, and a dist-info with entry points."""
 
 import tomllib
 import zipfile
@@ -38,7 +38,7 @@ def example_files(example: Path = EXAMPLE) -> dict[str, str]:
 
 
 def install(files: Mapping[str, str], folder: Path) -> None:
-    """Without pip."""
+    """Install a package without pip."""
     for path, text in files.items():
         file = folder / path
         file.parent.mkdir(parents=True, exist_ok=True)

@@ -1,6 +1,6 @@
 """A store in a separate process, on a disk that the test can make fail.
 
-As a program it is that process: it takes a command a line and answers each with a line of JSON.
+As a program it is that process: each line of its input is a command, and each answer is a line of JSON.
 """
 
 import ctypes

@@ -41,7 +41,7 @@ class Agent:
         return hmac.new(self.session, what, "sha256").hexdigest().encode() + b" " + text + b"\n"
 
     def hear(self, line: bytes) -> bytes:
-        """What is said to this line."""
+        """Take what is sent to this connection."""
         message = json.loads(line.partition(b" ")[2])
         self.heard.append(message)
         if self.count == 0:

@@ -1,6 +1,6 @@
 """`python -m tests.benches.faulty_machine FOLDER EPOCH SPEED SEED HOURS [PAUSE]`: the bench's machine on a bad day.
 
-One fault after the other on every wire and on the control, each mended by nobody but time: in turn every 20 minutes, or
+One fault after the other occurs on every wire and on the control, and each ends by itself: in turn every 20 minutes, or
 at random with a pause of PAUSE seconds on average between two. Prints its addresses as one JSON line when ready, and
 writes what begins and ends into FOLDER/faults.jsonl; ends when its standard input closes.
 """
@@ -146,7 +146,8 @@ def _in_turn(names: Sequence[str]) -> Iterator[Planned]:
 
 
 def _at_random(seed: int, names: Sequence[str], pause_s: float) -> Iterator[Planned]:
-    """One at a time, for a sixth to two thirds of the pause between two, and never the same twice in a row."""
+    """Inflict one fault at a time, for a sixth to two thirds of the pause between two, and never the same twice in a
+    row."""
     random, due_s, last = np.random.default_rng(seed), 0.0, ""
     while True:
         due_s += pause_s / 6.0 + random.exponential(pause_s * 5.0 / 6.0)

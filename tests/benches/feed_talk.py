@@ -23,12 +23,12 @@ def heard(suffix: str, machine: str = "mill", **changes: Any) -> OutletMessage:
 
 
 def reading(number: int, **changes: Any) -> OutletMessage:
-    """The reading of this number."""
+    """The reading with this number."""
     return heard("reading/bed_front", channel="bed_front", unit="degC", seq=number, value=float(number), **changes)
 
 
 class FailingOutlet:
-    """Keeps what is sent, unless it is told to fail."""
+    """Keeps what is sent, unless a test makes it fail."""
 
     def __init__(self) -> None:
         self.sent: list[list[OutletMessage]] = []

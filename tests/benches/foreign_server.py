@@ -1,4 +1,5 @@
-"""Servers of others on loopback: entered when their port accepts a connection, whatever they print before or after."""
+"""Third-party servers on loopback: entered when their port accepts a connection, whatever they print before or
+after."""
 
 import os
 import socket
@@ -53,7 +54,7 @@ def ended(process: "subprocess.Popen[str]") -> None:
 def foreign_server(
     command: Sequence[str], port: int, log: Path, environment: Mapping[str, str] | None = None
 ) -> Iterator[None]:
-    """A server, from when its port on 127.0.0.1 accepts."""
+    """A server; yields once its port on 127.0.0.1 accepts a connection."""
     process = started(command, port, log, environment)
     try:
         yield

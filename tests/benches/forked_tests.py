@@ -1,4 +1,4 @@
-"""Runs tests of other trees, one after the other, each in a fork of a program that has loaded the libraries already.
+"""Runs tests of other trees one after the other, each in a fork of a program that has loaded the libraries already.
 
 The program is this file. It never imports the project's own code: that comes from the tree which is asked for, also in
 processes that a test starts.
@@ -56,7 +56,7 @@ class ForkedTests:
         self._program.communicate()
 
     def run(self, tree: Path, test: str, limit_s: float) -> TestedApart:
-        """One test of a tree, which may take so long. No byte code is left there: a file may change between two runs.
+        """Run one test of a tree with a time limit. No byte code is left there: a file may change between two runs.
 
         Raises RuntimeError when the program or its fork ended otherwise.
         """

@@ -39,7 +39,7 @@ def _locks() -> int:
 
 @cache
 def _ports() -> range:
-    """Those that the kernel does not assign by itself; all of them where it may assign nearly every port."""
+    """The ports that the kernel does not assign by itself; all ports where it may assign nearly every one."""
     first, last = map(int, Path("/proc/sys/net/ipv4/ip_local_port_range").read_text(encoding="ascii").split())
     outside = max(range(10_000, first), range(last + 1, 65_536), key=len)
     return outside if len(outside) >= _FEWEST else range(10_000, 65_536)

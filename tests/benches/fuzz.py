@@ -1,7 +1,7 @@
-"""Whatever comes in from outside, for as long as there is time: `python -m tests.benches.fuzz --seconds 60`.
+"""Feeds random data to everything that comes in from outside: `python -m tests.benches.fuzz --seconds 60`.
 
-Each surface gets a budget of processor time. What raises anything but its own error is printed with its seed, and with
-the traceback of its first time.
+Each surface gets a budget of processor time. An example that raises anything but its surface's own error is printed
+with its seed, and the first time with its traceback.
 """
 
 import asyncio
@@ -68,7 +68,7 @@ SURFACES: Mapping[str, Example] = {
 
 
 def fuzzed(name: str, seconds: float, most: int | None, seed: int, say: Callable[[str], None]) -> bool:
-    """Whether all examples of a surface ended well. most: so many examples, however long they take."""
+    """Whether all examples of a surface ended well. most: the number of examples, however long they take."""
     wrong, examples, end_s = dict[str, list[int]](), 0, time.process_time() + seconds
     with tempfile.TemporaryDirectory() as outer:
         folder = Path(outer) / "here"

@@ -53,7 +53,7 @@ Example = Callable[[random.Random, Path], None]
 
 @contextmanager
 def refused_by(*kinds: type[Exception]) -> Iterator[None]:
-    """Inside, an error of these kinds is right, if it has a text. Raises AssertionError if not."""
+    """Inside, an error of these kinds is expected, and must have a text. Raises AssertionError otherwise."""
     try:
         yield
     except kinds as error:
@@ -262,7 +262,7 @@ def _learnt_text() -> str:
 
 
 def signed(whole: Mapping[str, object]) -> str:
-    """What was learnt, with the checksum of what it holds now."""
+    """What was learnt, with the checksum of its present content."""
     rest = {name: value for name, value in whole.items() if name != "sha256"}
     return json.dumps({**rest, "sha256": hashlib.sha256(json.dumps(rest, sort_keys=True).encode()).hexdigest()})
 

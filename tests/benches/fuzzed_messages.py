@@ -80,7 +80,7 @@ _QUERIES = (
 
 
 def misvalued(whole: Any, draw: random.Random) -> Any:
-    """JSON data of which some values are another type or size, are missing, or are there twice."""
+    """JSON data in which some values have another type or size, are missing, or occur twice."""
     if isinstance(whole, dict) and whole and draw.random() < 0.8:
         name = draw.choice(list(whole))
         if draw.random() < 0.1:
@@ -193,7 +193,7 @@ def _mqtt(draw: random.Random, _: Path) -> None:
 
 
 def _heard(draw: random.Random, _: Path) -> None:
-    """Messages of a gateway: what the page shows then, and the lines that InfluxDB gets."""
+    """Messages of a gateway: what the page then shows, and the lines that InfluxDB gets."""
     site = mill_seen()
     for key, message in draw.sample(recorded(), 12):
         payload = _spoilt(message, draw) if draw.random() < 0.7 else json.dumps(message).encode()
@@ -253,7 +253,7 @@ def _answers(draw: random.Random, _: Path) -> None:
 
 
 def _queries(draw: random.Random, _: Path) -> None:
-    """What anyone asks a gateway, and commands of who holds no key or another one."""
+    """Queries that anyone may send a gateway, and commands of clients with no key or another one."""
     asked = (
         (parse_selector, b"from=2026-03-02T06:00:00Z;to=2026-03-02T07:00:00Z;channels=bed,column;limit=100;every=60"),
         (parse_course, b"from=2026-03-02T06:00:00Z;to=2026-03-02T07:00:00Z;limit=100;temperatures=yes"),

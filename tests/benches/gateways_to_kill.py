@@ -17,7 +17,7 @@ def main() -> None:
     path, pid = Path(sys.argv[1]), 0
     for _ in sys.stdin:
         if pid:
-            os.waitpid(pid, 0)  # the one before was killed
+            os.waitpid(pid, 0)  # the previous one was killed
         pid = os.fork()
         if not pid:
             code = 1

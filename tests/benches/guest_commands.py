@@ -1,4 +1,4 @@
-"""In the guest: shell commands, and where the service's things are."""
+"""Shell commands in the guest, and where the service's files are."""
 
 import subprocess
 import time
@@ -25,6 +25,6 @@ def until(command: str) -> float:
         now = time.monotonic()
         if now - began > LIMIT_S:
             raise TimeoutError(f"{command}: {done.stdout!r} {done.stderr!r}")
-        time.sleep(max(0.5, 3.0 * (now - asked)))  # the guest's processor is for what is waited for
+        time.sleep(max(0.5, 3.0 * (now - asked)))  # leaves the guest's processor to what is waited for
         asked = time.monotonic()
     return time.monotonic() - began

@@ -43,7 +43,7 @@ class HeardMachine:
             self.seen.appear(BEGAN)
 
     def passes(self, time: timedelta) -> None:
-        """Nothing is heard for that long."""
+        """Let time pass in which nothing is heard."""
         self.now, self.now_s = self.now + time, self.now_s + time.total_seconds()
 
     def hear(self, suffix: str, message: Published) -> None:

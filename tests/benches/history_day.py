@@ -2,7 +2,7 @@
 
 A store gets a day of 30 channels at 1 Hz, eight on a module, as a gateway of one day has it. The publisher of the
 program answers queries from it over Zenoh on loopback, and the typed client makes tables. Both are in this process: its
-processor time is that of the gateway, the network and the reader together.
+processor time covers the gateway, the network and the reader together.
 """
 
 import asyncio
@@ -31,7 +31,7 @@ _PRUNED_EVERY_S = 600
 
 
 def _fill(path: Path, seconds: int) -> None:
-    """As the store writes them, with the means that it makes each ten minutes."""
+    """Fill a store as it writes the readings itself, with the means that it makes each ten minutes."""
     begin_s = datetime.combine(DAY, datetime.min.time(), UTC).timestamp()
     values = 20.0 + np.cumsum(np.random.default_rng(1).normal(0.0, 0.01, (seconds, _CHANNELS)), axis=0)
     make_schema(path)

@@ -1,4 +1,4 @@
-"""The emulated control without a wire: the meaning of NumericalControl in as little code as possible."""
+"""The emulated control without a wire: what NumericalControl means, in as little code as possible."""
 
 import math
 

@@ -21,7 +21,7 @@ E = TypeVar("E")
 
 
 class KeptEvents:
-    """Call it with an event."""
+    """Keeps every event that it is called with."""
 
     def __init__(self) -> None:
         self.all: list[GatewayEvent] = []

@@ -76,7 +76,7 @@ class KeptControl(InProcess):
 
 
 class GatewayLife:
-    """One run of a gateway on what the ones before left, in a process of its own."""
+    """One run of a gateway on what the earlier ones left, in its own process."""
 
     def __init__(self, folder: Path, memory: SharedMemory, number: int, death: Death, draw: random.Random) -> None:
         self._config, self._name = config_in(folder, continues=True), f"life {number}"
@@ -104,7 +104,7 @@ class GatewayLife:
                 return step(controller, frame)
             death.end(PROBING)
             if self._draw.random() < 0.5:
-                store.flush()  # as if learning took long: the frame is on the disk, what is decided on it is not
+                store.flush()  # as if learning took long: the frame is on the disk, its decision is not
             with death.within("learning"):
                 return step(controller, frame)
 
@@ -159,7 +159,7 @@ class GatewayLife:
             await store.on_disk(LIMIT_S)
 
     def _flush(self, store: Store, event: GatewayEvent) -> None:
-        """Half of the decisions are waited for, at once: a commit that comes later than it says is then found."""
+        """Wait for half of the decisions at once, which finds a commit that comes later than reported."""
         if isinstance(event, DecisionMade) and self._draw.random() < 0.5:
             store.flush()
             self._all_stored()

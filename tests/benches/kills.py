@@ -67,7 +67,7 @@ class KilledMachine:
         self._disk.disk_call_names.restype = ctypes.c_char_p
 
     def life(self, phase: str | None = None, at: int = 0) -> KillVerdict:
-        """One, which ends by itself or in a phase; then the control is alone for a while."""
+        """One life, which ends by itself or is killed in a phase; then the control is alone for a while."""
         self._lives += 1
         read, write = os.pipe()
         pid = os.fork()
@@ -123,7 +123,7 @@ class KilledMachine:
         return any(not entry.ramped for entry in self._memory.kept().nck.log)
 
     def judged(self) -> list[str]:
-        """What is wrong with the record of the control and with the database."""
+        """Judge the control's record and the database; returns what is wrong."""
         left, path, wrong = self._memory.kept(), self._folder / "g.sqlite", list[str]()
         try:
             assert_never_stepped(left.nck.log, (50.0, 50.0, 50.0), 1.0, PERIOD_S)
@@ -156,7 +156,7 @@ class KillCount:
 
 
 def _moments(folder: Path) -> dict[str, int]:
-    """How many moments of death each phase has, of a life that is not the first."""
+    """How many moments of death each phase has in a life that is not the first."""
     folder.mkdir()
     machine = KilledMachine(folder, random.Random(0))
     machine.rehearse()
@@ -185,7 +185,7 @@ def _lived(
 
 
 def kill_gateways(wanted: dict[str, int], seed: int, folder: Path) -> tuple[dict[str, KillCount], int]:
-    """Kill so many in each phase; the counts, and how many things were wrong, which are printed."""
+    """Kill this many in each phase; returns the counts and how many things were wrong, and prints those."""
     counts, databases, moved, wrong = {phase: KillCount(count) for phase, count in wanted.items()}, 0, 0, 0
     moments = _moments(folder / "first")
     click.echo(f"moments of death: {', '.join(f'{name} {count}' for name, count in moments.items())}")

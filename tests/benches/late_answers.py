@@ -1,4 +1,4 @@
-"""Answers of a device on a line that come when something else was asked."""
+"""Late answers of a device on a line, which come after something else was asked."""
 
 from collections.abc import Collection, Sequence
 from time import monotonic
@@ -7,7 +7,7 @@ from time import monotonic
 class Late:
     """A fault that delays some senders' answers, in the order of the requests, as a single device always does.
 
-    Each of their answers is kept, the last of each sender. It comes in the time of another answer, just before it.
+    The last answer of each sender is kept. It comes in the time of another answer, just before that one.
 
     senders: who is late
     takes_s: how long they, and who answers after a late answer, then take for each answer, s
@@ -22,7 +22,7 @@ class Late:
         self._gone, self._free_s = False, 0.0
 
     def let_go(self) -> None:
-        """From now on they answer, one request after the other; first comes the answer that is kept."""
+        """From now on they answer one request after the other; the answer that was kept comes first."""
         self._before, self._gone = {*self._senders, *self._before}, True
 
     def __call__(self, sender: int, frame: bytes) -> Sequence[tuple[float, bytes]]:

@@ -1,4 +1,4 @@
-"""A CANopen node of the canopen library, by an EDS."""
+"""A CANopen node of the canopen library, made from an EDS."""
 
 from collections.abc import Sequence
 from pathlib import Path

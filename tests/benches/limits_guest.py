@@ -1,4 +1,5 @@
-"""In the guest, by the Python of the package: reaches the limits of the service's unit, and says as JSON what happened.
+"""Runs in the guest under the package's Python: reaches the limits of the service's unit, and reports as JSON what
+happened.
 
 Each line: what was tried, whether it went as it should, what was seen.
 """

@@ -1,4 +1,5 @@
-"""In the guest, under a copy of the service's unit: does one kind of work, and says as JSON what became of it."""
+"""Runs in the guest under a copy of the service's unit: does one kind of work, and reports as JSON what became of
+it."""
 
 import asyncio
 import json
@@ -24,7 +25,7 @@ def used_s(begin_s: float, end_s: float) -> float:
 
 
 def taken() -> int:
-    """Takes memory until there is none."""
+    """Take memory until there is none."""
     kept = []
     while True:
         kept.append(b"\1" * 2**24)

@@ -1,4 +1,4 @@
-"""Servers of others that take line protocol, from Debian: InfluxDB 1 and VictoriaMetrics, on loopback."""
+"""Third-party servers from Debian that accept line protocol: InfluxDB 1 and VictoriaMetrics, on loopback."""
 
 import json
 import os

@@ -29,7 +29,7 @@ class AgentBench:
 
     @asynccontextmanager
     async def beating(self, owner: int, period_s: float = 0.05) -> AsyncIterator[None]:
-        """The gateway lives as long as this. It ends between beats: a cancelled question closes the line."""
+        """The gateway lives as long as this. It ends between beats: a cancelled request closes the connection."""
         ended = asyncio.Event()
 
         async def beat() -> None:
@@ -49,7 +49,7 @@ class AgentBench:
         return await self.operator.number("gets", name)
 
     async def time_s(self) -> float:
-        """Seconds as LinuxCNC's own real-time thread counts them, which makes up for what a busy computer took."""
+        """Seconds as LinuxCNC's own real-time thread counts them, which catches up with what a busy computer took."""
         return await self.pin("talc-seconds")
 
     async def pass_time(self, seconds: float) -> None:
@@ -95,7 +95,7 @@ async def running(
 
 
 async def until(condition: Callable[[], Awaitable[bool]], limit_s: float = 300.0) -> float:
-    """Seconds that it took."""
+    """Wait until something holds; returns the seconds that it took."""
     began = time.monotonic()
     async with asyncio.timeout(limit_s):
         while not await condition():
@@ -113,7 +113,7 @@ async def claimed(bench: AgentBench, terms: WatchdogTerms) -> None:
 
 
 async def until_mark(bench: AgentBench, mark: float) -> None:
-    """Until the part program has set its mark, analog output 9."""
+    """Wait until the part program has set its mark, analog output 9."""
 
     async def there() -> bool:
         return await bench.operator.number("getp", "motion.analog-out-09") == mark

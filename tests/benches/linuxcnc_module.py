@@ -1,4 +1,4 @@
-"""Modules in files outside any package: those of the control, and of the examples."""
+"""Loads modules from files outside any package: those of the control and of the examples."""
 
 import importlib.util
 from pathlib import Path
@@ -13,7 +13,7 @@ def linuxcnc_module(name: str) -> Any:
 
 
 def module_at(path: Path) -> Any:
-    """The module in a file, loaded anew."""
+    """The module in a file, loaded again."""
     spec = importlib.util.spec_from_file_location(path.stem, path)
     assert spec is not None
     assert spec.loader is not None

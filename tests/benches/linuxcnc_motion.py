@@ -41,7 +41,7 @@ _MACHINE = {**HURRY, "MAX_ACCELERATION": 2000, "MAX_LINEAR_ACCELERATION": 2000, 
 
 
 class ShiftsOnly(AgentControl):
-    """As with an agent that takes shifts alone."""
+    """A control that takes only shifts, as with an agent that offers nothing else."""
 
     @property
     def error_reach_mm(self) -> None:
@@ -81,7 +81,7 @@ async def machine(folder: Path) -> AsyncIterator[AgentBench]:
 
 
 async def by_errors(bench: AgentBench) -> None:
-    """The nine errors are in force, and stay."""
+    """Put the nine errors in force, where they stay."""
     await claimed(bench, WatchdogTerms(86400.0, 0.0))
     await bench.nc.write_errors(NineErrors(tuple(WARM.tolist()), RADIUS_MM, (500.0, 500.0, 500.0)))
 

@@ -1,4 +1,5 @@
-"""`python -m tests.benches.live_machine FOLDER`: the bench's machine at the computer's own speed, broken as it is told.
+"""`python -m tests.benches.live_machine FOLDER`: the bench's machine at the computer's own speed, with faults on
+request.
 
 Prints its TCP ports as one JSON line when it is ready, then `done` for each line on standard input, `begin FAULT` or
 `end FAULT`, with a fault of tests/benches/faulty_machine.py. Ends when its standard input closes.

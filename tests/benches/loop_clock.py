@@ -11,7 +11,7 @@ T = TypeVar("T")
 
 
 class _TellingSelector(DefaultSelector):
-    """Of a loop that calls `idle` when it has nothing to do; True: now it has."""
+    """The selector of a loop that calls `idle` when it has nothing to do; True: now it has."""
 
     def __init__(self, idle: Callable[[], bool]) -> None:
         super().__init__()
@@ -23,14 +23,14 @@ class _TellingSelector(DefaultSelector):
 
 
 class LoopClock(SteppedClock):
-    """Time goes on as soon as the event loop has nothing to do. There is no wire with bytes on their way."""
+    """Time advances as soon as the event loop has nothing to do. There is no wire with bytes on their way."""
 
     def __init__(self) -> None:
         super().__init__()
         self._resting: asyncio.Future[None] | None = None
 
     def run(self, main: Coroutine[Any, Any, T]) -> T:
-        """As asyncio.run. `run_until` works in here alone."""
+        """As asyncio.run. `run_until` works only in here."""
         with asyncio.Runner(loop_factory=lambda: asyncio.SelectorEventLoop(_TellingSelector(self._idle))) as runner:
             return runner.run(main)
 

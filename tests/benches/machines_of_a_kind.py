@@ -41,7 +41,7 @@ def written(
 
 
 def day(seed: int) -> ThermalSeries:
-    """Of the machine with that number."""
+    """A day of the machine with that number."""
     made = series(DAY, seed)
     return replace(made, truth=made.truth - made.truth[0], measured=made.measured - made.truth[0])
 

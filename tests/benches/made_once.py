@@ -1,4 +1,5 @@
-"""What takes long to make and several workers of one test run need: the first makes it, the others wait for it."""
+"""Makes once what takes long and several workers of a test run need: the first worker makes it, the others wait for
+it."""
 
 import os
 import shutil
@@ -16,7 +17,7 @@ def run_folder(folders: pytest.TempPathFactory) -> Path:
 
 
 def made_once(folder: Path, make: Callable[[Path], object]) -> Path:
-    """The folder, which `make` has filled under another name; if it failed, the next that asks tries again."""
+    """The folder, which `make` has filled under another name; if it failed, the next worker that asks tries again."""
     begun = folder.with_name(f"{folder.name}-begun")
     with folder.with_name(f"{folder.name}-lock").open("w") as lock:
         flock(lock, LOCK_EX)

@@ -30,7 +30,7 @@ class ManualClock:
         self._moved = asyncio.Event()
 
     async def pass_to(self, now: float) -> None:
-        """Move, and let everybody who slept until then do what they do."""
+        """Move to this time, and let everything that slept until then run."""
         self.move_to(now)
         for _ in range(_IDLE_TURNS):
             await asyncio.sleep(0)

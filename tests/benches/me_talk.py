@@ -1,4 +1,4 @@
-"""A displacement sensor's RS485 line whose answers a test makes up."""
+"""A displacement sensor's RS-485 line whose answers the test supplies."""
 
 import struct
 from collections.abc import AsyncIterator, Callable

@@ -1,4 +1,4 @@
-"""The page for operators of one machine, `mill`, in the test's process and without a gateway."""
+"""The page for operators of a machine `mill`, in the test's process and without a gateway."""
 
 from base64 import b64encode
 from typing import cast

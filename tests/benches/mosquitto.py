@@ -14,7 +14,7 @@ LIMIT_S = 120.0
 
 
 class Mosquitto(RestartableServer):
-    """A broker on loopback. It keeps nothing on disk: what was retained is gone after a stop.
+    """A broker on loopback. It stores nothing on disk, so retained messages are lost when it stops.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ def made_password(folder: Path, user: str, password: str) -> Path:
 
 
 class Subscriber:
-    """Debian's mosquitto_sub, another maker's client library: what it hears, message by message.
+    """Debian's mosquitto_sub, another maker's client: gives what it hears, message by message.
 
     Parameters
     ----------

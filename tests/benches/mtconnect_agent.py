@@ -1,4 +1,4 @@
-"""An MTConnect agent of others, the PyPI package `mtconnect`, behind Python's own HTTP server."""
+"""A third-party MTConnect agent, the PyPI package `mtconnect`, behind Python's own HTTP server."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -55,7 +55,7 @@ def _items(axis: str) -> str:
 
 
 class _Listed(ElementTree.Element):
-    """The package asks for the children by a method that Python has had no more since 3.9."""
+    """The package asks for the children by a method that Python removed in 3.9."""
 
     def getchildren(self) -> list[ElementTree.Element]:
         return list(self)

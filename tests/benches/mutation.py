@@ -227,8 +227,8 @@ def _silence(*descriptors: int) -> None:
 def try_collected(
     module: str, mutants: Sequence[Mutant], end_s: float, told: Callable[[Mutant, str, str], None]
 ) -> None:
-    """Those that differ within functions, in a process that loads the module; `told` is called there, with the outcome
-    and the test that killed it. Raises RuntimeError."""
+    """Try those that differ within functions, in a process that loads the module; `told` is called there with the
+    outcome and the test that killed it. Raises RuntimeError."""
     file = file_of(module)
 
     def tried(mutant: Mutant, by: str, endless: bool) -> None:
@@ -251,8 +251,8 @@ def try_collected(
 
 
 def results(module: str, tool: Path, end_s: float, most: int | None) -> tuple[list[MutantResult], int]:
-    """Those of earlier runs and of this one, which ends at that time; and how many mutants there are. With `most`, only
-    of a random sample, the same each time.
+    """The results of earlier runs and of this one, which ends at that time; and how many mutants there are. With
+    `most`, only of a random sample, the same each time.
 
     Raises RuntimeError: the tests do not pass, or the module is loaded already.
     """

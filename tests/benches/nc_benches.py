@@ -46,7 +46,7 @@ class NcBench(ABC):
 
     @abstractmethod
     async def wait(self, seconds: float) -> None:
-        """Let the control's time pass: a program of others has the computer's, an emulated control the test's."""
+        """Let the control's time pass: the computer's for a third-party program, the test's for an emulated control."""
 
     @abstractmethod
     async def work(self) -> None:
@@ -54,7 +54,7 @@ class NcBench(ABC):
 
     @abstractmethod
     async def stop(self) -> None:
-        """An emergency stop, or what this control has of the kind."""
+        """An emergency stop, or what this control has instead."""
 
     @abstractmethod
     async def switch_on(self) -> None:
@@ -83,7 +83,7 @@ class NcBench(ABC):
         await self.until(lambda: self.nc.heartbeat(owner))
 
     async def until(self, condition: Callable[[], Awaitable[bool]]) -> None:
-        """Let the control's time pass until something is so; fails after a minute of the computer's time."""
+        """Let the control's time pass until a condition holds; fails after a minute of the computer's time."""
         async with asyncio.timeout(60.0):
             while not await condition():
                 await self.wait(self.tick_s)
@@ -116,7 +116,7 @@ class EmulatedBench(NcBench):
         self._nck.clear_alarms(self._clock.now)
 
     async def allow_probing(self) -> None:
-        """It comes by itself, at the end of an operation."""
+        """Nothing to do: the safe point comes by itself, at the end of an operation."""
 
 
 class LinuxCncBench(NcBench):
@@ -174,7 +174,7 @@ class ReferenceAgentBench(NcBench):
 
 
 class NodeOpcuaBench(NcBench):
-    """Our driver with another maker's OPC UA stack, which has a part program and a watchdog of its own."""
+    """Our driver with another maker's OPC UA stack, which has its own part program and watchdog."""
 
     def __init__(self, process: asyncio.subprocess.Process, settings: SinumerikSettings) -> None:
         self._process, self._settings = process, settings
@@ -188,7 +188,7 @@ class NodeOpcuaBench(NcBench):
         await asyncio.sleep(seconds)
 
     async def work(self) -> None:
-        """It always does."""
+        """Nothing to do: it always works."""
 
     async def stop(self) -> None:
         await self._tell("alarm 3000")

@@ -1,4 +1,5 @@
-"""Everything that can go wrong between a gateway and a control that compensates, many times, by the control's record.
+"""Everything that can go wrong between a gateway and a control that compensates, many times, judged by the control's
+record.
 
 `python -m tests.benches.nc_disturbances --count 200`: the gateway's link on an emulated SINUMERIK, over OPC UA, which
 runs the programs as they are written, one interpolation cycle each 10 ms of simulated time. The axes stand still, so
@@ -66,7 +67,7 @@ class Disturbed:
 
 @dataclass
 class NcSite:
-    """One control at the end of a connection, and the gateway that is at it now."""
+    """One control at the end of a connection, and the gateway that uses it now."""
 
     wire: CutWire
     section: Mapping[str, object]
@@ -87,7 +88,7 @@ class NcSite:
     _nc: NumericalControl | None = None
 
     def start(self) -> None:
-        """A gateway begins, which knows the one before it."""
+        """Start a gateway, which knows the one before it."""
         clock = RealClock()
         self._nc = self.make()
         config = validate(
@@ -108,14 +109,14 @@ class NcSite:
         self._task = asyncio.create_task(self.link.run())
 
     def aim(self) -> None:
-        """Another prediction."""
+        """Set another prediction."""
         errors = _TARGETS_UM * np.array([self.draw.uniform(-1, 1) for _ in range(9)])
         nothing = np.full(9, np.nan)
         assert self.link is not None
         self.link.follow(Decision(1, Phase.COMPENSATION, errors, errors, nothing, nothing, None, None, ()))
 
     async def end(self, *, stopped: bool) -> None:
-        """The gateway is killed, or told to stop."""
+        """Kill the gateway, or tell it to stop."""
         assert self._task is not None
         assert self.link is not None
         assert self._nc is not None
@@ -162,7 +163,7 @@ class NcSite:
                 raise ValueError(kind)
 
     async def keep_armed(self) -> None:
-        """Who has disarmed is started again, as an operator would."""
+        """Start a gateway again that has disarmed itself, as an operator would."""
         assert self.link is not None
         if not self.link.armed:
             self.disarmed += 1
@@ -170,7 +171,8 @@ class NcSite:
             self.start()
 
     async def disturb_all(self, count: int, kinds: Sequence[str], clock: RealClock) -> list[tuple[float, str]]:
-        """So many of these kinds in turn, with other predictions between; when each began, and its kind."""
+        """Cause this many disturbances of these kinds in turn, with other predictions between; returns when each began,
+        and its kind."""
         events: list[tuple[float, str]] = []
         for number in range(count):
             kind = kinds[number % len(kinds)]
@@ -275,7 +277,7 @@ class ShiftRecord:
 
 
 def _settings_of(nck: Nck) -> tuple[float, ...]:
-    """All that the shift depends on, while the axes stand still."""
+    """Everything that the shift depends on while the axes stand still."""
     return (*nck.k0_mm, *nck.slope, *nck.reference_mm, *nck.table_weight, *nck.r[R_OFFSETS : R_OFFSETS + 3])
 
 

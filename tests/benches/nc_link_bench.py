@@ -125,7 +125,8 @@ class ScriptedControl:
             await self._answer(self.late)
 
     async def _answer(self, when: asyncio.Event) -> None:
-        """As on a line whose answers come in turn: who does not wait for his own has no line any more."""
+        """As on a connection whose answers come in turn: a client that does not wait for its own answer loses the
+        connection."""
         try:
             await when.wait()
         except asyncio.CancelledError:
@@ -166,7 +167,7 @@ class ScriptedControl:
 def config(
     mode: str, *, when_stale: str = "zero", armed: bool = True, shipped: bool = False, **more: float
 ) -> GatewayConfig:
-    """shipped: no time of the compensation is set, as in a new configuration."""
+    """A configuration. shipped: no time of the compensation is set, as in a new configuration."""
     stale = {} if shipped else {"stale_after_s": 60.0}
     return validate(
         {
@@ -186,7 +187,7 @@ def decision(ez0a: float) -> Decision:
 
 
 class LinkBench:
-    """A link, its control and what it told."""
+    """A link, its control and what it reported."""
 
     def __init__(
         self,
@@ -227,7 +228,7 @@ class LinkBench:
 
     @asynccontextmanager
     async def running(self) -> AsyncIterator[None]:
-        """Raises what ended the link, unless that was the full disk."""
+        """The link runs inside. Raises what ended it, unless that was the full disk."""
         task = asyncio.create_task(self.link.run())
         try:
             yield

@@ -60,7 +60,7 @@ class NcWireBench:
         return [notice.text for notice in self.notices if notice.ended is ended]
 
     async def ended(self, cycle: asyncio.Task[Outcome], within_s: float) -> Outcome:
-        """What a measurement ends with. Raises AssertionError if it has not ended within this simulated time."""
+        """The result of a measurement. Raises AssertionError if it has not ended within this simulated time."""
         end_s = self.clock.monotonic() + within_s
         while not cycle.done():
             assert self.clock.monotonic() < end_s, self.control.nck.cycle.answer
@@ -138,7 +138,7 @@ async def bench(
 
 @asynccontextmanager
 async def driver_of_the_other(at: NcWireBench) -> AsyncIterator[Sinumerik]:
-    """A second gateway's connection, beside the wire that the first one uses; it has claimed the control."""
+    """A second gateway's connection, beside the one that the first gateway uses; it has claimed the control."""
     other = Sinumerik(SinumerikSettings(security="none", url=f"opc.tcp://127.0.0.1:{at.wire.target}"), at.clock)
     await other.connect()
     await other.claim(1, WatchdogTerms(60.0, 1.0))

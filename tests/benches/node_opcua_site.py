@@ -26,12 +26,12 @@ class NodeOpcUaSite:
 
     @property
     def arguments(self) -> tuple[Path, ...]:
-        """Of server.js."""
+        """The arguments of server.js."""
         names = ("pki", "peer.pem", "peer_key.pem", "gateway.der")
         return tuple(self.folder / name for name in names)
 
     def settings(self, url: str, name: str = "gateway", *, subscribe_s: float = 0.0) -> SinumerikSettings:
-        """Of the gateway, or of another owner of a certificate."""
+        """The settings of the gateway, or of another owner of a certificate."""
         return SinumerikSettings(
             url=url,
             security="Basic256Sha256",

@@ -2,8 +2,8 @@
 
 `python -m tests.benches.notebooks` makes them again. A `.py` file has cells in the percent format (`# %%`,
 `# %% [markdown]`), which Jupyter, VS Code and PyCharm also read. It is the source, because it can be read, linted and
-compared; the `.ipynb` is for who has no such editor, and for the site. Outputs are what the cells print. Making them
-needs no Jupyter, whose 40 packages would be only for this.
+compared; the `.ipynb` is for readers without such an editor, and for the site. Outputs are what the cells print. Making
+them does not need Jupyter, whose 40 packages would serve only this.
 """
 
 import io

@@ -1,4 +1,4 @@
-"""Programs of others that run on Node.js, for the tests with marker `peer`.
+"""Third-party programs that run on Node.js, for the tests with marker `peer`.
 
 Needs Debian's nodejs and npm; the first run fetches the locked packages into the peer's own node_modules.
 """
@@ -34,7 +34,7 @@ def node_with(peer: str, package: str) -> str:
 async def running(
     node: str, script: str, *arguments: Path | int | str, slow: bool = False
 ) -> AsyncIterator[tuple[str, asyncio.subprocess.Process]]:
-    """A peer's program, from the line in which it says where it listens until its standard input ends."""
+    """A peer's program; it runs from the line that says where it listens until its standard input ends."""
     process = await asyncio.create_subprocess_exec(
         node,
         str(PEERS / script),

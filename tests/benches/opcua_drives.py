@@ -18,7 +18,7 @@ SERVER_TIME = NodeId.from_string("i=2258")
 
 
 class Anybody(UserManager):
-    """May read."""
+    """Everybody may read."""
 
     def get_user(
         self,
@@ -66,7 +66,7 @@ class Drives:
         return NodeId(String(name), Int16(self.index))
 
     async def set_clock(self, now: datetime) -> None:
-        """Of a server that was started after `server.disable_clock()`."""
+        """Set the clock of a server that was started after `server.disable_clock()`."""
         await self.server.get_node(SERVER_TIME).write_value(now)
 
     async def set(

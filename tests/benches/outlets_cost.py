@@ -1,8 +1,8 @@
-"""What handing on costs: `python -m tests.benches.outlets_cost SECONDS KEYS`.
+"""What the outlets cost: `python -m tests.benches.outlets_cost SECONDS KEYS`.
 
 One gateway with KEYS readings a second, and a decision with an event every ten, a router, Mosquitto, InfluxDB and the
 outlets run, each as a process; one of two OPC UA servers has a client that subscribes to every value of the machine,
-each second. Prints processor time and memory of each program that hands on.
+each second. Prints processor time and memory of each program that passes messages on.
 """
 
 import asyncio
@@ -40,7 +40,7 @@ def used(process: int) -> tuple[float, float, float]:
 
 @contextmanager
 def program(*arguments: object) -> Iterator[tuple[subprocess.Popen[str], str]]:
-    """Entered when it has printed its first line, which comes with it."""
+    """A program; entered when it has printed its first line, which is yielded too."""
     with subprocess.Popen(
         [sys.executable, "-m", *map(str, arguments)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
     ) as process:
@@ -55,7 +55,7 @@ def program(*arguments: object) -> Iterator[tuple[subprocess.Popen[str], str]]:
 
 
 class _Taken:
-    """What came to the OPC UA client."""
+    """What the OPC UA client received."""
 
     def __init__(self) -> None:
         self.many, self.expected = 0, -1

@@ -1,4 +1,4 @@
-"""What a gateway leaves to the one after it when it is killed: its control, and what it had said, in shared memory."""
+"""What a killed gateway leaves to the next one, in shared memory: its control, and what it had reported."""
 
 import mmap
 import pickle
@@ -15,7 +15,7 @@ _HEAD = struct.Struct("=QQ")
 
 @dataclass
 class WhatOutlives:
-    """What the gateway's death leaves: its control, and what the gateway had said."""
+    """What remains after the gateway's death: its control, and what the gateway had reported."""
 
     nck: "KeptNck"
     now_s: float = 0.0
@@ -53,7 +53,7 @@ class SharedMemory:
 
 
 class KeptNck(Nck):
-    """Tells whenever a gateway has changed it."""
+    """Reports whenever a gateway has changed it."""
 
     changed: Callable[[], None] = staticmethod(lambda: None)
     moved_in_cycle = 0

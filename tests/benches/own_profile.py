@@ -1,4 +1,4 @@
-"""A unit on an emulated Modbus TCP host, and the driver of a profile that a test writes for it."""
+"""A unit on an emulated Modbus TCP host, and a driver with a profile that a test writes for it."""
 
 from collections.abc import AsyncIterator, Mapping
 from contextlib import asynccontextmanager
@@ -14,7 +14,7 @@ from simulators.devices.modbus_unit import ModbusUnit
 async def by_own_profile(
     unit: ModbusUnit, folder: Path, profile: str, channels: Mapping[str, int], clock: Clock
 ) -> AsyncIterator[Driver]:
-    """Its driver, connected.
+    """The unit's driver, connected.
 
     Parameters
     ----------

@@ -1,9 +1,9 @@
-"""Opens the page in several browsers at once and tells how fast they show what is published, and what this takes.
+"""Opens the page in several browsers at once, and reports how fast they show what is published and what this costs.
 
 `python -m tests.benches.page_browsers BROWSERS SECONDS`: one gateway publishes 29 channels each second. Prints a table:
 first paint of each browser with an empty cache, when it shows the state of the machine, the time from publishing a
-reading until the frame that shows it, and CPU and memory of the page's process. Wants a computer that does nothing
-else; its load is printed, too.
+reading until the frame that shows it, and CPU and memory of the page's process. The computer should do nothing else;
+its load is printed, too.
 """
 
 import os
@@ -58,7 +58,7 @@ def _cpu_s(pid: int) -> float:
 
 
 def _publish(gateway: PlayedGateway, readings: dict[str, dict[str, Any]], seconds: int) -> list[tuple[str, float]]:
-    """Each second; text of the first channel's value, and when it was published, UTC ms."""
+    """Publish each second; the text of the first channel's value, and when it was published, UTC ms."""
     sent, began = list[tuple[str, float]](), monotonic()
     for second in range(seconds):
         sleep(max(0.0, began + second - monotonic()))

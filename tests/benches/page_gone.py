@@ -1,4 +1,4 @@
-"""Kills gateways and starts them again while a browser shows them, and tells how soon the page says so.
+"""Kills gateways and starts them again while a browser shows them, and reports how soon the page says so.
 
 `python -m tests.benches.page_gone TIMES`: prints a table of the time from SIGKILL until the frame that says *Gone*, and
 from when the next gateway can be reached until the frame that no longer says it.
@@ -27,7 +27,7 @@ _SHOWN = "(word) => (window.said.find(([said]) => (said === 'Gone') === (word ==
 
 
 def _shown_ms(page: Page, word: str) -> float:
-    """UTC milliseconds at which it says this, or no longer says that it is gone."""
+    """UTC milliseconds at which the page says this, or no longer says that the gateway is gone."""
     page.wait_for_function(_SHOWN, arg=word)
     return float(page.evaluate(_SHOWN, word))
 

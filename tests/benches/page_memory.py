@@ -1,4 +1,5 @@
-"""Plays days of telemetry as fast as the page takes them, with one browser open, and tells what memory this takes.
+"""Plays days of telemetry as fast as the page takes them, with one browser open, and reports the memory that this
+takes.
 
 `python -m tests.benches.page_memory DAYS [EVERY_S]`: 29 channels each second, or each EVERY_S, with a decision, a step
 of the compensation and a forecast each 5 min, reasons and an event each hour. Prints a line for every tenth of the

@@ -22,7 +22,7 @@ MILL_SETTINGS = "[machine.mill]\ntolerance_um = 8.0\nsphere_radius_mm = 200.0\n"
 
 
 class ChildProgram:
-    """A program of this tree that talks by lines.
+    """A program of this tree that talks in lines.
 
     Parameters
     ----------
@@ -55,12 +55,12 @@ class ChildProgram:
         return self._process.pid
 
     def interrupt(self) -> None:
-        """As Ctrl-C does; returns when it has ended."""
+        """Interrupt it as Ctrl-C does; returns when it has ended."""
         self._process.send_signal(signal.SIGINT)
         self._process.communicate()
 
     def kill(self) -> None:
-        """As a power cut does."""
+        """Kill it, as a power cut does."""
         self._process.kill()
         self._process.communicate()
 
@@ -86,13 +86,13 @@ class PageRig:
         return found
 
     def commanded_gateway(self, port: int, machine: str, operator: str, key_file: Path) -> ChildProgram:
-        """One that takes commands of an operator."""
+        """A gateway that takes an operator's commands."""
         found = self._started("tests.benches.commanded_gateway", str(port), machine, operator, str(key_file))
         assert found.hear() == "listening"
         return found
 
     def live_machine(self, folder: Path) -> tuple[ChildProgram, dict[str, int]]:
-        """An emulated machine whose wires break as it is told, and its TCP ports."""
+        """An emulated machine whose wires break on request, and its TCP ports."""
         found = self._started("tests.benches.live_machine", str(folder))
         return found, json.loads(found.hear())
 
@@ -101,7 +101,7 @@ class PageRig:
         return self._started("gateway", "run", str(config), log=config.with_suffix(".log"))
 
     def demo(self, folder: Path, port: int, hours: float) -> ChildProgram:
-        """An emulated machine in fast motion, and the gateway that is at it."""
+        """An emulated machine in fast motion, and its gateway."""
         words = ("--hours", str(hours), "--folder", str(folder), "--zenoh-port", str(port))
         return self._started("gateway", "demo", *words, log=folder / "said")
 
@@ -160,7 +160,7 @@ class PageRig:
 
 @contextmanager
 def chromium() -> Iterator[Browser]:
-    """Debian's, while it runs."""
+    """Debian's chromium, while it runs."""
     assert _CHROMIUM.exists(), "chromium is missing: install Debian's chromium"
     with (
         sync_playwright() as playwright,
@@ -171,7 +171,7 @@ def chromium() -> Iterator[Browser]:
 
 @contextmanager
 def page_rig() -> Iterator[PageRig]:
-    """With a browser that is running."""
+    """A rig with a running browser."""
     with chromium() as browser, ExitStack() as stack:
         yield PageRig(browser, stack)
 
@@ -198,7 +198,7 @@ def expect_each_part(page: Page, limit_ms: float = LIMIT_MS) -> None:
 
 
 def ports(n: int) -> list[int]:
-    """Free ones."""
+    """Free ports."""
     return [free_port() for _ in range(n)]
 
 

@@ -16,12 +16,12 @@ TWO_FRAMES = "() => new Promise((drawn) => requestAnimationFrame(() => requestAn
 
 
 def note_shifts(page: Page) -> None:
-    """From now on, and what the browser still knows of before."""
+    """Note shifts from now on, and those before that the browser still knows."""
     page.evaluate(_NOTE)
 
 
 def shifts(page: Page) -> object:
-    """What has moved since it was last asked."""
+    """What has moved since the last call."""
     page.evaluate(TWO_FRAMES)
     return page.evaluate("window.takeShifts()")
 

@@ -69,7 +69,7 @@ def printed(page: Page, folder: Path, paper: str) -> list[Sheet]:
 
 
 def printed_texts(page: Page, selector: str) -> list[str]:
-    """Of what a browser prints; its medium must be `print`."""
+    """The texts that a browser prints; its medium must be `print`."""
     told = "all => all.filter((one) => one.checkVisibility()).map((one) => one.innerText)"
     found: list[str] = page.locator(selector).evaluate_all(told)
     return found
@@ -86,7 +86,7 @@ def cut_off(sheets: Sequence[Sheet]) -> list[tuple[int, PrintedWord]]:
 
 
 def torn(rows: Sequence[str], sheets: Sequence[Sheet]) -> list[str]:
-    """Rows whose letters do not stand on the same sheet."""
+    """Rows whose letters are not all on the same sheet."""
     on = [Counter(sheet.text) for sheet in sheets]
     return [row for row in rows if not any(Counter(_squeezed(row)) <= letters for letters in on)]
 

@@ -88,7 +88,7 @@ class ProbedMachine:
 
 
 class RParameters(list[float]):
-    """R0 to R129, with what was written and where the axes were then."""
+    """R0 to R129; notes what was written and where the axes were then."""
 
     def __init__(self, machine: ProbedMachine) -> None:
         super().__init__([0.0] * 130)
@@ -128,7 +128,7 @@ class PartPrograms:
 
     @property
     def edge(self) -> int:
-        """Of the tool, that is in force; 0: none."""
+        """The tool's edge that is in force; 0: none."""
         return int(self._system.P_TOOL)
 
     def safe_point(self) -> None:

@@ -1,4 +1,4 @@
-"""Detects methods of the recordings' benchmark that use measurements which they do not have."""
+"""Detects methods of the recordings' benchmark that use measurements which they were not given."""
 
 from collections.abc import Sequence
 from dataclasses import replace

@@ -18,7 +18,7 @@ def _name(text: str) -> x509.Name:
 
 
 class PlantAuthority:
-    """Writes `authority.pem` into a folder, and there what it issues."""
+    """Writes `authority.pem` and what it issues into a folder."""
 
     def __init__(self, folder: Path, name: str = "plant") -> None:
         folder.mkdir(exist_ok=True)

@@ -1,4 +1,4 @@
-"""Defects that the bench which refuses calls of the disk has to find: on a disk that works, nobody notices them."""
+"""Defects that the bench with the failing disk has to find: on a disk that works, nobody notices them."""
 
 from collections.abc import Mapping, Sequence
 

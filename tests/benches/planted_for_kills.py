@@ -1,6 +1,6 @@
-"""Defects that the bench which kills gateways has to find, each in one phase.
+"""Defects that the bench with killed gateways has to find, each in one phase.
 
-Without a kill a gateway with one of them does all that it should.
+A gateway with one of them does everything that it should, unless it is killed.
 """
 
 from collections.abc import Mapping, Sequence

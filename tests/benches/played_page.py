@@ -1,4 +1,4 @@
-"""The page's program beside a gateway that this process plays, and the memory that it takes."""
+"""The page's program beside a gateway that this process plays, and the memory that the program takes."""
 
 import tempfile
 from collections.abc import Iterator

@@ -64,7 +64,7 @@ class PlayedGateway:
             self.publish(suffix, like | {"time": datetime.now(UTC).isoformat()} | changes)
 
     def keep_saying(self, ended: threading.Event) -> None:
-        """How it is, as a gateway does, until this event."""
+        """Publish its status, as a gateway does, until this event."""
         while not ended.wait(_STATUS_S):
             if "status" in self._last:
                 self.again("status", {})
@@ -103,7 +103,7 @@ def _week(selected: str) -> CoursePage:
 
 
 def _hourly(begin: float, end: float) -> list[StoredReason]:
-    """At each full hour, EZ0A is corrected by as many µm as the hour's number of the day."""
+    """At each full hour, EZ0A is corrected by as many µm as the hour of the day."""
     hours = range(math.ceil(begin / 3600.0), math.ceil(end / 3600.0))
     return [
         StoredReason(
@@ -131,7 +131,7 @@ def _moved(message: dict[str, Any], later: timedelta) -> dict[str, Any]:
 
 
 def main(port: int, machine: str, what: str) -> None:
-    """Until standard input ends."""
+    """Run until standard input ends."""
     with listening(port) as session:
         gateway = PlayedGateway(session, machine, f"boot-{datetime.now(UTC).timestamp()}")
         print("listening", flush=True)

@@ -1,4 +1,4 @@
-"""Three units on one line, polled as the gateway polls them with a configuration that states only what it must."""
+"""Three units on one line, polled as by a gateway whose configuration states only what it must."""
 
 from collections.abc import AsyncIterator, Mapping
 from contextlib import AsyncExitStack, asynccontextmanager
@@ -66,7 +66,8 @@ async def polled(
 
 
 def worst(readings: list[Reading], channel: str, since_s: float = 0.0) -> float:
-    """By how much the channel's intervals differ from the period at most, as a share; its readings are good."""
+    """The largest difference of the channel's intervals from the period, as a share; checks that its readings are
+    good."""
     own = [r for r in readings if r.channel == channel and r.monotonic_s >= since_s]
     assert {r.quality for r in own} == {Quality.GOOD}
     return float(np.abs(np.diff([r.monotonic_s for r in own]) / PERIOD_S - 1.0).max())

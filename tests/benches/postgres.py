@@ -1,4 +1,4 @@
-"""PostgreSQL, Debian's database server, for tests with marker `peer`; a cluster of its own on loopback."""
+"""PostgreSQL, Debian's database server, for tests with marker `peer`: a separate cluster on loopback."""
 
 import os
 import pwd
@@ -20,7 +20,7 @@ _LIMIT_S = "600"
 
 
 class Postgres:
-    """A cluster in a folder of its own, with the role `site` that may do everything. As it refuses root, it runs as
+    """A cluster in its own folder, with the role `site` that may do everything. As it refuses root, it runs as
     Debian's user `postgres` where the tests are root's. It offers TLS; the role `guarded`, when it is made, needs TLS
     and a password.
 
@@ -62,11 +62,11 @@ class Postgres:
         self._call("pg_ctl", "start", "--wait", "--timeout", _LIMIT_S, "--log", str(self._log))
 
     def stop(self) -> None:
-        """As if it were killed: all processes end at once, and the next start recovers."""
+        """Stop as if killed: all processes end at once, and the next start recovers."""
         self._call("pg_ctl", "stop", "--mode=immediate", "--wait", "--timeout", _LIMIT_S)
 
     def query(self, database: str, statement: str) -> list[dict[str, Any]]:
-        """Rows of a statement, by a connection of its own."""
+        """Rows of a statement, over a separate connection."""
         with psycopg.connect(self.url(database), autocommit=True) as connection:
             cursor = connection.cursor(row_factory=psycopg.rows.dict_row)
             cursor.execute(statement.encode())

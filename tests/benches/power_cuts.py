@@ -1,8 +1,8 @@
-"""Power cuts: the disk as it could be left at any moment of a gateway's writing, and a gateway that starts on it.
+"""Power cuts: the disk as it could be left at any moment while a gateway writes, and a gateway that starts on it.
 
 A layer under the process (`power_cut.cc`) records what it does to its files. From the record a disk is rebuilt: what
 was synchronised is there; each page that was written later is as it was after some of its writes, whatever came of the
-others, and may be torn between two sectors. Names of files follow a journal: they are there in the order in which they
+others, and may be torn between two sectors. Names of files follow a journal: they appear in the order in which they
 were made.
 
 `python -m tests.benches.power_cuts --count 1000` prints a table.
@@ -55,7 +55,7 @@ class DiskAct(NamedTuple):
 
 @dataclass
 class DiskFile:
-    """What is on the disk of it for certain, and what may be."""
+    """What of a file is on the disk for certain, and what may be."""
 
     certain: bytearray = field(default_factory=bytearray)
     pending: list[tuple[int, bytes | None]] = field(default_factory=list)
@@ -129,7 +129,7 @@ def read_log(path: Path) -> list[DiskAct]:
 
 
 def recorded(folder: Path) -> list[DiskAct]:
-    """A session of two runs in a process of its own; what it did to its disk."""
+    """A session of two runs in a separate process; returns what it did to its disk."""
     disk, log = folder / "disk", folder / "log"
     disk.mkdir()
     subprocess.run(
@@ -188,7 +188,7 @@ def rebuilt_disk(acts: Sequence[DiskAct], draw: random.Random, folder: Path) -> 
             later.clear()
     _name(names, later[: draw.randint(0, len(later))])
     for name, file in names.items():
-        if not name.endswith("-shm"):  # made anew when the database is opened
+        if not name.endswith("-shm"):  # made again when the database is opened
             (folder / name).write_bytes(files[file].left(draw))
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 @cache
 def preload(source: Path) -> Path:
-    """Compiled once for each user and version of the source. Raises subprocess.CalledProcessError."""
+    """A library, compiled once for each user and version of the source. Raises subprocess.CalledProcessError."""
     mark = hashlib.sha256(source.read_bytes()).hexdigest()[:16]
     path = Path(tempfile.gettempdir()) / f"talc-gateway-{source.stem.replace('_', '-')}-{os.getuid()}-{mark}.so"
     if not path.exists():
@@ -18,5 +18,5 @@ def preload(source: Path) -> Path:
             made = Path(folder) / path.name
             compiler = ["g++", "-std=c++17", "-O1", "-shared", "-fPIC", "-Wall", "-Wextra", "-Werror"]
             subprocess.run([*compiler, "-o", made, source, "-ldl"], check=True)
-            made.replace(path)  # at once, as other workers may look
+            made.replace(path)  # in one step, because other workers may look
     return path

@@ -1,4 +1,4 @@
-"""What a source file uses of another one although it is private, where Ruff (SLF001) does not look."""
+"""Finds private names of one source file that another one uses, where Ruff (SLF001) does not look."""
 
 import ast
 import inspect
@@ -45,7 +45,7 @@ def _imported(node: ast.AST) -> Iterator[str]:
 
 
 def _places(node: ast.AST) -> Iterator[tuple[str, tuple[str, ...]]]:
-    """Of each name that is imported, its module, and its name there if it is none."""
+    """For each imported name its module, and the name there if it is not a module itself."""
     if isinstance(node, ast.ImportFrom):
         yield from ((alias.asname or alias.name, (str(node.module), alias.name)) for alias in node.names)
     elif isinstance(node, ast.Import):

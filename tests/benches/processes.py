@@ -1,4 +1,4 @@
-"""What the system says of processes under test: their children, and what they hold open."""
+"""What the system reports about processes under test: their children, and what they keep open."""
 
 import os
 from contextlib import suppress
@@ -17,7 +17,7 @@ def children(of: int) -> list[int]:
 
 
 def open_links() -> list[str]:
-    """What this process holds open: files, sockets, terminals. Other threads may close them meanwhile."""
+    """What this process keeps open: files, sockets, terminals. Other threads may close them meanwhile."""
     found = []
     for number in os.listdir("/proc/self/fd"):  # noqa: PTH208 - twice a test: paths would double its time
         with suppress(FileNotFoundError):  # always so for the list itself
@@ -26,7 +26,7 @@ def open_links() -> list[str]:
 
 
 def read_if_there(path: Path) -> bytes:
-    """What this file of a process or a thread holds; nothing if that ended since it was listed."""
+    """The content of this file of a process or thread; empty if that has ended since it was listed."""
     try:
         return path.read_bytes()
     except (FileNotFoundError, ProcessLookupError):

@@ -1,9 +1,9 @@
 """What publishing costs the service: `python -m tests.benches.publishing_cost SECONDS`.
 
-Three times `talc-gateway run` beside each other, each with an emulated machine of its own of 30 channels at 1 Hz, one
-sensor of them at 10 Hz: without telemetry; publishing to a subscriber; and publishing, while Prometheus asks for
-`/metrics` each 15 s. Whatever else the computer does is the same for all three. Prints each one's processor time, and
-how much more than the first it took in each window.
+Three times `talc-gateway run` beside each other, each with its own emulated machine of 30 channels at 1 Hz, one sensor
+of them at 10 Hz: without telemetry; publishing to a subscriber; and publishing, while Prometheus asks for `/metrics`
+each 15 s. Whatever else the computer does is the same for all three. Prints each one's processor time, and how much
+more than the first it took in each window.
 """
 
 import subprocess

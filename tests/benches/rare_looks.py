@@ -1,4 +1,4 @@
-"""Lets libraries and the gateway look less often for what nobody waits for, so that simulated time takes longer steps.
+"""Makes libraries and the gateway look less often for what nobody waits for, so that simulated time takes longer steps.
 
 Simulated time costs some 0.4 ms a step, whatever happens in it. Of 15 steps in ten simulated seconds, 13 were looks: at
 an empty port of the CAN adapter whether to go on waiting, at the store's disk, the health, the clock, at sessions that
@@ -53,7 +53,7 @@ _CHANGES = (
 
 
 def rare_looks() -> AbstractContextManager[None]:
-    """Inside, what is opened looks rarely: OPC UA's clients and servers, serial CAN adapters, and the gateway's watches
-    of itself, with a grid step of 300 s.
+    """Inside, whatever is opened looks rarely: OPC UA's clients and servers, serial CAN adapters, and the gateway's
+    watches of itself, with a grid step of 300 s.
     """
     return changed(_CHANGES)

@@ -1,7 +1,7 @@
-"""A command on Debian's real-time kernel (PREEMPT_RT), in an emulated computer.
+"""Runs a command on Debian's real-time kernel (PREEMPT_RT), in an emulated computer.
 
 `python -m tests.benches.real_time_kernel COMMAND...` runs it in this folder. The emulated computer has the files of
-this one; what the command writes is gone afterwards. QEMU counts one nanosecond for each instruction that its only
+this one; what the command writes is lost afterwards. QEMU counts one nanosecond for each instruction that its only
 processor executes; while it waits, its time passes as this computer's does. So how long something takes in it does not
 depend on how fast or how busy this computer is. It has no caches: a time is a number of instructions, those of the
 kernel's interruptions included. For x86-64; needs Debian's qemu-system-x86, busybox-static, kmod and cpio, and
@@ -42,7 +42,7 @@ exec busybox switch_root /root /usr/bin/env -i HOME=/root PATH=/usr/sbin:/usr/bi
 
 
 def on_real_time_kernel(command: str, folder: Path) -> str:
-    """What a shell command says there. folder: for the emulated computer's own files.
+    """The output of a shell command there. folder: for the emulated computer's own files.
 
     Raises RuntimeError if it fails, and subprocess.TimeoutExpired.
     """

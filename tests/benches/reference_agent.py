@@ -20,7 +20,7 @@ POSES_DEG = tuple((float(a), float(c)) for a, c in REFERENCE.POSES)
 
 @dataclass
 class ServedAgent:
-    """One that listens."""
+    """An agent that listens."""
 
     machine: Any
     port: int
@@ -32,14 +32,14 @@ class ServedAgent:
         return file
 
     def settings(self, folder: Path, timeout_s: float = 2.0) -> AgentSettings:
-        """Of a gateway with its key."""
+        """The settings of a gateway with its key."""
         key_file = self.key_file(folder)
         return AgentSettings(key_file=key_file, port=self.port, timeout_s=timeout_s, poses_deg=POSES_DEG)
 
 
 @asynccontextmanager
 async def served_agent(machine: Any, module: Any = REFERENCE) -> AsyncIterator[ServedAgent]:
-    """module: of the agent, or a spoilt one."""
+    """A served agent. module: the agent's, or a spoilt one."""
     it = module.Agent(KEY, machine)
 
     async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
@@ -76,7 +76,7 @@ def spoilt_reference(*changes: tuple[str, str]) -> Any:
 
 
 def workshop_machine() -> Any:
-    """A machine with an operator: it works, stops, and reaches a safe point when it is told to."""
+    """A machine with an operator: it works, stops, and reaches a safe point on request."""
 
     class WorkshopMachine(REFERENCE.Machine):  # type: ignore[misc,name-defined]
         state: str

@@ -1,4 +1,5 @@
-"""`python -m tests.benches.release`: whether everything that names the version names the same one, and the tag as well.
+"""`python -m tests.benches.release`: checks that everything that names the version, the tag included, names the same
+one.
 
 Prints what does not agree; exit code 1 then. A commit without a tag may have changes that are not released yet.
 """
@@ -54,7 +55,7 @@ def faults(root: Path) -> list[str]:
 
 
 def _git(root: Path, *arguments: str) -> str:
-    """What git says; nothing in a folder without a repository, such as a source archive."""
+    """The output of git; empty in a folder without a repository, such as a source archive."""
     if not (root / ".git").exists():
         return ""
     return subprocess.run(["git", "-C", root, *arguments], capture_output=True, text=True, check=True).stdout

@@ -1,4 +1,4 @@
-"""What a gateway knows when it is started again."""
+"""What a gateway knows after a restart."""
 
 from gateway.config import GatewayConfig
 from gateway.past import Past, past_of
@@ -6,6 +6,6 @@ from gateway.storage import History
 
 
 def restarted(config: GatewayConfig) -> Past:
-    """From the database of this configuration."""
+    """Restart from the database of this configuration."""
     with History(config.storage.path) as history:
         return past_of(history, config)

@@ -199,7 +199,7 @@ def _wago(stack: AsyncExitStack) -> Awaitable[Rig]:
 
 
 def _pta(stack: AsyncExitStack, kind: str = "modbus_rtu") -> Awaitable[Rig]:
-    """An open input shows 97.7 degC, so no machine part may be near that."""
+    """A rig whose open input shows 97.7 degC, so no machine part may be near that."""
     truth = [20.04, 21.26, -3.3, 40.0, 94.96, 22.22, 23.456, 0.0]
     device, neighbour = Pta8d08(lambda: truth), Pta8d08(lambda: [NEIGHBOUR] * 8)
     qualities = [Quality.SENSOR_FAULT, Quality.OUT_OF_RANGE, Quality.OUT_OF_RANGE, Quality.OUT_OF_RANGE]

@@ -1,4 +1,4 @@
-"""A Modbus RTU line whose answers a test makes up."""
+"""A Modbus RTU line whose answers a test supplies."""
 
 import asyncio
 from collections.abc import AsyncIterator, Callable
@@ -42,7 +42,7 @@ class RtuPeer:
 
 
 def honest(request: bytes, first: int = 100) -> bytes:
-    """What a device with registers first, first + 1, ... answers."""
+    """The answer of a device with registers first, first + 1, ..."""
     count = int.from_bytes(request[4:6], "big")
     return registers(request[0], *range(first, first + count))
 

@@ -1,4 +1,4 @@
-"""Judges JSON by a JSON Schema, without the types and the library that the schemas of the key space are made with.
+"""Checks JSON against a JSON Schema, without the types and the library that make the schemas of the key space.
 
 Knows the keywords that docs/telemetry uses; another one is an error, not passed over.
 """
@@ -21,7 +21,7 @@ _SILENT = {"title", "description", "default", "examples", "$schema", "$defs", "p
 
 
 def schema_faults(value: Any, schema: dict[str, Any], at: str = "$", whole: dict[str, Any] | None = None) -> list[str]:
-    """What in a value is not as the schema says, each with its place; none: it fits."""
+    """What in a value contradicts the schema, each with its place; empty: it fits."""
     whole = schema if whole is None else whole
     found: list[str] = []
     for word, wanted in schema.items():

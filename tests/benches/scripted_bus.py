@@ -1,4 +1,4 @@
-"""A bus and devices that are scripts, on stepped time, with an acquisition that reads them."""
+"""A scripted bus with scripted devices, on stepped time, with an acquisition that reads them."""
 
 import asyncio
 from collections.abc import AsyncIterator, Sequence
@@ -93,7 +93,7 @@ class ScriptedDevice:
 
 
 class ScriptedPlant:
-    """One bus with devices, and everything the acquisition told."""
+    """One bus with devices, and everything that the acquisition reported."""
 
     def __init__(self, *names: str) -> None:
         self.clock = SteppedClock()

@@ -43,7 +43,7 @@ channels = {{ {channels} }}
 
 
 def adam6015(channels: str) -> str:
-    """A thermometer module on a bus of its own, which no test connects to."""
+    """A thermometer module on its own bus, which no test connects to."""
     return f"""
 [[bus]]
 name = "tcp1"

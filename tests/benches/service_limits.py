@@ -1,6 +1,6 @@
-"""`python -m tests.benches.service_limits PACKAGE`: the limits of the service are reached, the files of deploy/pi used.
+"""`python -m tests.benches.service_limits PACKAGE`: reaches the limits of the service, and uses the files of deploy/pi.
 
-Makes a minimal Debian, installs the package, and boots it on a kernel of its own. Prints a table of what was tried. As
+Makes a minimal Debian, installs the package, and boots it on its own kernel. Prints a table of what was tried. As
 root; needs mmdebstrap and user-mode-linux.
 """
 
@@ -22,7 +22,7 @@ COMMAND = f"env PYTHONPATH=/{PLACE} /opt/talc-gateway/bin/python -m tests.benche
 
 
 def limits(root: Path, folder: Path) -> list[TriedUnit]:
-    """Everything that was tried, in a furnished Debian that has the package. folder: for the guest's disks."""
+    """Everything that was tried, in a prepared Debian that has the package. folder: for the guest's disks."""
     scripts = root / PLACE / "tests/benches"
     scripts.mkdir(parents=True)
     for name in SCRIPTS:

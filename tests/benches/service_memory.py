@@ -1,7 +1,7 @@
 """`python -m tests.benches.service_memory --days 30`: the memory of the service alone, day after day.
 
 The service of the demo's machine as `run` sets it up: 29 channels and a displacement on four buses, the control,
-learning, the store, Zenoh. The emulated machine is a process of its own and does not count, nor does a view. The clock
+learning, the store, Zenoh. The emulated machine is a separate process and does not count, nor does a view. The clock
 is the demo's. Prints a Markdown table: in the middle of each simulated day the memory of this process (PSS: its own,
 and its share of libraries that others use, too), and the most that it had of its own since the line before, looked at
 each 5 ms: at the end of a day a snapshot is made.
@@ -26,7 +26,7 @@ DAY_S = 86400.0
 
 
 def memory_mb() -> dict[str, float]:
-    """Of this process now: RSS and PSS, and the part of both that is not pages of files; MB."""
+    """This process's memory now: RSS and PSS, and the part of both that is not pages of files; MB."""
     lines = Path("/proc/self/smaps_rollup").read_text(encoding="ascii").splitlines()[1:]
     kb = {name: float(value.split()[0]) for name, value in (line.split(":") for line in lines)}
     of = {"RSS": "Rss", "PSS": "Pss", "of it not pages of files": "Pss_Anon"}
@@ -48,7 +48,7 @@ class Peak(threading.Thread):
             time.sleep(0.005)
 
     def taken_mb(self) -> float:
-        """The most since this was last asked."""
+        """The most since the last call."""
         most, self._most_pages = self._most_pages, 0
         return most * os.sysconf("SC_PAGE_SIZE") / 1e6
 

@@ -53,7 +53,7 @@ class SystemdPace:
     """The offset that is in force at a stop, in whole µm: as many seconds, as the gateway moves offsets by 1 µm/s."""
 
     def text(self) -> str:
-        """Of a drop-in."""
+        """The text of a drop-in."""
         lines = ["[Service]"]
         lines += [] if self.watchdog_s is None else [f"WatchdogSec={self.watchdog_s}"]
         lines += [] if self.restart_s is None else [f"RestartSec={self.restart_s}"]
@@ -70,7 +70,7 @@ class TriedUnit:
 
 
 def furnish(root: Path, package: Path, pace: SystemdPace) -> None:
-    """Put everything into the guest's folder that it needs besides the package."""
+    """Put everything that the guest needs besides the package into its folder."""
     packages = root / PACKAGES
     packages.mkdir(exist_ok=True)
     copy(package, packages / "talc-gateway.deb")
@@ -126,7 +126,7 @@ def _start(guest: BootedDebian) -> Iterator[TriedUnit]:
 
 
 def _ramp(guest: BootedDebian, in_force_um: int) -> TriedUnit:
-    """The first run finds an offset in force, and is stopped at once, by a unit that would kill it sooner."""
+    """The first run finds an offset in force and is stopped at once, by a unit that would kill it sooner."""
     guest.run(f"{PYTHON} /usr/local/lib/systemd_offset.py begin {in_force_um}")
     drop_in = "/run/systemd/system/talc-gateway.service.d"
     guest.run(f"mkdir -p {drop_in} && printf '[Service]\\nTimeoutStopSec={SHORT_STOP_S}\\n' >{drop_in}/short.conf")

@@ -88,7 +88,7 @@ class ServoThread:
         self.input.wanted[:] = errors.tolist()
 
     def settle(self) -> None:
-        """In force at once what is wanted, as if the slew had had the time."""
+        """Put what is wanted in force at once, as if the slew had had the time."""
         self.state.errors[:] = self.input.wanted[:]
         self.state.homed, self.state.hold = self.input.homed, 0
         self.state.tool[:], self.state.bound[:] = self.input.tool[:], self.input.bound[:]

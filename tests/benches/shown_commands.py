@@ -15,7 +15,7 @@ PAGES = sorted(
     (
         page
         for page in (*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md"), *ROOT.glob("examples/*.md"))
-        if page.name != "CHANGELOG.md"  # names commands that are gone
+        if page.name != "CHANGELOG.md"  # names commands that no longer exist
     ),
     key=lambda page: page.as_posix(),
 )
@@ -28,7 +28,7 @@ OTHERS = re.compile(
 
 @dataclass(frozen=True, slots=True)
 class RunAsShown:
-    """Given as it is shown, in a folder that has what it names; what it says contains `says`."""
+    """Given as it is shown, in a folder that has what it names; its output contains `says`."""
 
     says: str
     code: int = 0
@@ -51,7 +51,7 @@ class RunInFolder:
 
 @dataclass(frozen=True, slots=True)
 class RunElsewhere:
-    """Another test gives it, with the places and the size that a test can have; `trace` is how its file shows that."""
+    """Another test gives it, with a test's paths and size; `trace` is the text in that file which shows it."""
 
     file: str
     trace: str
@@ -205,7 +205,7 @@ TABLE: dict[str, HowShown] = {
     r"make pictures": RunElsewhere("tests/test_shown_commands.py", '"pictures", '),
     r"make format": RunElsewhere("tests/test_shown_commands.py", r'make\("format"\)'),
     r"make audit": RunElsewhere(".ci/run", "make --silent audit"),
-    # Programs of others.
+    # Third-party programs.
     r"certificates\.sh .*": RunElsewhere("tests/test_certificates.py", r"certificates\.sh"),
     r"dpkg --(install|purge).*": RunElsewhere("tests/system/test_debian_package.py", "dpkg --(install|purge)"),
     r"(apt|apt-get) .*|dpkg --add-architecture .*|uv .*": RunInFolder(),
@@ -267,7 +267,7 @@ def leaf(words: list[str]) -> tuple[click.Command, list[str], click.Context]:
 
 
 def is_name(command: str) -> bool:
-    """Whether a sentence only names the command, or an option: what it needs is not there."""
+    """Whether a sentence only names the command or an option, without what it needs."""
     program, *words = shlex.split(command)
     if program != "talc-gateway":
         return False

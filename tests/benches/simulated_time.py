@@ -1,8 +1,8 @@
 """Simulated time for a whole process: clocks that advance only when every thread sleeps and every wire is quiet.
 
 A test marked `simulated_time` runs on it, fixtures included, with the real event loop, threads, sockets and
-pseudo-terminals. Work takes no time, however slow or busy the computer is; waiting takes none of the computer's. It is
-for what stays within this process: another process would not wait for it, unless time is held while it works.
+pseudo-terminals. Work takes no simulated time, however slow or busy the computer is, and waiting takes no real time. It
+is for work within this process: another process would not wait for it, unless time is held while that process works.
 """
 
 import ctypes
@@ -20,7 +20,7 @@ _FOLDER = Path(__file__).with_name("time_library")
 
 @cache
 def _library() -> ctypes.CDLL:
-    """Compiled once for each user and version of the source. Raises subprocess.CalledProcessError."""
+    """The library, compiled once for each user and version of the source. Raises subprocess.CalledProcessError."""
     mark = hashlib.sha256(b"\n".join(file.read_bytes() for file in sorted(_FOLDER.iterdir()))).hexdigest()[:16]
     name = f"talc-gateway-simulated-time-{os.getuid()}-{mark}.so"
     path = Path(tempfile.gettempdir()) / name
@@ -29,7 +29,7 @@ def _library() -> ctypes.CDLL:
             made = Path(folder) / name
             compiler = ["g++", "-std=c++17", "-O2", "-shared", "-fPIC", "-Wall", "-Wextra", "-Werror"]
             subprocess.run([*compiler, "-o", made, *_FOLDER.glob("*.cc"), "-lpthread", "-lutil"], check=True)
-            made.replace(path)  # at once, as other workers may look
+            made.replace(path)  # in one step, because other workers may look
     library = ctypes.CDLL(str(path))
     library.real_monotonic_s.restype = ctypes.c_double
     library.steps_of_simulated_time.restype = ctypes.c_uint64
@@ -42,7 +42,7 @@ def real_monotonic_s() -> float:
 
 
 def steps_of_time() -> int:
-    """How often simulated time has gone on so far: each ends the waits with the earliest deadline."""
+    """How often simulated time has advanced so far: each step ends the waits with the earliest deadline."""
     return int(_library().steps_of_simulated_time())
 
 
@@ -53,7 +53,7 @@ def jump_wall_clock(seconds: int) -> None:
 
 @contextmanager
 def held_time() -> Iterator[None]:
-    """Inside, simulated time stands still although everybody sleeps, as while another process works."""
+    """Inside, simulated time stands still even if every thread sleeps, such as while another process works."""
     hold = _library().hold_simulated_time
     hold(1)
     try:

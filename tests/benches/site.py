@@ -1,9 +1,9 @@
-"""Many gateways, a router and a collector, which are killed meanwhile: is every row kept once, and what does it cost?
+"""Many gateways, a router and a collector, killed meanwhile: is every row kept once, and what does that cost?
 
 `python -m tests.benches.site --gateways 200 --keys 40 --seconds 120` prints a row for the table in docs/collect.md.
 Each gateway stores and publishes all keys once a second, and a step with an event each ten seconds, with the program's
 own store, publisher and queries; they share processes, which the figures leave out. One process of gateways, the router
-and the collector are killed, each once, and started again.
+and the collector are each killed once and started again.
 """
 
 import argparse
@@ -38,7 +38,7 @@ _TICK_S = 1.0 / os.sysconf("SC_CLK_TCK")
 
 @dataclass(frozen=True, slots=True)
 class SiteRun:
-    """What came out."""
+    """The results."""
 
     stored: int
     """Rows in all gateways' stores."""
@@ -62,7 +62,7 @@ class SiteRun:
 
 @dataclass(slots=True)
 class _Part:
-    """A process that may be killed and started again, and what it has used in all its lives."""
+    """A process that may be killed and started again, and the resources that it has used in all its lives."""
 
     words: Sequence[str]
     process: "subprocess.Popen[str] | None" = None
@@ -134,12 +134,12 @@ Passes = Callable[[float, GrowingCount | None], None]
 
 
 def of_time(seconds: float) -> Passes:
-    """For a run of so many seconds."""
+    """Delays for a run of this many seconds."""
     return lambda share, _: time.sleep(share * seconds)
 
 
 def of_rows(count: int) -> Passes:
-    """For a run of so many rows, however long they take. Raises TimeoutError."""
+    """Delays for a run of this many rows, however long they take. Raises TimeoutError."""
 
     def passes(share: float, rows: GrowingCount | None) -> None:
         if rows is not None:
@@ -247,7 +247,7 @@ def _kept(folder: Path, table: str, name: str) -> list[tuple[str, int]]:
 
 
 def _wait(reached: Callable[[], bool], look_every_s: float = 1.0) -> bool:
-    """Whether it was reached."""
+    """Wait; returns whether the condition was reached."""
     began_s = time.monotonic()
     while not (there := reached()) and time.monotonic() - began_s < _LIMIT_S:
         time.sleep(look_every_s)

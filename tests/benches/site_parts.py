@@ -1,4 +1,4 @@
-"""The parts of a site that run in processes of their own: a router, and many gateways that store and publish.
+"""The parts of a site that run in separate processes: a router, and many gateways that store and publish.
 
 `python -m tests.benches.site_parts router PORT`
 `python -m tests.benches.site_parts gateways PORT FOLDER FIRST COUNT KEYS EVERY_S`: until its standard input ends.
@@ -124,7 +124,7 @@ async def _gateways(port: int, folder: Path, first: int, count: int, keys: int, 
 
 
 def _until_told(folder: Path) -> None:
-    """They go on answering until everything was asked for."""
+    """Keep answering until everything was asked for."""
     while not (folder / "end").exists():
         threading.Event().wait(0.2)
 

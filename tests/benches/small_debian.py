@@ -1,6 +1,6 @@
-"""A root that has this computer's programs and files of its own, for dpkg and the package's maintainer scripts.
+"""A root that has this computer's programs and its own files, for dpkg and the package's maintainer scripts.
 
-systemctl and the gateway's program are stand-ins, of which a test says what they do; a pause takes no time. Nothing
+systemctl and the gateway's program are stand-ins whose behaviour a test sets; a pause takes no time. Nothing
 outside the folder is written, and no rights of root are needed (a user namespace).
 """
 
@@ -48,7 +48,7 @@ esac
 
 
 class SmallDebian:
-    """Such a root in a folder, under a systemd that has booted unless `booted` is taken back."""
+    """Such a root in a folder, under a systemd that has booted unless `booted` is removed."""
 
     def __init__(self, folder: Path) -> None:
         self.root = folder / "root"
@@ -94,7 +94,7 @@ class SmallDebian:
         return self._built(contents, texts)
 
     def other_package(self, file: str) -> str:
-        """Build one that owns this file."""
+        """Build a package that owns this file."""
         return self._built(self.root.parent / "contents-other", {file: "", "DEBIAN/control": _control("other", "1")})
 
     def _built(self, contents: Path, texts: dict[str, str]) -> str:
@@ -109,7 +109,7 @@ class SmallDebian:
         return f"/tmp/{built.name}"
 
     def dpkg(self, *arguments: str) -> tuple[int, str]:
-        """Exit code, and all that it says."""
+        """Exit code, and everything that it prints."""
         command = ["unshare", "--user", "--map-root-user", "--mount", "sh", "-euc", ENTER, "sh", str(self.root)]
         command += ["dpkg", "--force-unsafe-io", "--force-not-root", *arguments]
         done = subprocess.run(command, capture_output=True, text=True, timeout=LIMIT_S, check=False)
@@ -130,14 +130,14 @@ class SmallDebian:
         return (self.root / "state/active").exists()
 
     def calls(self) -> list[str]:
-        """What systemctl and others were asked for since the last time, without reading the unit files again."""
+        """What systemctl and others were asked for since the last call, without reading the unit files again."""
         file = self.root / "state/calls"
         lines = [line for line in file.read_text().splitlines() if not line.startswith("daemon-reload")]
         file.write_text("")
         return lines
 
     def text(self, name: str) -> str:
-        """Of a file; the unit's lie apart."""
+        """The text of a file; the unit's files are elsewhere."""
         path = Path(name)
         return (self.root / ("units" if name == UNIT else path.parent) / path.name).read_text().strip()
 

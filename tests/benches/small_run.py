@@ -15,9 +15,9 @@ ZURICH = ZoneInfo("Europe/Zurich")
 
 
 def small_run(steps: int = 48, *, start: float = START) -> ReportData:
-    """Each step is measured: EZ0A is +40 and -40 µm by turns and was predicted to a tenth; all else is zero.
+    """Each step is measured: EZ0A is +40 and -40 µm alternately and was predicted to a tenth; all else is zero.
 
-    At the sphere that moves the tool along Z alone: 40 µm RMS without compensation, 4 µm with it.
+    At the sphere that moves the tool only along Z: 40 µm RMS without compensation, 4 µm with it.
     """
     errors = np.zeros((steps, 9))
     errors[:, 1] = np.where(np.arange(steps) % 2, 40.0, -40.0)
@@ -55,7 +55,7 @@ def small_run(steps: int = 48, *, start: float = START) -> ReportData:
 
 
 def with_gap(data: ReportData, after: int, steps: int) -> ReportData:
-    """The gateway stood still for so many steps after one of them."""
+    """The same, but the gateway stood still for this many steps after one of them."""
     k = data.k.copy()
     k[after + 1 :] += steps
     return replace(data, k=k)

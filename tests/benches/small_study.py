@@ -13,7 +13,7 @@ from studies.__main__ import main
 
 @dataclass(frozen=True)
 class Studied:
-    """What lies in its folder afterwards."""
+    """What is in its folder afterwards."""
 
     folder: Path
     page: str
@@ -21,7 +21,7 @@ class Studied:
 
 
 def study_by_command(name: str, folder: Path) -> Studied:
-    """Two processes; every run and the page."""
+    """Run it in two processes: every run and the page."""
     command = [name, "--small", "--workers", "2", "--out", str(folder)]
     answer = CliRunner().invoke(main, command, catch_exceptions=False)
     assert answer.exit_code == 0, answer.output

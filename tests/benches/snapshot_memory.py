@@ -1,4 +1,4 @@
-"""`python -m tests.benches.snapshot_memory CONFIG COUNT`: `run`, of which only a store runs, which takes snapshots.
+"""`python -m tests.benches.snapshot_memory CONFIG COUNT`: a part of `run`: only a store that takes snapshots.
 
 A day passes between two of them. Prints the process's memory in MB, once the learner has learnt and after each one, and
 the most since the line before.
@@ -27,13 +27,13 @@ STEPS_A_DAY = 24
 
 
 def resident_mb() -> float:
-    """Of this process, MB."""
+    """The resident memory of this process, MB."""
     pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
     return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
 
 
 def most_mb() -> float:
-    """The most that this process had since this was last asked, MB."""
+    """The most that this process had since the last call, MB."""
     status = Path("/proc/self/status").read_text(encoding="ascii")
     (kb,) = (line.split()[1] for line in status.splitlines() if line.startswith("VmHWM:"))
     Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
@@ -41,7 +41,7 @@ def most_mb() -> float:
 
 
 def taken(config: GatewayConfig, clock: ServiceClock, count: int) -> None:
-    """Take so many snapshots, each once the one before it is on the disk."""
+    """Take this many snapshots, each after the previous one is on the disk."""
     draw, names = np.random.default_rng(1), config.input_names
     with Store(config.storage.path, "first", clock) as store:
         past = past_in(store, config)

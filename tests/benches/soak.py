@@ -1,8 +1,8 @@
 """`python -m tests.benches.soak --days 30`: the whole service for long, with random faults and restarts.
 
 Faults on every wire and on the control, one at a time (tests/benches/faulty_machine.py), and restarts of the service,
-half of them by cancelling it. Prints a table: what was lost, what grew, how late it was, what was not reported and
-what was reported for nothing.
+half of them by cancelling it. Prints a table: what was lost, what grew, how late it was, what was not reported and what
+was reported without cause.
 
 The service and the emulators run in one process on simulated time (tests/benches/simulated_time.py), with their real
 timeouts: how busy the computer is shows in nothing. With `--real` they run in two processes at the computer's own
@@ -77,7 +77,7 @@ class SoakPlan:
 
 
 class SoakClock(RealClock):
-    """This process's clock, from zero on: what the emulated machine goes by."""
+    """This process's clock, from zero on, which the emulated machine follows."""
 
     def __init__(self) -> None:
         self._zero_s = super().monotonic()
@@ -95,7 +95,7 @@ class RightClock(RealClock):
 
 @asynccontextmanager
 async def _machine_apart(folder: Path, epoch: datetime, plan: SoakPlan) -> AsyncIterator[dict[str, int]]:
-    """The emulated machine in a process of its own, at this computer's speed; yields its ports."""
+    """The emulated machine in a separate process, at this computer's speed; yields its ports."""
     clock = SharedClock(folder / "clock", epoch=epoch, owner=True)
     clock.start()
     arguments = (folder, epoch.isoformat(), 1.0, plan.seed, plan.days * 24.0, plan.pause_s)
@@ -124,7 +124,7 @@ async def _machine_here(folder: Path, clock: SoakClock, plan: SoakPlan) -> Async
 
 
 def config(folder: Path, ports: dict[str, int], *, real: bool) -> GatewayConfig:
-    """The bench's, for these addresses."""
+    """The bench's configuration, for these addresses."""
     fillings = {
         **ports, "rtu_port": folder / "rtu", "can_port": folder / "can", "growth_port": folder / "growth",
         "folder": folder, "zenoh_port": free_port(), "zenoh_connect": "[]", "talc": "",
@@ -138,7 +138,7 @@ def config(folder: Path, ports: dict[str, int], *, real: bool) -> GatewayConfig:
 
 
 def held() -> HeldNow:
-    """What this process holds now."""
+    """The resources that this process has now."""
     gc.collect()
     pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
     return HeldNow(
@@ -159,7 +159,7 @@ class Watching:
         self._across = False
 
     def begin(self) -> None:
-        """Another run of the service begins."""
+        """Begin another run of the service."""
         self._across = True
 
     def take(self, event: GatewayEvent) -> None:
@@ -189,7 +189,7 @@ class Watching:
 async def soaked(
     folder: Path, plan: SoakPlan, *, real: bool = False, told: Callable[[str], None] = lambda _: None
 ) -> SoakResult:
-    """Run it all in this folder, and judge it. Within `simulated_time`, unless it is real.
+    """Run everything in this folder, and judge it. Within `simulated_time`, unless it is real.
 
     told: gets a line at the end of each run
     """
@@ -213,7 +213,7 @@ async def soaked(
 
 
 async def _reached(clock: SoakClock, until_s: float, real_until_s: float) -> None:
-    """Return at a simulated time, or soon after a real one."""
+    """Wait until a simulated time, or until soon after a real one."""
     while (now_s := clock.monotonic()) < until_s and real_monotonic_s() < real_until_s:
         await clock.sleep_until(min(until_s, now_s + LOOK_S))
 

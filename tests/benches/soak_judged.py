@@ -1,4 +1,4 @@
-"""What a soak has shown: by the database, by the machine's list of faults, and by what was seen from outside."""
+"""Judges a soak by the database, by the machine's list of faults, and by what was seen from outside."""
 
 import json
 import re
@@ -31,7 +31,7 @@ HELD = {"descriptors": "descriptors", "threads": "threads", "tasks": "tasks", "m
 
 @dataclass(frozen=True, slots=True)
 class HeldNow:
-    """What the process holds at one moment."""
+    """What the process has open at one moment."""
 
     descriptors: int
     threads: int
@@ -52,7 +52,7 @@ class SoakRun:
 
 @dataclass(slots=True)
 class SoakSeen:
-    """What was seen from outside of the database."""
+    """What was seen from outside the database."""
 
     real_s: float = 0.0
     runs: list[SoakRun] = field(default_factory=list)
@@ -107,7 +107,7 @@ class SoakResult:
 
     @property
     def good(self) -> bool:
-        """Nothing was lost, missed, reported for nothing, leaked, or stepped."""
+        """Nothing was lost, missed, reported without cause, leaked, or stepped."""
         return not (self.lost or self.missed or self.false or self.leaks or self.stepped)
 
 
@@ -157,7 +157,7 @@ def judged(folder: Path, config: GatewayConfig, epoch: datetime, seen: SoakSeen)
 
 
 def leaks_of(runs: Sequence[SoakRun], children: int) -> list[str]:
-    """What grew from the first third of the runs to the last by more than it may, and processes that were left."""
+    """What grew by more than allowed from the first third of the runs to the last, and processes that were left."""
     days = (runs[-1].end_s - runs[0].begin_s) / 86400.0
     memory_mb = LEARNT_MB + RECORDED_MB_PER_DAY * days
     found = [f"{children} child processes"] if children else []
@@ -242,7 +242,7 @@ def asked_again(
 def explained_until_s(
     fault: SoakFault, alarms: Sequence[Alarm], begins_s: Sequence[float], words: Mapping[str, re.Pattern[str]]
 ) -> float:
-    """When the gateway knew that the fault was over: it said so, or it began anew."""
+    """When the gateway knew that the fault was over: it said so, or it started again."""
     ended = _ended_s(fault, alarms, words)
     return min([*ended, *(begin for begin in begins_s if begin >= fault.end_s)], default=float("inf"))
 

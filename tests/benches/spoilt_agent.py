@@ -1,4 +1,4 @@
-"""Changes what an agent answers, by a seed, and asks it everything all the same."""
+"""Changes an agent's answers, by a seed, and asks it everything nevertheless."""
 
 import random
 from contextlib import suppress
@@ -39,7 +39,7 @@ async def ask_everything(nc: AgentControl) -> None:
 
 
 async def ask_spoilt_agent(folder: Path, draw: random.Random, rounds: int) -> None:
-    """So many rounds of every question, all answers spoilt. Raises whatever is no DriverError."""
+    """Ask every question this many times, with all answers spoilt. Raises whatever is not a DriverError."""
     agent = Agent()
     agent.answers = dict(ANSWERS)
 

@@ -88,7 +88,7 @@ async def until_good(bus: Bus, driver: Driver) -> Sequence[Reading]:
 async def read_spoilt(rig: Rig, seeds: Iterable[int]) -> int:
     """Read through spoilt answers of each seed, then well. Returns how many answers were spoilt.
 
-    Raises AssertionError for a reading that is not whole or not true, and whatever is no DriverError.
+    Raises AssertionError for a reading that is not whole or not true, and whatever is not a DriverError.
     """
     bus = make_bus("bus1", rig.kind, rig.options)
     driver = rig.make(bus)

@@ -1,4 +1,4 @@
-"""Changes what an OPC UA server answers, by a seed, and asks the driver of a SINUMERIK all the same."""
+"""Changes an OPC UA server's answers, by a seed, and asks the driver of a SINUMERIK nevertheless."""
 
 import asyncio
 import random

@@ -121,7 +121,7 @@ def damaged(whole: Path, to: Path, damage: Damage, seed: int) -> None:
 
 
 def restarted(path: Path, boot: str) -> tuple[Past, str]:
-    """A run of ten steps; its past, and what was reported of damage."""
+    """A run of ten steps; returns its past, and what it reported about damage."""
     settings = two_temperatures(path)
     with Store(path, boot, SteppedClock(), commit_s=0.01, retry_s=0.05) as store:
         past = past_in(store, settings)

@@ -73,6 +73,6 @@ class SteppedClock:
         self._now = max(self._now, monotonic_s)
 
     async def rest(self) -> None:
-        """Return when nothing more happens unless time goes on; overridden where something else counts too."""
+        """Return when nothing more happens unless time advances; overridden where something else counts too."""
         for _ in range(_IDLE_TURNS):
             await asyncio.sleep(0)

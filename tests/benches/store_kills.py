@@ -1,6 +1,6 @@
 """A writer of the database that is killed while it writes, thousands of times.
 
-Each life is a process of its own: it opens the store, continues with the controller that the one before left, and
+Each life is a separate process: it opens the store, continues with the controller that the previous life left, and
 writes steps with readings, events, measurements and snapshots, until it is killed with SIGKILL at a random call that
 changes the disk, from the first of opening to the last of closing. What the store has reported as stored is kept in
 shared memory. There is no control: `tests.benches.kills` kills whole gateways.
@@ -57,7 +57,7 @@ class ToldMemory:
 
     @property
     def steps(self) -> list[int]:
-        """Those that were reported as stored, with their readings and events, in order."""
+        """The steps that were reported as stored, with their readings and events, in order."""
         return [k for k in range(_MOST_STEPS) if self._memory[k]]
 
     def add(self, steps: Iterable[int]) -> None:
@@ -156,7 +156,7 @@ class KilledWriter:
             yield Path(name) / "g.sqlite"
 
     def _life(self, path: Path, at: int) -> bool:
-        """Whether it was killed; 0: it is not to be."""
+        """One life; returns whether it was killed. 0: do not kill it."""
         self._lives += 1
         pid = os.fork()
         if not pid:
@@ -180,7 +180,7 @@ class KilledWriter:
         os._exit(status)
 
     def kill(self, count: int) -> WriterKills:
-        """So many, at random moments."""
+        """Kill this many, at random moments."""
         done = WriterKills()
         while done.killed < count:
             draw = random.Random(1_000_003 * self._seed + done.databases)

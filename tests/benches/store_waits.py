@@ -20,5 +20,5 @@ def until_failing(store: Store) -> None:
 
 
 def until_all_written(store: Store) -> None:
-    """Nothing waits, and the store reports no problem."""
+    """Wait until nothing is left to write and the store reports no problem."""
     until(lambda: not store.health.problem and not store.health.waiting)

@@ -1,4 +1,4 @@
-"""Stands for a page's session with a gateway that has a store."""
+"""A stand-in for a page's session with a gateway that has a store."""
 
 from collections.abc import Callable
 from datetime import datetime

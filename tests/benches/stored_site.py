@@ -72,12 +72,12 @@ def write(site: StoredSite, machine: str, steps: range, boot: str = "boot-1") ->
 
 
 def collector(site: StoredSite, kept: SiteKept, limit: int = 100) -> Collector:
-    """Asks every 30 s, for so many rows at most."""
+    """A collector that asks every 30 s, for at most this many rows."""
     return Collector(site, kept, every_s=30.0, limit=limit, utc=lambda: FOUND)
 
 
 def catch_up(collecting: Collector, now_s: float = 0.0) -> int:
-    """Turns until nothing more is due; how many."""
+    """Take turns until nothing more is due; returns how many."""
     turns = 1
     while collecting.turn(now_s) <= now_s:
         turns += 1
@@ -92,7 +92,7 @@ def rows(folder: Path, table: str, machine: str = "mill") -> list[dict[str, Any]
 
 
 def kept(folder: Path, machine: str = "mill") -> dict[str, list[Any]]:
-    """What tells the rows of each table apart."""
+    """What distinguishes the rows of each table."""
     return {
         "readings": [(r["channel"], r["sequence"], r["value"]) for r in rows(folder, "readings", machine)],
         "steps": [r["k"] - FIRST_K for r in rows(folder, "steps", machine)],

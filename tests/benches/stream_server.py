@@ -1,4 +1,4 @@
-"""A TCP server written by a test: at its end no connection is left, however late it came."""
+"""A TCP server whose behaviour the test writes: at its end no connection is left, however late it came."""
 
 import asyncio
 from collections.abc import AsyncIterator, Awaitable, Callable

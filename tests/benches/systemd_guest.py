@@ -1,6 +1,6 @@
-"""In the guest, with the Python of the package: the emulated machine at real speed, and a configuration that fits it.
+"""Runs in the guest under the package's Python: the emulated machine at real speed, and a configuration that fits it.
 
-Tells systemd when both are there, and ends with a signal.
+Notifies systemd when both are there, and ends on a signal.
 """
 
 import json

@@ -1,4 +1,5 @@
-"""In the guest: `begin UM` puts an offset in force on the emulated control, `end` prints as JSON what became of it."""
+"""Runs in the guest: `begin UM` puts an offset in force on the emulated control, `end` prints as JSON what became of
+it."""
 
 import json
 import sys

@@ -1,4 +1,5 @@
-"""In the guest, under a copy of the service's unit: tries what the unit forbids, and says as JSON what happened."""
+"""Runs in the guest under a copy of the service's unit: tries what the unit forbids, and reports as JSON what
+happened."""
 
 import ctypes
 import errno

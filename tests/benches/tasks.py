@@ -7,7 +7,7 @@ from contextlib import asynccontextmanager
 
 @asynccontextmanager
 async def running(work: Coroutine[object, object, None]) -> AsyncIterator[None]:
-    """It runs inside, and is cancelled at the end; raises what it raised."""
+    """The task runs inside, and is cancelled at the end; raises what it raised."""
     task = asyncio.create_task(work)
     try:
         yield

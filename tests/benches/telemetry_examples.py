@@ -86,5 +86,5 @@ JUDGEMENT = Judgement(
 
 
 def configuration(machine: str) -> GatewayConfig:
-    """With nothing but a name."""
+    """A configuration with nothing but a name."""
     return validate({"machine": {"name": machine}})

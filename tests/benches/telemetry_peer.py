@@ -1,4 +1,4 @@
-"""A publisher with something to publish, and a reader of what it holds ready."""
+"""A publisher with something to publish, and a reader of its last values."""
 
 import json
 import math
@@ -39,7 +39,7 @@ def problem(text: str) -> EventReported:
 
 
 def last_values(port: int, last: str = "") -> dict[str, Any]:
-    """What a query gives of each key, once the event is there that the test published last.
+    """What a query gives for each key, once it gives the event that the test published last.
 
     last: its text; empty: the test has published one event
     """

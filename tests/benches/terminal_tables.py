@@ -2,7 +2,7 @@
 
 
 def rows_of(output: str) -> list[list[str]]:
-    """The texts of the cells; without rows that are only lines."""
+    """The texts of the cells, without rows that consist only of lines."""
     return [[cell.strip() for cell in line.strip("│┃").split("│")] for line in output.splitlines() if "│" in line]
 
 

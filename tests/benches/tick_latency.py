@@ -1,12 +1,12 @@
 """From a grid tick to a subscriber, while the gateway learns: `python -m tests.benches.tick_latency --seconds 120`.
 
-`talc-gateway run` in a process of its own, on the computer's clock, with grid steps of a second. Its machine is the
+`talc-gateway run` in a separate process, on the computer's clock, with grid steps of a second. Its machine is the
 bench's, in another process, whose time passes 300 times as fast: each step has the heat and the probing cycle of five
 minutes. The subscriber is this process. The latency of a step runs from the instant that the step's number says until
 its decision has come here.
 
 Two ways of learning, a row each: the learner, which measures and learns in every step that allows it; and the papers'
-models, trained in a process beside. Both begin with a day in the store, so the sensor check learns too.
+models, trained in another process. Both begin with a day in the store, so the sensor check learns too.
 """
 
 import argparse
@@ -71,7 +71,7 @@ _SENSOR_CHECK = "[sensor_check]\nwindow_steps = 12\nlearn_steps = 288\n"
 
 @dataclass(frozen=True, slots=True)
 class TickRun:
-    """What came to the subscriber."""
+    """What the subscriber received."""
 
     latencies_s: tuple[float, ...]
     """By step, in order."""
@@ -162,7 +162,7 @@ def _has_child(process: int) -> bool:
 
 
 def _waited_s(process: int) -> float:
-    """Of all threads that there are now, since their begin."""
+    """The waits of all present threads, since they began."""
     found = 0.0
     for task in Path(f"/proc/{process}/task").iterdir():
         with suppress(FileNotFoundError, ProcessLookupError):  # the thread has ended meanwhile

@@ -1,6 +1,6 @@
 """Makes docs/tried.md and the short table of it in README.md: `python -m tests.benches.tried`.
 
-They name the programs of others that the drivers are tried against, their versions, and the tests.
+They name the third-party programs that the drivers are tried against, their versions, and the tests.
 """
 
 import json
@@ -16,7 +16,7 @@ ROOMS = ("drivers", "gateway", "examples")
 
 @dataclass(frozen=True, slots=True)
 class Tried:
-    """A program or library of others."""
+    """A third-party program or library."""
 
     name: str
     made_by: str
@@ -33,7 +33,8 @@ class Tried:
 
     @property
     def version(self) -> str:
-        """By the lock files; of a Debian package as stated here, which a test with marker `peer` compares."""
+        """The version from the lock files; for a Debian package as stated here, which a test with marker `peer`
+        checks."""
         match self.made_by:
             case "npm":
                 return _npm()[self.package]
@@ -205,7 +206,7 @@ def page() -> str:
 
 
 def short() -> str:
-    """The table in README.md: a line a wire."""
+    """The table in README.md: one row per wire."""
     rows = []
     for wire in dict.fromkeys(peer.wire for peer in PEERS):
         named = ", ".join(f"{peer.name} {peer.version}" for peer in PEERS if peer.wire == wire)
@@ -214,7 +215,7 @@ def short() -> str:
 
 
 def between_marks(readme: str) -> tuple[str, str, str]:
-    """What README.md has before its table, the table, and what it has after it. Raises ValueError without the marks."""
+    """The parts of README.md: before its table, the table, and after it. Raises ValueError without the marks."""
     before, table = readme.split(_BEGIN)
     table, after = table.split(_END)
     return before + _BEGIN, table, _END + after

@@ -1,7 +1,7 @@
-"""A Debian booted with its own systemd on a kernel of its own, which is an ordinary process: User Mode Linux.
+"""A Debian booted with its own systemd on its own kernel, which is an ordinary process: User Mode Linux.
 
 Debian's package user-mode-linux. Unlike a container's, its kernel shares out processor time, memory and tasks whatever
-this computer's kernel does, and has virtual CAN. Its processor is one, and slow at calling the kernel.
+this computer's kernel does, and has virtual CAN. It has one processor, which is slow at calling the kernel.
 """
 
 import os

@@ -68,7 +68,7 @@ class WireBench:
 
     @asynccontextmanager
     async def running(self, link: NcLink, *, stop: bool = False) -> AsyncIterator[NcLink]:
-        """Run a link; at the end cut its line as a kill would, or stop it as asked."""
+        """Run a link; at the end cut its connection as a kill would, or stop it as asked."""
         task = asyncio.create_task(link.run())
         try:
             yield link
@@ -90,7 +90,7 @@ class WireBench:
         return x, y, z
 
     def assert_never_stepped(self, *, but_at_s: float | None = None) -> None:
-        """But at `but_at_s`, when the control itself took the offsets away, at power on."""
+        """Except at `but_at_s`, when the control itself took the offsets away at power on."""
         assert_never_stepped(self.control.nck.log, BOUND_UM, 1.0, PERIOD_S, but_at_s)
 
 
@@ -101,8 +101,9 @@ def assert_never_stepped(
     period_s: float,
     but_at_s: float | None = None,
 ) -> None:
-    """By the control's own record: no axis changes faster than the rate, by more than one period's worth at once, or
-    beyond its bound. What the control's watchdog ramps is noted when somebody looks, so only its rate counts."""
+    """Check in the control's own record that no axis changes faster than the rate, by more than one period's worth at
+    once, or beyond its bound. What the control's watchdog ramps is noted only when somebody looks, so only its rate
+    counts."""
     value, since = np.zeros(3), np.zeros(3)
     for entry in log:
         now = np.array(entry.values_mm) * 1e3

@@ -57,7 +57,7 @@ def canopen(node: int = 5, bitrate: int = 125_000) -> str:
 
 
 class WiredBox:
-    """A folder with a configuration, wires whose names stand in it, and the commands that a user types there."""
+    """A folder with a configuration, the wires that it names, and the commands that a user types there."""
 
     def __init__(self, folder: Path, stack: AsyncExitStack) -> None:
         self.folder, self._stack = folder, stack
@@ -96,12 +96,12 @@ class WiredBox:
         return adapter
 
     def speaks(self, node: Cia404Node, adapter: SlcanAdapter) -> None:
-        """Let this node of the adapter speak by itself."""
+        """Let this node of the adapter send unasked."""
         node.start(adapter.send)
         self._stack.callback(node.stop)
 
     def type(self, *arguments: str) -> None:
-        """A command that follows when everything is wired."""
+        """Add a command to run once everything is wired."""
         self.typed.append(arguments)
 
 
@@ -153,7 +153,7 @@ async def noise(box: WiredBox) -> None:
 
 
 async def open_input(box: WiredBox) -> None:
-    """A broken wire at a module that tells, and at one that does not."""
+    """A broken wire at a module that reports it, and at one that does not."""
     tells, guesses = M7015(lambda: ROOM), Pta8d08(lambda: [*ROOM, 21.3, 21.2])
     tells.faults.set(1, SensorFault.OPEN)
     guesses.faults.set(0, SensorFault.OPEN)
@@ -196,7 +196,7 @@ class FloatModule:
 
 
 async def word_order(box: WiredBox) -> None:
-    """A profile of one's own with the registers the wrong way round."""
+    """A user's profile with the registers in the wrong order."""
     box.write(FLOATS, "module.toml")
     box.write(RTU + device("rtd1", "rtu1", "module.toml", 1, ("bed_front", "bed_rear")))
     await box.line({1: FloatModule()})
@@ -284,7 +284,8 @@ async def wired(name: str, folder: Path) -> AsyncIterator[WiredBox]:
 
 
 def told_of(name: str, folder: Path) -> str:
-    """What the commands of one case say. In this process, so that simulated time holds for them and the devices."""
+    """What the commands of one case print. They run in this process, so that simulated time applies to them and the
+    devices."""
     told = []
     with beside(wired(name, folder)) as box, chdir(folder):
         for arguments in box.typed:
@@ -307,7 +308,7 @@ def comparable(text: str) -> str:
 
 
 def renew() -> None:
-    """Put what the commands say now into the document."""
+    """Put what the commands print now into the document."""
     text = DOCUMENT.read_text(encoding="utf-8")
 
     def output(found: re.Match[str]) -> str:

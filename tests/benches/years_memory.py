@@ -4,7 +4,7 @@ Everything that keeps something from one step to the next, set up as `run` does 
 inputs: store with its pruning, controller with the learner, daily snapshots, sensor check, planned loads, reasons and
 forecasts, health, metrics, and telemetry with an open Zenoh session. Each step has a reading of each channel,
 a frame, whatever the controller decides, a step of the compensation, and a measurement where the controller wanted one.
-The sensor check learns in another process, as in a gateway; here one process does it each day.
+The sensor check learns in another process, as in a gateway; here one process does that every day.
 Nothing sleeps: five years are 525,600 steps of 300 s, about 40 minutes of a processor; `--step-s 3600` takes 43,800.
 
 Not in it: drivers and buses, the connection to the control (`tests.benches.service_memory` and `soak` have them, for 30

@@ -1,4 +1,4 @@
-"""Sessions of a test beside a gateway: they find nobody but by the address that is given."""
+"""A test's sessions beside a gateway: they find others only by the address that is given."""
 
 import json
 from collections.abc import Mapping

@@ -51,7 +51,7 @@ class HeardSamples:
 
 
 class _ToItsPlant(logging.Handler):
-    """Warnings of the acquisition go to what its own plant was heard to say; several run at once."""
+    """Passes each acquisition's warnings to the record of its own plant, because several run at once."""
 
     def emit(self, record: logging.LogRecord) -> None:
         _log.get().append(record.getMessage())

@@ -132,7 +132,7 @@ async def tcp(_: Path, timeout_s: float = TIMEOUT_S) -> FaultyPlant:
 
 
 async def wago(_: Path, timeout_s: float = TIMEOUT_S) -> FaultyPlant:
-    """Modules behind couplers: only the status byte tells."""
+    """Modules behind couplers: only the status byte reports a fault."""
     said = temperatures(4)
     victim, neighbour = map(Wago464, said)
     return await _tcp("wago_750_464", said, victim, neighbour, timeout_s)
@@ -172,7 +172,7 @@ async def me_rs485(folder: Path, timeout_s: float = TIMEOUT_S) -> FaultyPlant:
 
 
 async def dt6120(folder: Path, timeout_s: float = TIMEOUT_S) -> FaultyPlant:
-    """The same with the other form of data."""
+    """The same, with the other form of data."""
     return await _sensors(folder, "me_dt6120", "counted", timeout_s)
 
 

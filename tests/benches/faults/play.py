@@ -12,14 +12,14 @@ Play = Callable[[Path], Awaitable[None]]
 
 
 async def done(action: Do, plant: FaultyPlant) -> None:
-    """Do it, and wait when it takes time."""
+    """Call the action, and await it if it is asynchronous."""
     waiting = action(plant)
     if waiting is not None:
         await waiting
 
 
 async def all_at_once(plays: Mapping[str, Play], folder: Path) -> None:
-    """Each on its own wire. An AssertionError names each play that failed, and why."""
+    """Play all of them, each on its own wire. An AssertionError names each play that failed, and why."""
     failed: list[str] = []
 
     async def one(name: str, play: Play) -> None:

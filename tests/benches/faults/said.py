@@ -9,7 +9,7 @@ KEPT = 4000
 
 
 class Said:
-    """Goes up from `low` to `high` in steps, one a call, and begins again; all inputs show the same.
+    """Rises from `low` to `high` in steps, one per call, and begins again; all inputs show the same value.
 
     inputs: how many
     """
@@ -31,12 +31,12 @@ class Said:
         return [value] * self._inputs
 
     def between(self, begin_s: float, end_s: float) -> list[float]:
-        """What it said after the one and not after the other monotonic time, the oldest first."""
+        """What it said after the first monotonic time and not after the second, oldest first."""
         return [value for at, value in tuple(self._said) if begin_s < at <= end_s]
 
 
 def temperatures(inputs: int, high: float = 80.0) -> tuple[Said, Said]:
-    """Sources of two devices, degC, that never say the same number; each tells a tenth of a degree from the next."""
+    """Sources of two devices, degC, that never return the same number, in steps of a tenth of a degree."""
     return Said(15.0, high, 0.5, inputs), Said(15.25, high, 0.5, inputs)
 
 
