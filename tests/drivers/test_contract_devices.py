@@ -139,7 +139,7 @@ async def test_read_without_connection_says_so(rig: Rig) -> None:
 
 
 async def test_wire_that_goes_away_is_reported(rig: Rig, tmp_path: Path) -> None:
-    """By a name that goes with it, as udev's does: its terminal's number may be another test's by then."""
+    """By a name that disappears with it, as udev's does: its terminal's number may be another test's by then."""
     link, options = tmp_path / "adapter", dict(rig.options)
     for key, place in rig.options.items():
         if str(place).startswith("/dev/pts/"):

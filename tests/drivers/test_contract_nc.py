@@ -28,7 +28,7 @@ async def bench(request: pytest.FixtureRequest, tmp_path: Path) -> AsyncIterator
 
 
 async def shows(bench: NcBench, wanted: Callable[[NcSnapshot], bool]) -> None:
-    """A control that tells of changes does so a moment later, by the computer's time."""
+    """Wait for the snapshot: a control that reports changes does so a moment later, in the computer's time."""
     async with asyncio.timeout(60.0):
         while not wanted(await bench.nc.snapshot()):
             await asyncio.sleep(0.02)

@@ -63,7 +63,7 @@ def test_after_a_miss_every_request_to_that_unit_gets_all_the_time_until_it_is_a
 
 
 def repeating(took_s: float, count: int = 20) -> Patience:
-    """One that is asked again soon."""
+    """A unit that is asked again soon."""
     patience = Patience(LONGEST_S, 2.0)
     for request in ("values", "type"):
         for _ in range(count):
@@ -215,7 +215,7 @@ class Dead(SerialGateway):
 
 @asynccontextmanager
 async def host(kind: type[SerialGateway], *silent: int) -> AsyncIterator[ModbusTcpBus]:
-    """Units 1 to 5, of which some fall silent when all have answered often enough to be known."""
+    """Units 1 to 5, some of which fall silent once all have answered often enough to be known."""
     gone = set[int]()
     server = LoopbackServer(lambda: kind(gone))
     bus = ModbusTcpBus("b", ModbusTcpSettings(host="127.0.0.1", port=await server.start(), timeout_s=LONGEST_S))

@@ -38,7 +38,7 @@ def test_missing_file_is_named(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("case", sorted(path.name for path in CASES.iterdir()))
 def test_golden_cases(case: str) -> None:
-    """Each folder holds a user's profile and the error it gives, after the file's name; an empty file: it is right."""
+    """Each folder contains a user's profile and the error it gives, after the file's name; an empty file: no error."""
     expected = (CASES / case / "error.txt").read_text(encoding="utf-8").strip()
     path = CASES / case / "profile.toml"
     if not expected:

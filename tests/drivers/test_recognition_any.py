@@ -1,6 +1,6 @@
-"""Whatever a device answers during recognition: a recognition that holds, or an error with its reason.
+"""Whatever a device answers during recognition, the result is usable, or an error with its reason.
 
-The buses are made of what theirs may return or raise; that they return nothing else is tested where they are.
+The buses here draw from what the real ones may return or raise; other tests show that those return nothing else.
 """
 
 import asyncio
@@ -87,7 +87,7 @@ class TcpUnit(ModbusTcpBus):
 
 
 def usable(bus: ModbusBus | CanOpenBus | MeRs485Bus | MeEthernetBus, unit: int, what: Recognition) -> None:
-    """A recognised device can be made as the recognition says, and something stands for one that is not."""
+    """A recognised device can be made as the recognition says; any result states its evidence."""
     assert what.evidence
     if not what.profile:
         assert what.inputs == ()

@@ -20,20 +20,20 @@ from tests.benches.ser2net import Ser2net, ser2net
 from tests.benches.stream_server import stream_server
 
 TIMEOUT_S = 60.0
-"""A busy computer may take so long for an answer of another program."""
+"""A busy computer may need this long for another program's answer."""
 LIMIT_S = 60.0
 VALUES_UM = [5.0, -0.05, 400.0]
 THREE, WORDS = Block(4, 0, 3), (100, 0xFFFF, 8000)
-"""They have Telnet's byte 255 twice."""
+"""These numbers contain Telnet's byte 255 twice."""
 LOOPBACKS = [("127.0.0.1", "127.0.0.1"), ("::1", "[::1]")]
-"""As a server listens, and as a URL has it."""
+"""The loopback as a server listens on it, and as a URL names it."""
 
 
 @asynccontextmanager
 async def served(
     folder: Path, scheme: str, *, line_baud: int, baud: int, timeout_s: float = TIMEOUT_S
 ) -> AsyncIterator[tuple[ModbusBus, Ser2net]]:
-    """A connected bus at `baud`, and the server of the line, whose unit understands `line_baud` alone."""
+    """A connected bus at `baud`, and the server of the line, whose unit understands only `line_baud`."""
     line = RtuLine({1: VoltageInput(lambda: VALUES_UM, range_um=500.0)}, baud=line_baud)
     path = await line.start()
     try:
@@ -100,7 +100,7 @@ async def test_a_server_that_went_and_came_back_is_connected_again(tmp_path: Pat
 
 
 def asks_after_s(port: int) -> float | None:
-    """After which silence this computer's kernel asks the server whether it is still there; None: it does not."""
+    """The silence after which this computer's kernel asks the server whether it is still there; None: it does not."""
     for line in Path("/proc/net/tcp").read_text("ascii").splitlines()[1:]:
         _, _, remote, _, _, timer, *_ = line.split()
         if remote == f"0100007F:{port:04X}" and timer.startswith("02:"):
@@ -137,7 +137,7 @@ async def test_a_port_where_nobody_listens_is_named() -> None:
 
 
 async def test_another_server_than_one_of_rfc_2217_is_refused() -> None:
-    """All at once, as each takes pyserial's three seconds."""
+    """All at once, because each takes pyserial's three seconds."""
 
     async def refused(answer: bytes) -> str:
         async def other(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
@@ -231,7 +231,7 @@ def telnet_commands(data: bytes) -> Iterator[bytes]:
 async def test_rfc_2217_sets_parity_and_stop_bits(
     parity: str, stopbits: int, expected: tuple[int, int], host: str, written: str
 ) -> None:
-    """A server written from the standard: it does what it is told, and says so."""
+    """A server written from the standard: it does what it is asked, and confirms it."""
     told: dict[int, bytes] = {}
 
     async def server(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
@@ -255,7 +255,7 @@ async def test_rfc_2217_sets_parity_and_stop_bits(
 
 
 async def answer_once(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-    """As a server that closes after each answer; each register holds its address."""
+    """A server that closes after each answer; each register contains its address."""
     request = await reader.readexactly(8)
     address, count = request[3], request[5]
     reply = bytes((1, 4, 2 * count)) + b"".join(bytes((0, address + i)) for i in range(count))
@@ -275,8 +275,8 @@ async def test_raw_tcp_is_opened_for_each_request_if_the_server_closes_it(host: 
 
 
 async def test_a_request_that_a_closing_server_has_missed_is_sent_again() -> None:
-    """It was sent before the end of the connection was seen. Both requests are for the same, so one answer is enough;
-    the next question is another one, and what is still due must not be taken for its answer."""
+    """It was sent before the end of the connection was seen. Both requests are for the same registers, so one answer is
+    enough; the next request is different, and what is still due must not be taken for its answer."""
     opened = 0
 
     async def server(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:

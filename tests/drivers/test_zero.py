@@ -1,4 +1,4 @@
-"""What rounding leaves of 0 is read as 0 from every kind of device: 27315 * 0.01 - 273.15 is not 5.7e-14 degC."""
+"""A rounding error about 0 is read as 0 from every kind of device: 27315 * 0.01 - 273.15 is not 5.7e-14 degC."""
 
 import re
 import struct

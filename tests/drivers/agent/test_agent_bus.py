@@ -38,7 +38,7 @@ GREETING = {"version": 3, "capabilities": ["values"]}
 
 
 class KnowingAgent(Agent):
-    """Holds what its control has by name; a name that is not here is absent."""
+    """Has its control's values by name; any other name is absent."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -143,7 +143,7 @@ async def test_a_device_of_which_the_control_has_nothing_is_refused_by_name(tmp_
 async def test_an_agent_that_reports_no_values_is_refused(tmp_path: Path) -> None:
     async with device_at(tmp_path) as (agent, bus, _):
         agent.answers[""] = {"version": 3, "capabilities": ["shift"]}
-        for _ in range(2):  # it is not left connected: an older agent would keep the one that writes out
+        for _ in range(2):  # it is not left connected: an older agent would keep the writing client out
             with pytest.raises(WrongDevice, match=r"bus nc1: the agent reports no values .*copy the files of deploy"):
                 await bus.connect()
 

@@ -49,9 +49,7 @@ def test_signed_answers_are_given_as_they_are_and_refusals_with_their_reason(fol
                 with pytest.raises(Refused) as caught:
                     await connection.ask("mdi")
                 assert caught.value.what == reason
-            assert await connection.ask("state", axis=1) == {"do": "state", "axis": 1}, (
-                "a refusal leaves the connection as it was"
-            )
+            assert await connection.ask("state", axis=1) == {"do": "state", "axis": 1}, "a refusal changes nothing"
 
     with asyncio.Runner() as runner:
 
@@ -64,7 +62,7 @@ def test_signed_answers_are_given_as_they_are_and_refusals_with_their_reason(fol
 
 
 def test_whatever_is_not_signed_for_this_question_closes_the_connection(folder: Path) -> None:
-    """Then nothing is asked on it any more, and a new one is right from the first answer on."""
+    """Then nothing more is asked on it, and a new connection is right from the first answer on."""
 
     async def asked(said: bytes, before: int) -> None:
         async with agent_and_connection(folder) as (agent, connection):
@@ -159,7 +157,7 @@ async def test_half_a_character_which_nothing_can_store_is_a_bad_answer(said: by
 
 
 async def test_what_does_not_come_in_time_leaves_the_connection_open(tmp_path: Path) -> None:
-    """Neither a watchdog that does not start nor offsets that do not come into force look like a lost connection."""
+    """Neither a watchdog that does not start nor offsets that do not come into force looks like a lost connection."""
     async with agent_and_driver(tmp_path) as (agent, nc):
         agent.answers |= {"heartbeat": False}
         agent.thinks_s = 0.3
@@ -204,7 +202,7 @@ async def test_what_is_not_a_number_is_a_bad_answer(question: str, number: objec
 
 
 async def test_an_agent_with_another_key_is_not_trusted(tmp_path: Path) -> None:
-    """It greets, answers and signs as ours does, and gets no more of us than the proof."""
+    """It greets, answers and signs as ours does, and gets nothing from us but the proof."""
     impostor = Agent(b"fedcba9876543210fedcba9876543210")
     async with serving(impostor, tmp_path) as settings:
         connection = AgentConnection(settings)

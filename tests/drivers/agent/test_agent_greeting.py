@@ -1,4 +1,4 @@
-"""What an agent tells of itself decides what is asked of it; what does not fit is refused by name."""
+"""What an agent says about itself decides what is asked of it; what does not fit is refused by name."""
 
 from pathlib import Path
 from typing import Any

@@ -26,7 +26,7 @@ from tests.benches.free_port import free_port
 pytestmark = pytest.mark.simulated_time
 
 SHORT_S = 0.02
-"""Timeout where many requests stay without an answer."""
+"""The timeout where many requests get no answer."""
 TEMPERATURES = [20.0, -3.3]
 GROUP = "239.74.163.3"
 PLACE = bytes.fromhex("30 91 01")
@@ -75,7 +75,7 @@ def test_any_line_is_a_frame_or_none(text: bytes) -> None:
 
 
 class Talker:
-    """A node that says rightly what it is, and for another object sends frames of the test's."""
+    """A node that identifies itself correctly, and for another object sends the test's frames."""
 
     def __init__(self) -> None:
         self.says: Sequence[CanFrame] = ()
@@ -89,7 +89,7 @@ class Talker:
 
 
 async def answered(bus: CanOpenBus) -> list[bytes]:
-    """The node's answer, once it is over what was before and the computer gets round to it in so short a time."""
+    """The node's answer, once earlier frames have passed and the computer has time for it within so short a timeout."""
     for _ in range(10):
         with suppress(NoAnswer, BadAnswer):
             return await bus.upload("node", NODE, [VALUE])
@@ -141,7 +141,7 @@ def test_any_frames_from_a_node_give_what_they_say_or_an_error() -> None:
                 outcomes[0] += 1
             else:
                 outcomes[1] += 1
-                heard = [*before, *frames]  # one answer too many cannot be told from the next
+                heard = [*before, *frames]  # one answer too many cannot be distinguished from the next
                 assert data in values_in(heard) or (begins_segments(heard) and 1 <= len(data) <= 8)
             before = frames
 

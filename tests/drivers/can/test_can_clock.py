@@ -19,7 +19,7 @@ pytestmark = pytest.mark.simulated_time
 
 HOUR_S = 3600
 WAITING_S = 0.15
-"""After that long, the receiving thread is waiting for the next frame."""
+"""After this time the receiving thread is waiting for the next frame."""
 AT_ONCE_S = 1.0
 
 

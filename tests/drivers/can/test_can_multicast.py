@@ -54,7 +54,7 @@ async def test_node_is_read_until_it_leaves_and_again_when_it_is_back(
 
 
 class FrameLog:
-    """Notes what it hears."""
+    """A tap that notes the frames it hears."""
 
     def __init__(self) -> None:
         self.heard: Queue[int] = Queue()
@@ -66,7 +66,7 @@ class FrameLog:
 
 
 def test_an_identifier_of_29_bits_is_received_as_it_was_sent(port: int) -> None:
-    """As an emulated device writes it, with bit 31: who plays a recording back must know its own frames again."""
+    """As an emulated device writes it, with bit 31: a player must recognise its own frames."""
     ear, extended = FrameLog(), 1 << 31 | 0x18FEDF00
     bus = MulticastBus([ear], GROUP, port)
     bus.start()

@@ -65,7 +65,7 @@ async def bench(folder: Path) -> AsyncIterator[tuple[SlcanAdapter, Driver]]:
 
 
 def frame(message: str, values: Mapping[str, float]) -> tuple[int, bytes]:
-    """By cantools, which knows nothing of our pages."""
+    """A frame encoded by cantools, which knows nothing of our pages."""
     database = cantools.database.load_string(DBC, "dbc")
     assert isinstance(database, cantools.database.can.Database)
     encoded = database.get_message_by_name(message)

@@ -1,4 +1,4 @@
-"""Whatever frames are on a bus: the survey records what they mean in CiA 301 and nothing else."""
+"""Whatever frames are on a bus, the survey records what they mean in CiA 301 and nothing else."""
 
 from collections import Counter
 from collections.abc import Sequence

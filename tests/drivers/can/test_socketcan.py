@@ -129,7 +129,7 @@ async def test_node_is_read_and_frames_of_others_are_ignored(kernel: CanKernel) 
 
 
 async def read_until(driver: Driver, error: type[DriverError]) -> DriverError:
-    """The error that reading meets; a frame of before may still be fresh."""
+    """The error that a read raises; an earlier frame may still be fresh."""
     async with asyncio.timeout(60.0):
         while True:
             try:

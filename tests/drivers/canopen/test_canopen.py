@@ -47,7 +47,7 @@ def node() -> Cia404Node:
 
 
 async def passed(adapter: SlcanAdapter, *frames: CanFrame) -> None:
-    """Send the frames and let the receiving thread see them."""
+    """Send the frames, and let the receiving thread see them."""
     adapter.send(frames)
     await asyncio.sleep(0.05)
 
@@ -85,7 +85,7 @@ async def test_a_node_without_a_vendor_is_read_and_any_bit_of_its_status_is_a_br
 
 @pytest.mark.parametrize("digits", [10, 0x7F, 0x80, 0xFF])
 async def test_decimal_digits_that_no_value_of_32_bits_has_are_refused(digits: int) -> None:
-    """0xFF is what an erased memory holds; read as -1 it made 235.0 of 23.5."""
+    """An erased memory contains 0xFF; read as -1 it made 235.0 of 23.5."""
     async with bench(Cia404Node(5, lambda: TEMPERATURES, inputs=2, digits=digits)) as (_, driver):
         with pytest.raises(WrongDevice, match=f"{digits} decimal digits at input 0: a 32-bit value has at most 9"):
             await driver.connect()
@@ -96,7 +96,7 @@ async def test_sensors_are_checked_again_after_the_node_restarted(node: Cia404No
         await driver.connect()
         await driver.read()
         node.set_sensor_type(1, 1)
-        assert len(await driver.read()) == 2  # nobody told
+        assert len(await driver.read()) == 2  # it sent no boot-up
         await passed(adapter, (0x705, b"\0"))
         with pytest.raises(WrongDevice, match="sensor type 1 at input 1"):
             await driver.read()
@@ -105,7 +105,7 @@ async def test_sensors_are_checked_again_after_the_node_restarted(node: Cia404No
 
 
 class Restarting(Cia404Node):
-    """Restarts after so many SDO requests, with other sensors at its inputs; `starts` times, each so many later."""
+    """Restarts after every `after` SDO requests, with other sensors at its inputs; `starts` times in all."""
 
     def __init__(self, after: int, starts: int, sensor_type: int) -> None:
         super().__init__(5, lambda: [21.0 + self.booted] * 2, inputs=2)
@@ -171,7 +171,7 @@ async def test_emergency_explains_a_fault_until_it_is_cleared(node: Cia404Node) 
 
 @pytest.mark.parametrize("breaks", [True, False])
 async def test_sensor_that_breaks_or_recovers_while_it_is_read_gives_no_value(breaks: bool) -> None:
-    """A broken input of this node shows the end of the range; the status alone tells."""
+    """A broken input of this node shows the end of the range; only the status reports it."""
 
     class Flickering(Cia404Node):
         def on_frame(self, identifier: int, data: bytes) -> Sequence[CanFrame]:
@@ -228,7 +228,7 @@ async def test_garbage_from_the_adapter_is_survived(node: Cia404Node) -> None:
 
 
 async def turned(driver: Driver, quality: Quality) -> list[Reading]:
-    """The first readings of that quality; each before it is of the other."""
+    """The first readings with this quality; all earlier ones have the other."""
     async with asyncio.timeout(60.0):
         while (readings := list(await driver.read()))[0].quality is not quality:
             await asyncio.sleep(0.005)

@@ -129,7 +129,7 @@ async def test_the_ends_of_what_an_object_can_hold_are_no_values(
 
 
 class WideNode(Cia404Node):
-    """Sends four bytes of 7130, of which CiA 404 says that it has two."""
+    """Sends four bytes of 7130, which has two according to CiA 404."""
 
     def on_frame(self, identifier: int, data: bytes) -> Sequence[CanFrame]:
         if identifier == 0x600 + NODE and data[:3] == b"\x40\x30\x71":

@@ -1,7 +1,8 @@
 """Late answers of CANopen nodes, as the bus sees them.
 
 A device of profile 404 asks for its node's device type first, whenever a read of it failed. So its late answers meet a
-request for another object, and the fault matrix could not tell a bus that takes them. Here the same is asked again.
+request for another object, and the fault matrix could not detect a bus that takes them. Here the same object is asked
+for again.
 """
 
 import asyncio
@@ -30,7 +31,7 @@ LATE_S = TIMEOUT_S / 5
 
 
 class CountingSource:
-    """A source that says another number each time; keeps the last."""
+    """A source that returns a different number each time; keeps the last."""
 
     def __init__(self) -> None:
         self._next = count(100)
@@ -100,7 +101,7 @@ async def test_node_that_is_always_one_answer_behind_gives_no_value() -> None:
 
 
 async def test_late_tpdos_are_not_taken_for_those_of_the_next_sync() -> None:
-    """They come before whatever the node sends then, as all frames of one node keep their order."""
+    """They come before whatever the node sends next, because all frames of one node keep their order."""
     late = Late(TPDOS, TIMEOUT_S / 5, before=(SDO, *TPDOS))
     async with bench(late) as (bus, source):
         with pytest.raises(NoAnswer):
@@ -113,8 +114,8 @@ async def test_late_tpdos_are_not_taken_for_those_of_the_next_sync() -> None:
 @pytest.mark.parametrize("overtaken", [False, True])
 @pytest.mark.parametrize("pause_s", [0.0, TIMEOUT_S])
 async def test_value_and_status_are_of_the_same_sync(pause_s: float, overtaken: bool) -> None:
-    """Every node answers each SYNC, whichever it was sent for. What is still on its way would arrive after the next: a
-    sensor that has broken in between would pass for whole."""
+    """Every node answers each SYNC, whichever it was sent for. A frame that is still on its way would arrive after the
+    next SYNC: a sensor that has broken in between would look whole."""
     late: list[CanFrame] = []
 
     class Slow(Cia404Node):
@@ -155,7 +156,7 @@ async def test_a_sync_that_a_node_has_not_taken_is_not_mixed_with_the_next(late_
     state = {"late": False, "until": 0.0}
 
     class InOrder(Cia404Node):
-        """Its status may be late; what it is asked then is answered after that."""
+        """Its status may be late; later requests are answered after that."""
 
         def on_frame(self, identifier: int, data: bytes) -> Sequence[CanFrame]:
             answer, loop = super().on_frame(identifier, data), asyncio.get_running_loop()
@@ -186,7 +187,7 @@ async def test_a_sync_that_a_node_has_not_taken_is_not_mixed_with_the_next(late_
                 frames = await bus.synchronise("slow", 6, (0x186, 0x286))
                 found.append((int.from_bytes(frames[0x186].data[:4], "little") > 800, frames[0x286].data[0] != 0))
             await asyncio.sleep(5 * TIMEOUT_S)
-    assert found or late_s > TIMEOUT_S, "what is asked behind the late frame is answered too late"
+    assert found or late_s > TIMEOUT_S, "what is asked after the late frame is answered too late"
     assert set(found) <= {(False, False), (True, True)}, found
 
 

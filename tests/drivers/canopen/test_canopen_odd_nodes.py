@@ -1,4 +1,4 @@
-"""CANopen nodes that answer otherwise than CiA 301 says, one fault each: no wrong value, and neighbours are read."""
+"""CANopen nodes that do not answer as CiA 301 says, one fault each: no wrong value, and neighbours are read."""
 
 import asyncio
 import struct
@@ -169,7 +169,7 @@ async def test_an_objects_fault_takes_its_own_channel(
 
 @pytest.mark.parametrize("what", ["answers", "aborts too"])
 async def test_answers_that_come_twice(tmp_path: Path, what: str) -> None:
-    """Such as through a repeater: the second of each comes in the time of the next request."""
+    """For instance through a repeater: the second copy comes in the time of the next request."""
     kept: list[bytes] = []
 
     def late_twin(_node: OddNode, _request: bytes, answer: bytes) -> Sequence[bytes]:
@@ -260,7 +260,7 @@ async def test_restarts_and_foreign_heartbeats(tmp_path: Path) -> None:
 @pytest.mark.parametrize("transfer", ["sync", "timer"])
 @pytest.mark.parametrize("change", [-1, -4, 3], ids="by {}".format)
 async def test_tpdos_of_another_length_than_their_mapping(tmp_path: Path, transfer: str, change: int) -> None:
-    """Two objects in one frame: of a shorter one the second is lost, and a longer one says no more."""
+    """Two objects in one frame: in a shorter frame the second is lost, and a longer one contains nothing more."""
 
     def cut(identifier: int, frame: bytes) -> Sequence[tuple[float, bytes]]:
         if identifier != 0x285:

@@ -133,7 +133,7 @@ async def test_node_sends_by_its_timer_and_is_asked_for_nothing() -> None:
 
 
 async def test_first_read_takes_what_came_since_the_node_was_started() -> None:
-    """It does not wait for the next frames, which a node whose clock is slow sends too late."""
+    """It does not wait for the next frames, which a node with a slow clock sends too late."""
     node = timed()
     async with bench(node, 2, "timer") as (_, driver):
         await driver.connect()
@@ -143,7 +143,7 @@ async def test_first_read_takes_what_came_since_the_node_was_started() -> None:
 
 
 async def ages(driver: Driver) -> list[float]:
-    """Of each channel, s."""
+    """The age of each channel, s."""
     readings, now_s = await driver.read(), SystemClock().monotonic()
     assert {r.quality for r in readings} == {Quality.GOOD}
     return [now_s - r.monotonic_s for r in readings]

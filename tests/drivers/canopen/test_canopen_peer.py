@@ -1,7 +1,7 @@
 """The CANopen driver against another maker's node: canopen (npm), behind an emulated serial CAN adapter.
 
-That library has no CAN hardware of its own: it takes and gives frames. Its process does so by lines, so nothing of our
-emulated node takes part; only the adapter's ASCII protocol is ours.
+That library does not access CAN hardware: it takes and gives frames. Its process exchanges them as lines, so our
+emulated node takes no part; only the adapter's ASCII protocol is ours.
 """
 
 import asyncio
@@ -27,7 +27,7 @@ pytestmark = pytest.mark.peer
 NODE = 5
 LAST_TPDO = 0x280 + NODE
 TIMEOUT_S = 20.0
-"""A busy computer may take so long for an answer of another program. The node's heartbeat (1 s) and timer count as
+"""A busy computer may need this long for another program's answer. The node's heartbeat (1 s) and timer count as
 stale after three of their periods."""
 
 
@@ -37,7 +37,7 @@ class PeerNode:
     def __init__(self, process: asyncio.subprocess.Process) -> None:
         self._process = process
         self.sent = Counter[int]()
-        """How many frames of each identifier came from it."""
+        """How many frames of each identifier it has sent."""
 
     def on_frame(self, identifier: int, data: bytes) -> Sequence[CanFrame]:
         self.tell(f"{identifier:x} {data.hex()}")
@@ -48,7 +48,7 @@ class PeerNode:
         self._process.stdin.write(line.encode() + b"\n")
 
     async def forward(self, adapter: SlcanAdapter) -> None:
-        """What it sends goes to the adapter, until cancelled or until it ends."""
+        """Pass what it sends to the adapter, until cancelled or until it ends."""
         assert self._process.stdout is not None
         while line := await self._process.stdout.readline():
             identifier, _, data = line.decode().strip().partition(" ")
@@ -87,7 +87,7 @@ def device(bus: Bus, transfer: str = "sdo") -> Driver:
 
 
 async def until(driver: Driver, quality: Quality) -> Reading:
-    """The first reading of channel a with that quality."""
+    """The first reading of channel a with this quality."""
     async with asyncio.timeout(60.0):
         while (reading := (await readings_of(driver))[0]).quality is not quality:
             await asyncio.sleep(0.01)

@@ -39,8 +39,8 @@ async def test_snapshot_shows_what_the_control_does(bench: AgentBench) -> None:
 
 @pytest.mark.realtime
 async def test_speeds_are_the_mean_since_the_last_question(bench: AgentBench) -> None:
-    """Whatever the feed was at this moment: 60 mm and one turn. Tolerance: 2 %, and that the agent took its two times
-    somewhere between question and answer."""
+    """Whatever the feed was at this moment: 60 mm and one turn. Tolerance: 2 %, and that the agent took each of its two
+    times somewhere between question and answer."""
     asked = time.monotonic()
     await bench.nc.snapshot()
     answered = time.monotonic()
@@ -220,7 +220,7 @@ async def test_another_gateway_is_refused_while_the_first_is_alive(bench: AgentB
 
 
 async def impatient(bench: AgentBench) -> AgentControl:
-    """In place of the bench's: waits no longer than 20 s until an offset is in force."""
+    """A driver in place of the bench's: waits no longer than 20 s until an offset is in force."""
     await bench.nc.close()
     bench.nc = AgentControl(bench.settings.model_copy(update={"timeout_s": 20.0}), SystemClock())
     await bench.nc.connect()

@@ -1,4 +1,4 @@
-"""The agent of deploy/nc/linuxcnc in the real LinuxCNC, seen from the wire: who may talk to it and what it refuses.
+"""The agent of deploy/nc/linuxcnc in the real LinuxCNC, seen from the wire: who may use it, and what it refuses.
 
 Needs Debian's linuxcnc-uspace.
 """
@@ -22,7 +22,7 @@ KEY = "0123456789abcdef0123456789abcdef"
 
 
 class WireClient:
-    """A client that knows nothing but the wire."""
+    """A client that knows only the wire protocol."""
 
     def __init__(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         self.reader, self.writer = reader, writer

@@ -1,6 +1,6 @@
 """The component talc_errors of deploy/nc/linuxcnc: its C compiled alone, one call a servo period.
 
-It is compared with the method's kinematics, and tried in everything that must never make a step.
+It is compared with the method's kinematics, and tried in every situation that must never make a step.
 """
 
 import math

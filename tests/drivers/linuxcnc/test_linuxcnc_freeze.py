@@ -1,6 +1,6 @@
 """What stands still in a probing cycle of the real LinuxCNC, and from when to when, in its own servo periods.
 
-The agent is frozen meanwhile: real time alone keeps to it. Needs Debian's linuxcnc-uspace.
+The agent is frozen meanwhile: only the real-time component acts. Needs Debian's linuxcnc-uspace.
 """
 
 import asyncio
@@ -89,7 +89,7 @@ async def test_the_watchdog_takes_the_offsets_to_zero_in_the_middle_of_a_cycle_t
         await bench.nc.claim(7, WatchdogTerms(5.0, 1000.0))
         await bench.nc.request_probing(5)
         await bench.operator.ask("freeze", "talc_agent.py")
-        # As the program says it. The request is still the agent's last word, and no beat comes any more.
+        # As the program says. The request is still the last that the agent sent, and no more beats come.
         await bench.operator.ask("mdi", "M68 E41 Q2")
         await bench.operator.ask("mdi", "M68 E40 Q5")
 

@@ -76,7 +76,7 @@ NOBODY = 65534
 
 @pytest.mark.peer
 def test_where_it_can_be_compiled_the_script_installs_one_that_linuxcnc_loads(tmp_path: Path) -> None:
-    # A copy in the place of the folder of LinuxCNC's modules, which only these processes see: nothing is installed.
+    # A copy in place of the folder of LinuxCNC's modules, which only these processes see: nothing is installed.
     shutil.copytree(MODULES, tmp_path / "modules")
     shutil.copytree(FILES, tmp_path / "nc", ignore=shutil.ignore_patterns("__pycache__"))
     (tmp_path / "loaded.hal").write_text(f"{LOADED}getp talc-errors.x-bound\n")

@@ -27,7 +27,7 @@ print(*asyncio.run(periods_us(5.0))[:, 0])
 
 @pytest.mark.realtime
 async def test_most_periods_of_the_component_are_far_shorter_than_the_goal() -> None:
-    """Tolerance: half of the periods; other programs of a busy computer count in the rest."""
+    """Tolerance: half of the periods; the rest includes other programs of a busy computer."""
     took_us = await periods_us(3.0)
     assert took_us.shape == (3000, 2)
     assert 0.05 < np.median(took_us[:, 0]) < GOAL_US
@@ -45,6 +45,6 @@ def test_on_a_real_time_kernel_no_period_is_longer_than_the_goal(tmp_path: Path)
 @pytest.mark.realtime
 @pytest.mark.parametrize("cold", [False, True])
 def test_the_core_by_itself_is_far_shorter_in_every_situation(cold: bool) -> None:
-    """cold: with nothing in a cache. Tolerance: the least of several times of each counts."""
+    """cold: with nothing in a cache. Tolerance: the least of several times counts in each situation."""
     took_us = core_us(200 if cold else 2000, cold=cold)
     assert 0.0 < took_us.min() < took_us.max() < GOAL_US

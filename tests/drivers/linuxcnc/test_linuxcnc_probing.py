@@ -28,7 +28,7 @@ PARAMETERS = (
 
 
 def told() -> str:
-    """The part program puts what holds for it on analog outputs."""
+    """The part program puts the values in force for it on analog outputs."""
     return "".join(f"M68 E{10 + i} Q{name}\n" for i, name in enumerate(PARAMETERS))
 
 
@@ -155,8 +155,7 @@ async def test_while_somebody_moves_the_machine_by_hand_it_does_not_start_by_its
 
 
 async def stays_requested(bench: AgentBench, number: int) -> bool:
-    """For as long, by LinuxCNC's own clock, as a start would take many times over; the agent takes a turn for each
-    question."""
+    """For many times as long as a start takes, by LinuxCNC's own clock; the agent takes a turn for each question."""
     end_s = await bench.time_s() + 0.5
     while await bench.time_s() < end_s:
         await bench.nc.snapshot()

@@ -20,7 +20,7 @@ PORT = 7621
 
 @pytest.fixture
 def talc_server() -> Any:
-    """The agent's module; it needs nothing of LinuxCNC."""
+    """The agent's server module, which needs nothing of LinuxCNC."""
     return linuxcnc_module("talc_server")
 
 

@@ -116,7 +116,7 @@ def test_an_unauthenticated_client_that_is_silent_or_slow_is_disconnected(agent:
         with suppress(OSError):
             while time.monotonic() - began < 10.0:
                 slow.sendall(b"x")
-                time.sleep(0.1)  # the pace of who is slow
+                time.sleep(0.1)  # the pace of a slow client
         assert time.monotonic() - began < 6.0
         assert silent.recv(4096) == b""
 

@@ -42,7 +42,7 @@ def test_any_flipped_bit_makes_the_answer_invalid(position: int) -> None:
 
 
 def frame_of(address: int, data: bytes, response: int = 8) -> bytes:
-    """An answer as the manual describes it, made apart from driver and emulator."""
+    """An answer as the manual describes it, made without driver and emulator."""
     body = bytes([1, address, response, *data])
     return bytes([0x68, len(body), len(body), 0x68, *body, sum(body) % 256, 0x16])
 
@@ -89,7 +89,7 @@ def test_any_payload_is_decoded_or_refused(data: bytes) -> None:
 
 
 async def _reads(junk: bytes, late: bytes, following: float) -> bytes | None:
-    """What is taken from junk, if anything; the next read must give `following`, whatever still comes late."""
+    """The value that is taken from junk, if any; the next read must give `following`, whatever still comes late."""
     first: bytes | None = None
 
     def reply(number: int) -> bytes:
@@ -105,7 +105,7 @@ async def _reads(junk: bytes, late: bytes, following: float) -> bytes | None:
 
 
 def test_whatever_came_before_the_next_read_is_right() -> None:
-    """Nothing, garbage, another sensor's answer or several: what is taken stood there, and is not taken again."""
+    """Nothing, garbage, another sensor's answer or several: a value that is taken was there, and is not taken again."""
     with asyncio.Runner() as runner:
 
         @settings(max_examples=40)

@@ -70,7 +70,7 @@ def streams(draw: st.DrawFn, blocks: int = 4) -> list[list[list[int]]]:
 
 
 def stands_in(heard: bytes, found: MeBlock) -> bool:
-    """Whether the bytes hold such a block whole, read as the manual says and not as the driver does."""
+    """Whether the bytes contain such a block whole, read as the manual says and not as the driver does."""
     for start in range(len(heard) - 31):
         if heard[start : start + 4] != b"MEAS":
             continue
@@ -111,7 +111,7 @@ def test_newest_whole_block_of_a_stream_is_found_wherever_it_begins_and_ends(
 def test_stream_that_lost_bytes_gives_blocks_that_were_sent_or_none(
     frames: list[list[list[int]]], data: st.DataObject
 ) -> None:
-    """Within one block; when the name of the next is lost, too, nothing tells the two from one."""
+    """Within one block; if the name of the next is lost, too, nothing distinguishes the two from one."""
     frames = [[[value & 0xFFFFFF for value in frame] for frame in each] for each in frames]  # what is measured
     blocks = [block(each, number) for number, each in enumerate(frames)]
     hurt = data.draw(st.integers(0, len(blocks) - 1))

@@ -1,4 +1,5 @@
-"""Whatever a Modbus device's registers and bits contain: a number within its profile, or a fault, over loopback."""
+"""Whatever a Modbus device's registers and bits contain, a read gives a number within its profile or a fault, over
+loopback."""
 
 import asyncio
 from collections.abc import Mapping

@@ -42,7 +42,7 @@ class Meter:
     asked: list[int] = field(default_factory=list)
     """Functions of the requests."""
     refusals: int = 0
-    """So many requests are refused, whatever they are for."""
+    """This many requests are refused, whatever they are for."""
     silent: bool = False
 
     def memory(self, function: int) -> Mapping[int, int]:
@@ -186,7 +186,7 @@ async def test_all_refused_is_an_error_and_costs_one_request(tmp_path: Path) -> 
 
 
 async def test_device_that_refuses_gaps_is_read_in_parts(tmp_path: Path) -> None:
-    """As its profile allows gaps that the device does not have."""
+    """Its profile allows gaps that the device does not have."""
     meter = Meter()
     async with reading(meter, tmp_path, meter_profile().replace("max_gap = 4", "max_gap = 120")) as driver:
         for _ in range(3):

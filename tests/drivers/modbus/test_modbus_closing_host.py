@@ -52,7 +52,7 @@ class ClosingHost:
 
 
 async def readings(host: ClosingHost) -> tuple[list[Reading], list[Notice]]:
-    """What a gateway reads of it in ten periods, and what it reports."""
+    """What a gateway reads from the host in ten periods, and what it reports."""
     heard: list[Reading] = []
     notices: list[Notice] = []
     async with modbus_host(host.serve, TIMEOUT_S) as bus:

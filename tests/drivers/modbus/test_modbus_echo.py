@@ -21,7 +21,7 @@ TRUE_BITS = (1,) + (0,) * 15 + (1,)
 
 
 def bits(request: bytes) -> bytes:
-    """What a device whose bits 0 and 16 are set answers."""
+    """The answer of a device whose bits 0 and 16 are set."""
     count = int.from_bytes(request[4:6], "big")
     data = b"\x01\x00\x01\x00\x00\x00"[: (count + 7) // 8]
     return frame(bytes((request[0], request[1], len(data))) + data)
@@ -77,7 +77,7 @@ async def test_without_an_echo_an_answer_that_equals_its_request_is_one() -> Non
 
 @pytest.mark.parametrize("unset", [None, True])
 async def test_an_echo_alone_is_silence(unset: bool | None) -> None:
-    """The unit is off: its own request must not give it bits."""
+    """The unit is off: the request itself must not count as bits."""
     peer = RtuPeer()
     path = await peer.port.start()
     bus = ModbusRtuBus("b", ModbusRtuSettings(port=path, baud=115200, timeout_s=TIMEOUT_S, local_echo=unset))

@@ -37,7 +37,7 @@ CODES = [0x80, 0x81, 0x82, 0x83, 0x90, 0xFF]
 
 
 def refusing(code: int, exception: int, refused: Callable[[int, int], bool]) -> Callable[[bytes], bytes]:
-    """What a unit answers whose register n holds n, and that refuses some requests with this function code."""
+    """The answer of a unit whose register n contains n, and that refuses some requests with this function code."""
 
     def reply(request: bytes) -> bytes:
         first, count = int.from_bytes(request[2:4], "big"), int.from_bytes(request[4:6], "big")
@@ -49,7 +49,7 @@ def refusing(code: int, exception: int, refused: Callable[[int, int], bool]) -> 
 async def heard_of(
     reply: Callable[[bytes], bytes], folder: Path, periods: int
 ) -> tuple[list[Reading], list[Notice], RtuPeer]:
-    """What a gateway reads of thirty channels of unit 1, and one of unit 2, which answers as it should."""
+    """What a gateway reads of thirty channels of unit 1, and of one channel of unit 2, which answers correctly."""
     profile = folder / "module.toml"
     profile.write_text(PROFILE)
     heard: list[Reading] = []
@@ -112,7 +112,7 @@ async def test_it_is_an_answer_at_once() -> None:
         peer.reply = honest
         peer.requests.clear()
         assert await bus.read("d", 1, TWO) == (100, 101)
-        assert len(peer.requests) == 1, "no answer is due that must be told from this one"
+        assert len(peer.requests) == 1, "no answer is due that must be distinguished from this one"
 
 
 async def test_the_answer_that_follows_is_better() -> None:

@@ -1,4 +1,5 @@
-"""Odd wires with programs of others at their far end: an adapter that echoes, a disturbed line, a host that closes."""
+"""Odd wires with third-party programs at their far end: an adapter that echoes, a disturbed line, a host that
+closes."""
 
 import asyncio
 import random
@@ -51,7 +52,7 @@ async def test_libmodbus_is_read_over_a_line_that_flips_bits() -> None:
 
     async with libmodbus_line(heard) as bus, asyncio.timeout(LIMIT_S):
         for _ in range(60):
-            for again in (False, *[True] * 7):  # as often as the gateway asks a device that is heard
+            for again in (False, *[True] * 7):  # as often as the gateway asks a device that it hears
                 try:
                     words = await bus.read("d", UNIT, VALUES, again=again)
                 except (BadAnswer, NoAnswer):

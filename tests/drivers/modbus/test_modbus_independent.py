@@ -1,4 +1,5 @@
-"""A device with several blocks: each is asked again by itself, and what was answered is never asked for twice."""
+"""A device with several blocks: each block is asked for again by itself, and an answered block is never asked for
+twice."""
 
 import asyncio
 from collections.abc import AsyncIterator, Callable
@@ -76,7 +77,7 @@ def test_a_unit_whose_missing_answers_come_is_waited_for_and_another_one_is_not(
 
 @asynccontextmanager
 async def module(swallow: Callable[[int], bool]) -> AsyncIterator[tuple[Driver, list[int]]]:
-    """An M-7015 that was read once, whose answers of the functions that `swallow` names are lost; what it was asked."""
+    """An M-7015 that was read once, and then loses its answers of the functions in `swallow`; and what it was asked."""
     degc = [20.0]
     wire = RtuLine({1: M7015(lambda: degc * 6)})
     asked: list[int] = []
@@ -171,7 +172,7 @@ async def test_a_late_answer_is_used_though_another_block_was_asked_meanwhile() 
         assert len(late) == 1, "it was not asked for again"
         with pytest.raises(NoAnswer):
             await bus.read("module", 1, BITS)
-        assert len(late) == 2, "the next question needs an answer of its own"
+        assert len(late) == 2, "the next question needs its own answer"
 
 
 async def test_no_request_waits_beyond_the_limit() -> None:

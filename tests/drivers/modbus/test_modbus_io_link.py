@@ -160,7 +160,7 @@ async def test_comtrol_no_port_is_good_unless_it_communicates_and_is_valid(tmp_p
 
 
 async def test_a_status_that_is_absent_is_no_good_one(tmp_path: Path) -> None:
-    """The map of another master, or a port less: what is not there cannot say that a value is valid."""
+    """The map of another master, or one port fewer: an absent status cannot say that a value is valid."""
     words = {1000 * port + place: 234 for port in (1, 2) for place in (2,)}
     words |= {1001: 0x01}
     async with master("ifm", tmp_path, words, 3) as (_, device):

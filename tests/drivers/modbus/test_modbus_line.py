@@ -79,7 +79,7 @@ async def test_line_stays_quiet_while_a_cancelled_request_is_answered() -> None:
     ],
 )
 async def test_what_is_not_our_answer_is_reported_and_not_used(answer: bytes, heard: bool) -> None:
-    """heard: whether the unit may have sent it; one that is heard is not silent"""
+    """heard: whether the unit may have sent it; a unit that is heard is not silent"""
     async with line() as (bus, peer):
         peer.reply = lambda _: answer
         with pytest.raises(BadAnswer, match=r"unit 1|does not fit function 4") as caught:

@@ -1,4 +1,4 @@
-"""Servers with one fault each, beside a unit without: what they cost, and what is said of them."""
+"""Servers with one fault each, beside a unit without: what they cost, and what is reported about them."""
 
 import asyncio
 import struct
@@ -36,7 +36,7 @@ Odd = Callable[[int, bytes], Sequence[tuple[float, bytes]]]
 
 
 def right(unit: int, request: bytes) -> bytes:
-    """Register n of unit u holds 1000 u + n. request: function, first address, count"""
+    """Register n of unit u contains 1000 u + n. request: function, first address, count"""
     function, first, count = struct.unpack(">BHH", request)
     return bytes((function, 2 * count)) + struct.pack(f">{count}H", *(1000 * unit + first + n for n in range(count)))
 
@@ -113,7 +113,7 @@ def of_the_odd_one(heard: Sequence[Reading], from_period: int = 0) -> set[Qualit
 async def test_one_that_answers_every_second_request_is_read_in_every_period(
     wire: str, first: int, tmp_path: Path
 ) -> None:
-    """Also if it is each time the check that is answered, and the reading that is not."""
+    """Even if each time the check is answered and the reading is not."""
     heard, told = await WIRES[wire](lambda n, right: [(0.0, right)] * ((n + first) % 2), tmp_path, 8, (ODD, GOOD))
     assert of_the_odd_one(heard, 1) == {Quality.GOOD}
     assert len(told) <= 2, "at the beginning"

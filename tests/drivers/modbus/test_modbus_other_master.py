@@ -1,4 +1,5 @@
-"""Another master on the line: its frames, encoded by pymodbus, are told from everything else that may be heard."""
+"""Another master on the line: its frames, encoded by pymodbus, are distinguished from everything else that may be
+heard."""
 
 import asyncio
 from collections.abc import Callable, Sequence
@@ -36,7 +37,7 @@ ANSWER = framed(ReadHoldingRegistersResponse(registers=[7, 8]), 9)
 
 
 async def told(between: Sequence[bytes], reply: Callable[[bytes], bytes] = honest, periods: int = 4) -> str:
-    """What the bus tells after some periods, with these bytes heard before each."""
+    """What the bus reports after some periods, with these bytes heard before each."""
     async with line() as (bus, peer):
         peer.reply = reply
         await _periods(bus, peer, between, periods)

@@ -1,6 +1,6 @@
-"""What is read once and scales or judges every later value, over Modbus TCP, which has no checksum.
+"""Registers that are read once and then scale or judge every later value, over Modbus TCP, which has no checksum.
 
-A changed byte in its answer is noticed.
+A changed byte in their answer is noticed.
 """
 
 from pathlib import Path
@@ -59,7 +59,7 @@ class Spoilt:
 
 
 async def until_connected(bus: Bus, driver: Driver) -> list[str]:
-    """What went wrong before it was."""
+    """Connect; returns what went wrong before it succeeded."""
     said: list[str] = []
     while True:
         try:

@@ -39,7 +39,7 @@ Refuse = Callable[[int, int], int]
 
 
 class RefusingHost:
-    """Register n holds n; `refuse` says what is refused."""
+    """Register n contains n; `refuse` says what is refused."""
 
     def __init__(self, refuse: Refuse) -> None:
         self.refuse = refuse
@@ -99,7 +99,7 @@ async def test_an_address_that_fails_takes_its_own_channel_only_whatever_the_cod
 
 
 async def test_a_failure_of_a_moment_takes_one_period_and_no_channel_for_longer(tmp_path: Path) -> None:
-    """Once it has answered, a unit that fails is asked again before its request is divided."""
+    """A unit that has answered before and fails is asked again before its request is divided."""
     began_s = asyncio.get_running_loop().time()
 
     def refuse(_first: int, _count: int) -> int:

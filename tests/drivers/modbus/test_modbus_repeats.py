@@ -16,7 +16,7 @@ PERIOD_S = 1.0
 
 
 def twice(peer: RtuPeer, by_s: float, first: int) -> None:
-    """From now on register n holds first + n, and each answer comes once more after this time, if it is short."""
+    """From now on register n contains first + n, and each short answer comes once more after this time."""
 
     def reply(request: bytes) -> bytes:
         answer = honest(request, first + int.from_bytes(request[2:4], "big"))

@@ -1,4 +1,5 @@
-"""RS-485 whose direction the port's driver switches by RTS: what the kernel is asked for, and ports that cannot."""
+"""RS-485 whose direction the port's driver switches by RTS: what the kernel is asked for, and ports that cannot do
+it."""
 
 import array
 import fcntl

@@ -90,7 +90,7 @@ async def test_a_late_answer_on_a_new_connection_is_not_taken_for_the_next_one()
         values[:] = [300.0, 400.0]
         late.let_go()
         new = await bus.read("d", 1, TWO)
-        assert len(server.server.connections) == 1, "it was opened anew"
+        assert len(server.server.connections) == 1, "it was opened again"
     assert (old, new) == ((2000, 4000), (6000, 8000))
 
 
@@ -122,7 +122,7 @@ async def test_the_echo_of_the_servers_line_is_skipped() -> None:
 
 
 async def test_modbus_tcp_answers_are_no_rtu_answers() -> None:
-    """The server translates: kind = "modbus_tcp" would be right, and what it says is refused."""
+    """The server translates: kind = "modbus_tcp" would be right, so its answers are refused."""
     async with served(module(5.0, 250.0)) as (bus, server):
         server.spoil = lambda _, frame: [(0.0, bytes((0, 1, 0, 0, 0, len(frame) - 2)) + frame[:-2])]
         with pytest.raises(BadAnswer, match="no valid answer of unit 1"):

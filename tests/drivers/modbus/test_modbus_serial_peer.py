@@ -16,7 +16,7 @@ from tests.benches.npm_peer import node_with, running
 pytestmark = pytest.mark.peer
 
 TIMEOUT_S = 5.0
-"""A busy computer may take so long for an answer of another program."""
+"""A busy computer may need this long for another program's answer."""
 
 
 class SentFrames:
@@ -41,7 +41,7 @@ def node() -> str:
 
 @pytest.fixture
 def sent() -> SentFrames:
-    """On `bus`."""
+    """The requests sent on `bus`."""
     return SentFrames()
 
 

@@ -117,7 +117,7 @@ async def reading(
 
 
 async def connected(driver: Driver) -> None:
-    """As the runner does it: the device is asked again."""
+    """Connect as the runner does: the device is asked again."""
     for _ in range(ASKS):
         try:
             await driver.connect()
@@ -128,7 +128,7 @@ async def connected(driver: Driver) -> None:
 
 
 async def read(driver: Driver) -> dict[str, Reading]:
-    """As the runner does it within a period, with all the time that is needed."""
+    """Read as the runner does within a period, with all the time that is needed."""
     errors: list[DriverError] = []
     for ask in range(ASKS):
         try:
@@ -139,7 +139,7 @@ async def read(driver: Driver) -> dict[str, Reading]:
 
 
 async def ask_later(driver: Driver, clock: ManualClock, times: int, step_s: float = 1.0) -> None:
-    """As the runner does it at the end of so many periods; each time it reads what was found."""
+    """Ask as the runner does at the end of this many periods, and each time read what was found."""
     assert isinstance(driver, AsksLater)
     for _ in range(times):
         clock.move_to(clock.now + step_s)
@@ -227,7 +227,7 @@ async def test_a_unit_that_is_silent_for_a_gap_is_read_in_parts(kind: str, tmp_p
 
 @KINDS
 async def test_an_address_that_is_refused_and_one_that_is_silent(kind: str, tmp_path: Path) -> None:
-    """What is refused is asked for again after a minute; what is silent is not, for nobody is to wait for it."""
+    """A refused address is asked for again after a minute; a silent one is not, so that nobody has to wait for it."""
     unit = MutedUnit({(4, 0)}, lacks={(4, 201)})
     async with reading(unit, tmp_path, kind) as (driver, clock):
         await connected(driver)
@@ -262,7 +262,7 @@ type = "uint16"
 
 @KINDS
 async def test_a_status_that_is_silent_makes_its_own_values_invalid(kind: str, tmp_path: Path) -> None:
-    """It is asked first, so that nothing has been answered when it is missed."""
+    """It is asked for first, so nothing has been answered yet when it is missed."""
     unit = MutedUnit({(3, 500)})
     async with reading(unit, tmp_path, kind, STATUS, {"judged": 0, "plain": 1}) as (driver, _):
         await connected(driver)
@@ -306,7 +306,7 @@ ALIKE = "".join(f'[[block]]\nfunction = 4\naddress = {a}\nchannels = 2\ntype = "
 
 @KINDS
 async def test_blocks_whose_answers_look_alike(kind: str, tmp_path: Path) -> None:
-    """Usually one waits for the late answer of the other; not for ever."""
+    """Usually one waits for the late answer of the other, but not without limit."""
     unit = MutedUnit({(4, 0)})
     async with reading(unit, tmp_path, kind, ALIKE, {"a0": 0, "a1": 1, "b0": 2, "b1": 3}) as (driver, _):
         await connected(driver)

@@ -83,7 +83,7 @@ async def test_a_refused_code_is_asked_for_again_after_a_minute(tmp_path: Path) 
 
 
 async def asked_later(driver: Driver, clock: ManualClock, now_s: float) -> bool:
-    """What the runner does when a period has time left."""
+    """Ask as the runner does when a period has time left."""
     assert isinstance(driver, AsksLater)
     clock.move_to(now_s)
     due = driver.asks_later

@@ -120,7 +120,7 @@ async def test_every_fault_rule(tmp_path: Path) -> None:
 
 
 async def test_sensor_that_recovers_while_it_is_read_gives_no_value(tmp_path: Path) -> None:
-    """Bits are asked for before the values and after them, where no number of the value itself tells."""
+    """Bits are asked for before and after the values if no number of the value itself reports the fault."""
 
     class Flickering(UserProfiledModule):
         breaks = True
@@ -194,7 +194,7 @@ async def test_status_bits_of_several_channels_in_one_register(tmp_path: Path) -
     async with reading(module, tmp_path, CHANNELS, PACKED) as driver:
         readings = await driver.read()
         assert [r.value for r in readings] == pytest.approx([20.0, 21.0, 22.0, 23.0, 24.0, 25.0])
-        module.status = [0b0010_0000_0100, 0b1100_0001_1100_0001]  # what belongs to no channel counts for nothing
+        module.status = [0b0010_0000_0100, 0b1100_0001_1100_0001]  # bits that belong to no channel do not count
         assert told(await driver.read()) == [
             ("good", ""),
             ("out_of_range", "too hot"),
@@ -220,7 +220,7 @@ async def test_one_status_register_of_all_channels(tmp_path: Path) -> None:
 
 
 async def test_sentinel_that_is_no_whole_number(tmp_path: Path) -> None:
-    """As the device sends it: the nearest that its four bytes can hold."""
+    """As the device sends it: the nearest number that its four bytes can hold."""
     module = Packed()
     async with reading(module, tmp_path, CHANNELS, PACKED) as driver:
         module.raw[3] = -9999.9

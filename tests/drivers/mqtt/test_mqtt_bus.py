@@ -55,7 +55,7 @@ def site(
 
 
 async def until(driver: Driver, quality: Quality, value: float | None = None, detail: str = "") -> Reading:
-    """The first channel, when it is so: the broker hands messages on a moment after they were accepted."""
+    """The first channel, once a condition holds: the broker passes messages on a moment after it accepted them."""
     async with asyncio.timeout(LIMIT_S):
         while True:
             (found, *_) = await driver.read()

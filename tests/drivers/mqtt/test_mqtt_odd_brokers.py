@@ -77,7 +77,7 @@ BOTH_GRANTED = granting(b"\x01\x01")
 
 
 def broker(accepts: bytes = ACCEPTED, grants: Callable[[bytes], bytes] = BOTH_GRANTED, then: bytes = BOTH) -> Serve:
-    """A broker that answers a connection and a subscription like this, and then sends so many bytes."""
+    """A broker that answers a connection and a subscription like this, and then sends this many bytes."""
 
     async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         with suppress(asyncio.IncompleteReadError, ConnectionError):
@@ -283,7 +283,7 @@ async def test_of_a_wildcard_only_a_limited_number_of_topics_is_kept(
     ],
 )
 async def test_what_no_broker_sends_ends_the_connection(then: bytes, tmp_path: Path) -> None:
-    """The gateway connects anew in the next period."""
+    """The gateway connects again in the next period."""
     async with reading(broker(then=then), tmp_path) as (bus, driver):
         with pytest.raises(ConnectError):
             await read(bus, driver)
@@ -300,10 +300,10 @@ class FailsOnce:
             raise RuntimeError("a bug")
 
     def frame(self, sent: bool, identifier: int, extended: bool, data: bytes) -> None:
-        """There is no CAN."""
+        """Not used: there is no CAN."""
 
     def note(self, text: str) -> None:
-        """Nobody asks."""
+        """Not used here."""
 
 
 async def test_an_error_in_the_librarys_thread_is_a_lost_connection(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Values and times in MQTT payloads, and what is wrong with them."""
+"""Values and times in MQTT payloads, and payloads with mistakes."""
 
 from collections.abc import Iterator
 from datetime import UTC, datetime

@@ -1,4 +1,4 @@
-"""The driver of controls with an MTConnect agent, on an agent of others and on answers that no agent should give."""
+"""The driver of controls with an MTConnect agent, on a third-party agent and on answers that no agent should give."""
 
 import asyncio
 import math
@@ -38,7 +38,7 @@ def control(url: str, /, **changed: object) -> NumericalControl:
 
 @pytest.fixture
 def agent(tmp_path: Path) -> Iterator[tuple[Any, str]]:
-    """Of others; it has observed VALUES."""
+    """A third-party agent, which has observed VALUES."""
     with mtconnect_agent(tmp_path) as (it, url):
         for item, value in VALUES.items():
             it.push_data(item, value)

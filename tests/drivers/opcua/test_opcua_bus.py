@@ -197,7 +197,7 @@ async def read_aged(device: Driver, quality: Quality, age_s: float) -> Reading:
 
 
 async def test_with_max_age_a_value_is_as_old_as_its_source_says(tmp_path: Path) -> None:
-    """By the server's clock alone, which is 25 years behind this computer's."""
+    """Only by the server's clock, which is 25 years behind this computer's."""
     async with with_own_clock(tmp_path) as (server, device):
         await server.set("motor", 20.0, age_s=20, now=SERVERS_NOON)
         await read_aged(device, Quality.GOOD, 20.0)
@@ -232,7 +232,7 @@ async def test_without_max_age_a_value_is_as_old_as_its_reading(tmp_path: Path) 
 
 
 async def test_an_impossible_source_time_spoils_no_time_of_a_reading(tmp_path: Path) -> None:
-    """1601 is how OPC UA writes no time; the server's clock stands at its end."""
+    """OPC UA writes 1601 for no time; the server's clock is at the end of its range."""
     async with with_own_clock(tmp_path) as (server, device):
         await server.set_clock(datetime(9999, 12, 31, tzinfo=UTC))
         await server.set("motor", 20.0, age_s=0, now=datetime(1601, 1, 2, tzinfo=UTC))
@@ -250,7 +250,7 @@ GONE = [
 
 
 async def read_until_it_fails(device: Driver) -> None:
-    """What is on its way may still be answered."""
+    """Read until it fails; what is on its way may still be answered."""
     async with asyncio.timeout(60.0):
         while True:
             await device.read()
@@ -296,7 +296,7 @@ async def test_a_session_or_channel_that_the_server_has_forgotten_is_opened_agai
 async def test_a_session_whose_namespaces_are_not_known_is_not_used(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Another one is opened; an index of an earlier session could be another namespace's by now."""
+    """A new one is opened; an index of an earlier session could belong to another namespace by now."""
     server = Drives()
     await server.start()
     try:
@@ -315,7 +315,7 @@ async def test_a_session_whose_namespaces_are_not_known_is_not_used(
 
 
 async def test_a_truth_value_is_a_number_only_where_the_unit_is_one(tmp_path: Path) -> None:
-    """A node that holds one instead of a temperature is not 1 degC."""
+    """A node with a truth value instead of a temperature is not 1 degC."""
     server = Drives()
     await server.start()
     text = PROFILE.split("[[node]]")[0] + '[[node]]\nnode = "s=flag"\n[[node]]\nnode = "s=flag"\nunit = "1"\n'
@@ -330,7 +330,7 @@ async def test_a_truth_value_is_a_number_only_where_the_unit_is_one(tmp_path: Pa
 
 
 async def test_namespaces_in_another_order_after_a_restart_give_no_value_of_another_node(tmp_path: Path) -> None:
-    """The index of before is another maker's by now, who has a node of the same name."""
+    """The previous index now belongs to another maker, who has a node of the same name."""
     server = Drives()
     await server.start()
     url = server.url

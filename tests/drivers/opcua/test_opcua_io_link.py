@@ -27,7 +27,7 @@ def told(readings: Sequence[Reading]) -> list[float | tuple[str, str]]:
 
 
 async def say(process: Process, line: str) -> None:
-    """One device's process data and its StatusCode, from now on."""
+    """Set one device's process data and its StatusCode from now on."""
     assert process.stdin is not None
     assert process.stdout is not None
     process.stdin.write(line.encode() + b"\n")
@@ -48,7 +48,7 @@ async def test_process_data_of_two_devices(tmp_path: Path) -> None:
             await bus.connect()
             await device.connect()
             assert told(await device.read()) == [23.4, -3.3], "-33 in 14 bits, and both outputs switched"
-            # What the sensor measured last is still there, and looks right: only the status tells.
+            # The last measured value is still there, and looks right: only the status shows the fault.
             expected = {
                 "oil 00EA BadNotConnected": ("comm_fault", "the server reports BadNotConnected"),
                 "oil 00EA BadDeviceFailure": ("sensor_fault", "the server reports BadDeviceFailure"),

@@ -21,7 +21,7 @@ ServiceCall = Callable[..., Awaitable[Any]]
 
 @pytest.fixture(autouse=True)
 def _library_keeps_still(caplog: pytest.LogCaptureFixture) -> None:
-    """The library logs the spoilt texts, in characters that a test report cannot hold."""
+    """The library would log the spoilt texts, in characters that a test report cannot contain."""
     caplog.set_level(logging.CRITICAL + 1, "asyncua")
 
 

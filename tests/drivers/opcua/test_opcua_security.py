@@ -106,7 +106,7 @@ async def test_signed_and_encrypted_with_user_and_certificate(site: EncryptedSit
 
 
 async def test_a_bus_beside_the_control_reads_temperatures_with_the_same_credentials(site: EncryptedSite) -> None:
-    """Two sessions: what becomes of the one that reads channels never ends the one that writes offsets."""
+    """Two sessions: whatever happens to the one that reads channels never ends the one that writes offsets."""
     nc = site.driver()
     await nc.connect()
     await nc.write_compensation((1.0, -2.0, 3.0))

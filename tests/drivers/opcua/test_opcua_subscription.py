@@ -91,7 +91,7 @@ async def test_the_subscription_is_back_after_the_control_was_away() -> None:
 
 
 async def told(nc: Sinumerik, control: CountedControl) -> None:
-    """Return when the first values of all nodes have come, and nothing is asked for any more."""
+    """Return when the first values of all nodes have come and nothing is polled any more."""
     async with asyncio.timeout(3.0):
         while True:
             before = control.requests
@@ -104,7 +104,7 @@ async def told(nc: Sinumerik, control: CountedControl) -> None:
 async def test_a_subscription_that_falls_silent_is_no_longer_trusted() -> None:
     async with watched() as (nc, control):
         await told(nc, control)
-        await control.subscriptions.fall_silent()  # also those that the library makes anew; reads are answered
+        await control.subscriptions.fall_silent()  # also those that the library makes again; reads are answered
         control.nck.set_mode(JOG, 0.0)
         assert (await nc.snapshot()).mode is OperatingMode.AUTO, "as told last"
         await until(nc.snapshot, lambda s: s.mode is OperatingMode.JOG, limit_s=5.0)
@@ -113,7 +113,7 @@ async def test_a_subscription_that_falls_silent_is_no_longer_trusted() -> None:
 async def test_a_subscription_whose_status_changes_is_no_longer_trusted_though_it_sends_keepalives() -> None:
     async with watched() as (nc, control):
         await told(nc, control)
-        control.sampling = False  # no changes are told any more
+        control.sampling = False  # no changes are reported any more
         control.nck.set_mode(JOG, 0.0)
         await asyncio.sleep(1.5)  # longer than a sign of life takes to come
         assert (await nc.snapshot()).mode is OperatingMode.AUTO

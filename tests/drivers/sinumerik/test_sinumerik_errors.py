@@ -102,7 +102,7 @@ def test_each_error_alone_moves_as_fast_as_the_slew_allows(error: int) -> None:
 
 
 def test_a_late_or_absurd_write_makes_no_step() -> None:
-    """Whatever arrives, and whenever: one cycle's slew at most, and what is no number changes nothing."""
+    """Whatever arrives, and whenever: one cycle's slew at most, and what is not a number changes nothing."""
     channel = ErrorChannel(program())
     channel.alive()
     channel.settle(WARM)

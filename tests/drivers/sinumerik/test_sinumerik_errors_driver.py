@@ -74,7 +74,7 @@ async def test_the_nine_are_written_and_read_and_take_effect_at_the_slew() -> No
         await nc.write_compensation((3.0, 4.0, 5.0))
         clock.move_to(10.0)
         await nc.snapshot()
-        assert emulated.nck.shift_um((0.0, 0.0, 0.0)) == pytest.approx((0.0, 0.0, 0.0)), "no beat for so long"
+        assert emulated.nck.shift_um((0.0, 0.0, 0.0)) == pytest.approx((0.0, 0.0, 0.0)), "no beat for too long"
         assert emulated.nck.r[WANTED : WANTED + 9] == [0.0] * 9
         assert emulated.nck.r[STATE] == 2.0
 

@@ -33,7 +33,7 @@ class FrozenProgram(EmulatedControl):
 
 
 class NextCycle(FrozenProgram):
-    """It begins cycle 42 after so many read requests."""
+    """It begins cycle 42 after this many read requests."""
 
     requests_left: int | None = None
 
@@ -176,7 +176,7 @@ async def test_a_connection_that_is_cut_in_a_session(caplog: pytest.LogCaptureFi
         with pytest.raises(ConnectError):
             await nc.snapshot()
         ours = [r for r in caplog.records if r.name.startswith("asyncua.client") and r.levelno >= logging.ERROR]
-        assert not ours, "a lost connection is told once, by the driver"
+        assert not ours, "a lost connection is reported once, by the driver"
         await nc.connect()
         await nc.snapshot()
         await nc.close()

@@ -1,7 +1,7 @@
 """The supplied NC programs follow the handshake that the driver uses.
 
-This reads them, it does not prove that a control takes them. Their synchronised actions run in the tests of
-simulators/nc/synchronised.py, and the probing cycle in test_sinumerik_cycle.py.
+These tests read the programs; they do not prove that a control accepts them. Their synchronised actions run in the
+tests of simulators/nc/synchronised.py, and the probing cycle in test_sinumerik_cycle.py.
 """
 
 import re

@@ -1,4 +1,4 @@
-"""Channels of the control beside the session that holds the offsets, and what a hanging reading does to it.
+"""Channels of the control beside the session that writes the offsets, and what a hanging read does to that session.
 
 The control's server is the library's (asyncua): like others it answers the requests of one connection in their order.
 """
@@ -38,7 +38,7 @@ OWNER, TIMEOUT_S = 7, 0.5
 
 
 class SlowControl(EmulatedControl):
-    """A control whose drives answer only when they are let."""
+    """A control whose drives answer only when the test allows it."""
 
     def __init__(self) -> None:
         program = LoadCase([DayPart(0.0, 1e9, Activity.ROUGHING, MeanLoads(x=60.0))])
@@ -105,7 +105,7 @@ async def test_a_reading_that_hangs_delays_no_beat_and_ends_no_session_but_its_o
                 await reading
 
             control.answer.set()
-            assert await nc.heartbeat(OWNER), "the session that holds the offsets is the same"
+            assert await nc.heartbeat(OWNER), "the session that writes the offsets is the same"
             assert await nc.read_compensation() == pytest.approx((3.0, 2.0, 1.0))
             await bus.connect()
             assert (await second.read())[0].quality is Quality.GOOD
@@ -115,7 +115,7 @@ async def test_a_reading_that_hangs_delays_no_beat_and_ends_no_session_but_its_o
 
 
 async def test_in_one_session_such_a_reading_would_end_it() -> None:
-    """Why they do not share one: what comes after the hanging request waits for its answer, and times out, too."""
+    """This is why they do not share one: requests after the hanging one wait for its answer, and time out, too."""
     async with slow_drives() as (control, url):
         settings = SinumerikSettings(security="none", url=url, timeout_s=TIMEOUT_S)
         session = OpcUaSession(settings, "", {}, "SinumerikVarProvider")

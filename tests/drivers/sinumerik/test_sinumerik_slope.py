@@ -132,7 +132,7 @@ async def test_a_claim_sets_a_reference_while_no_slope_is_in_force_and_is_refuse
         assert nck.shift_um((300.0, -200.0, 0.0)) == pytest.approx(asked.at((300.0, -200.0, 0.0)))
         nck.reference_mm[2] = 50.0
         before = nck.shift_um((0.0, 0.0, 10.0))
-        # What is read is told about our reference, whichever the control has.
+        # What is read is stated relative to our reference, whichever the control has.
         assert (await nc.read_linear()).at((0.0, 0.0, 10.0)) == pytest.approx(before)
         refused = r"P0 of Z \(SD43920\) is 50 with a slope in force, expected 200 .*SD43910"
         with pytest.raises(Refused, match=refused):
@@ -143,7 +143,7 @@ async def test_a_claim_sets_a_reference_while_no_slope_is_in_force_and_is_refuse
 
 
 async def test_a_write_is_the_only_request_of_a_write() -> None:
-    """Anything asked before it is time in which the control's watchdog may take the offsets, after the last look."""
+    """Any request before it takes time in which the control's watchdog may take the offsets, after the last look."""
     async with with_slopes() as (bench, nc):
         await nc.claim(7, WatchdogTerms(silence_s=5.0, ramp_um_per_s=2.0))
         asked: list[str] = []
