@@ -1,4 +1,4 @@
-"""What the tests of packages of others begin with, in several rooms."""
+"""Fixtures of the tests of third-party packages, in several rooms."""
 
 import sys
 from collections.abc import Iterator
@@ -11,7 +11,7 @@ from tests.benches.extension_package import example_files, install
 
 @pytest.fixture
 def no_package_stays_loaded() -> Iterator[None]:
-    """Each test has its own module of the same name."""
+    """Each test loads its own module of the same name."""
     before = set(sys.modules)
     yield
     for name in set(sys.modules) - before:
@@ -21,7 +21,7 @@ def no_package_stays_loaded() -> Iterator[None]:
 
 @pytest.fixture
 def example(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder, in which the package of examples/extension is installed."""
+    """A folder in which the package of examples/extension is installed."""
     install(example_files(), tmp_path / "site")
     monkeypatch.syspath_prepend(str(tmp_path / "site"))
     return tmp_path

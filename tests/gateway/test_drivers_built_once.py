@@ -77,7 +77,7 @@ def test_the_check_makes_none(tmp_path: Path, made: Counter[str]) -> None:
     ],
 )
 def test_the_check_still_finds_what_a_driver_refuses(tmp_path: Path, right: str, wrong: str) -> None:
-    """What would be refused when the drivers are made is refused before, with the same text."""
+    """What would be refused when the drivers are made is refused by the check already, with the same text."""
     good, changed = configuration(tmp_path), TEXT.replace(right, wrong, 1)
     assert changed != TEXT
     with pytest.raises(ConfigError) as found:

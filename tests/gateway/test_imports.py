@@ -14,12 +14,12 @@ from tests.benches.free_port import free_port
 BUSES = {"pymodbus", "can", "canopen", "cantools", "serial"}
 NUMERICS = {"scipy", "osqp", "talc._kernel", "matplotlib", "pandas"}
 NEVER_BESIDE = BUSES | NUMERICS
-"""What no program beside a gateway needs: it talks to no device, and learns nothing."""
+"""Modules that no program beside a gateway needs: such a program talks to no device, and learns nothing."""
 WHOLE = (
     "import atexit, sys; atexit.register(lambda: print(*sys.modules, file=sys.stderr));"
     "from gateway.cli import main; main()"
 )
-"""A command as it is, which tells at its end what it has loaded."""
+"""A whole command, which prints at its end what it has loaded."""
 
 
 def loaded(code: str) -> set[str]:
@@ -30,7 +30,7 @@ def loaded(code: str) -> set[str]:
 
 
 def loaded_by(command: Sequence[str], asked: str = "") -> set[str]:
-    """What a command has loaded that runs until it is stopped: after its first line, and the answer of its page.
+    """What a command that runs until it is stopped has loaded after its first line and the answer of its page.
 
     asked: path on its page
     """

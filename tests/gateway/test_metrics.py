@@ -44,7 +44,7 @@ NO_TLS = TelemetryTls()
 
 
 def whole() -> GatewayFigures:
-    """Everything has happened once."""
+    """Metrics of a gateway in which everything has happened once."""
     figures = GatewayFigures("mill", "0.1.0")
     figures.take(ReadingsTaken([example.READING, example.BAD_READING]))
     figures.take(DecisionMade(example.DECISION))
@@ -58,7 +58,7 @@ def whole() -> GatewayFigures:
 
 
 def served(figures: GatewayFigures) -> Iterator[Metric]:
-    """What Prometheus reads."""
+    """The text that Prometheus reads."""
     registry = CollectorRegistry()
     registry.register(figures)
     yield from text_string_to_metric_families(generate_latest(registry).decode())

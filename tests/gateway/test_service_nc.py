@@ -31,7 +31,7 @@ from tests.benches.wire_bench import WireBench, wire_bench
 pytestmark = pytest.mark.simulated_time
 
 CYCLE_S = 60.0
-"""Each second is several requests over the wire, and nothing here is about a cycle's duration."""
+"""Each second costs several requests over the wire, and no test here is about a cycle's duration."""
 
 
 def config(bench: WireBench, store: str, storage: Mapping[str, object]) -> GatewayConfig:
@@ -48,7 +48,7 @@ def config(bench: WireBench, store: str, storage: Mapping[str, object]) -> Gatew
 
 
 class RunningGateway(NamedTuple):
-    """One that runs."""
+    """A gateway that runs."""
 
     link: NcLink
     store: Store
@@ -108,7 +108,7 @@ async def serving(
 
 
 async def measured(bench: WireBench, gateway: RunningGateway) -> Outcome:
-    """As the grid loop does it: what comes is stored."""
+    """Measure as the grid loop does, which stores what comes."""
     outcome = await ended(bench, asyncio.create_task(gateway.link.measure(Why.INTERVAL)))
     gateway.store.record(MeasurementEnded(outcome))
     return outcome

@@ -166,7 +166,7 @@ async def test_a_lost_connection_gives_every_channel_of_the_bus_a_fault_and_come
         await plant.clock.run_until(20.0)
     assert [r.quality for r in plant.readings[-2:]] == [Quality.GOOD] * 2
     assert len(plant.of("a")) == len(plant.of("b")) == 21
-    # The bus opened at the first attempt, so nothing was told of it; b was not asked on a closed bus.
+    # The bus opened at the first attempt, so nothing was reported about it; b was not asked on a closed bus.
     assert plant.told() == [("device a", False), ("device a", True)]
 
 
@@ -275,7 +275,7 @@ async def test_a_device_that_returns_is_connected_again_so_that_its_type_is_chec
         a.fault_at_connect = None
         await plant.clock.run_until(50.0)
     assert plant.of("a")[-1].quality is Quality.GOOD
-    # Silence became another problem: both are told, and one end.
+    # Silence became another problem: both are reported, and one end.
     assert plant.told() == [("device a", False), ("device a", False), ("device a", True)]
 
 

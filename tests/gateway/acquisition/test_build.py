@@ -1,4 +1,4 @@
-"""The lines of a configuration: their schedule."""
+"""The schedule of a configuration's buses."""
 
 import pytest
 

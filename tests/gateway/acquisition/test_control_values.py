@@ -53,7 +53,7 @@ def test_the_agent_of_the_control_may_be_a_bus_too_and_its_key_is_looked_at(tmp_
 
 
 class Thermometer(Agent):
-    """An agent that knows one temperature."""
+    """An agent with one temperature."""
 
     def __init__(self) -> None:
         super().__init__()

@@ -1,6 +1,6 @@
-"""A disturbed serial line costs the readings that cannot be had, and no others; no value is ever wrong.
+"""A disturbed serial line costs only the readings that nobody could get; no value is ever wrong.
 
-The seeds are the first ones, not chosen.
+The seeds are the first ones, not selected.
 """
 
 import asyncio
@@ -56,8 +56,8 @@ CASES: dict[str, tuple[Callable[[], Disturb], DeviceKind, int]] = {
 }
 """How the line is disturbed, what is on it, and how many of 60 readings may be lost.
 
-Two answers that both come 0.6 s late, one after the other, do not fit into a period. How many such periods there are is
-the draw's (`least_lost`). A unit that is asked more often the later it is loses more.
+Two answers that both come 0.6 s late, one after the other, do not fit into a period. The draw decides how many such
+periods there are (`least_lost`). A unit that is asked more often the later it answers loses more.
 """
 
 
@@ -105,7 +105,7 @@ def test_whoever_asks_for_two_blocks_loses_the_periods_in_which_both_answers_are
 @pytest.mark.slow
 @pytest.mark.parametrize("timeout_s", [None, TIMEOUT_S, PERIOD_S])
 async def test_a_unit_that_answers_in_order_loses_little_more_than_it_must(timeout_s: float | None) -> None:
-    """And much less than pymodbus' own client, if its timeout is as short and it asks three times."""
+    """It also loses much less than pymodbus' own client with as short a timeout and three attempts."""
     requests = (Block(4, 0, 6), Block(2, 128, 6))
     assert await lost_by_pymodbus(flipped(0.0), 0, requests) == 0, "or the comparison shows nothing"
     ours = theirs = patient = 0
@@ -139,7 +139,7 @@ async def lost_by_pymodbus(
     timeout_s: float = TIMEOUT_S,
     retries: int = 2,
 ) -> int:
-    """Of 60 periods: those in which not every request was answered, with a temperature of this period."""
+    """How many of 60 periods are lost: not every request was answered with a temperature of this period."""
     bench = Bench(*(ONE_BLOCK if len(requests) == 1 else TWO_BLOCKS))
     bench.path = await bench.line.start()
     client = AsyncModbusSerialClient(bench.path, baudrate=9600, timeout=timeout_s, retries=retries)
@@ -168,7 +168,7 @@ async def _has_answered(client: AsyncModbusSerialClient, bench: Bench, request: 
         answer = await ask(request.address, count=request.count, device_id=DISTURBED)
     except ModbusException:
         return False
-    if answer.isError() or answer.function_code != request.function:  # it takes a late one of another function
+    if answer.isError() or answer.function_code != request.function:  # it accepts a late answer of another function
         return False
     if request.function == 2:
         return True

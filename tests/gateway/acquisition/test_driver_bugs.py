@@ -56,7 +56,7 @@ async def test_what_a_bus_raises_when_it_opens_or_closes_ends_nothing(error: Bas
 
 
 class OddBus(ScriptedBus):
-    """One whose parts beside its requests have a bug: a limit of time, and the ear for another master."""
+    """A bus with a bug in its parts beside the requests: the time limit, and hearing another master."""
 
     def __init__(self, broken: str) -> None:
         super().__init__()
@@ -101,7 +101,7 @@ async def test_a_bus_that_fails_to_say_who_else_is_on_its_line_is_read_all_the_s
 
 
 class AskingDevice(ScriptedDevice):
-    """One that has a bug where it says whether it is to be asked for something later."""
+    """A device with a bug where it says whether it is to be asked for something later."""
 
     @property
     def asks_later(self) -> bool:
@@ -114,7 +114,7 @@ class AskingDevice(ScriptedDevice):
 
 
 class LaterDevice(ScriptedDevice):
-    """One that always wants to be asked for something later."""
+    """A device that always wants to be asked for something later."""
 
     asks_later = True
     later = 0

@@ -27,7 +27,7 @@ UNITS = range(1, 6)
 
 
 class FiveUnits:
-    """The five units, each with one channel of its number, and what was heard of them."""
+    """The five units, each with one channel of its number, and the readings of them."""
 
     def __init__(self) -> None:
         self.units = {unit: M7015(lambda: [21.0] * 6) for unit in UNITS}
@@ -116,7 +116,7 @@ async def test_one_intermittent_device() -> None:
 
 
 async def test_one_answers_late_for_once() -> None:
-    """Later than it ever did, but in the time that the configuration allows."""
+    """Later than ever before, but within the time that the configuration allows."""
     async with bench() as b:
         begun = time.monotonic()
         late = [0.12]
@@ -129,7 +129,8 @@ async def test_one_answers_late_for_once() -> None:
 
 
 async def test_four_turn_slow() -> None:
-    """They answer in the time that the configuration allows, but, at two answers a read, not all within a period."""
+    """They answer within the time that the configuration allows, but with two answers per read not all within a
+    period."""
     async with bench() as b:
         begun = time.monotonic()
         b.line.spoil = lambda unit, frame: ((0.15 if unit != 1 else 0.0, frame),)

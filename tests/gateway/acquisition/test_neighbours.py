@@ -8,7 +8,8 @@ from tests.benches.scripted_bus import ScriptedPlant
 
 FIVE = ("a", "b", "c", "d", "e")
 TAKES_S, SHORT_S, FULL_S = 0.02, 0.05, 0.5
-"""What an answer takes; what a bus waits for one that usually is quick, and for one that was silent before."""
+"""How long an answer takes; how long a bus waits for a device that is usually quick, and for one that was silent
+before."""
 
 
 def five() -> ScriptedPlant:
@@ -125,7 +126,7 @@ async def test_who_wavers_often_is_asked_again_only_where_it_fits_into_the_perio
                 plant.devices[name].fault_once = NoAnswer("an answer was lost")
             await plant.clock.run_until(second + 0.5)
         assert acquisition.runners["rtu1"].missed == 0
-    # 0.6 s are gone then: less is left than a silent one may cost.
+    # 0.6 s have passed by then: less is left than a silent device may cost.
     for name in "ab":
         faults = [r.monotonic_s for r in plant.of(name) if r.quality is not Quality.GOOD]
         assert faults == pytest.approx([20.6]), "once is no fault, twice is"

@@ -1,4 +1,4 @@
-"""Reading a line once: every device has its turn, whatever happened to the one before, and nothing stays open."""
+"""Reading a bus once: every device has its turn, whatever happened to the one before, and nothing stays open."""
 
 import pytest
 

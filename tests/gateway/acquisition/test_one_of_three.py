@@ -1,6 +1,6 @@
-"""One dead device out of three on a bus: the two others keep their period within 20 %, with the default settings.
+"""One dead device out of three on a bus: the other two keep their period within 20 %, with the default settings.
 
-The lines are those that the gateway makes of a configuration that states only what it must. The dead one may be any of
+The gateway makes the buses from a configuration that states only what it must. The dead one may be any of
 the three, and may fall silent or be dead from the start. Then the first readings of all others come `timeout_s` later,
 as nobody knows yet how long a device takes.
 """
@@ -72,7 +72,7 @@ def polling(wire: ThreeDevices, folder: Path, readings: list[Reading]) -> Abstra
 
 
 def worst_of_others(readings: list[Reading], dead: int) -> dict[int, float]:
-    """By unit."""
+    """The worst difference from the period of the other devices, by unit."""
     others = [unit for unit in UNITS if unit != dead]
     assert all(sum(r.channel == f"c{unit}" for r in readings) >= PERIODS - 1 for unit in others)
     return {unit: worst(readings, f"c{unit}") for unit in others}

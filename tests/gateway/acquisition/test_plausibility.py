@@ -57,7 +57,7 @@ def test_a_step_is_no_spike_and_is_taken_with_the_next_reading_that_agrees() -> 
 
 
 def test_a_spike_that_is_read_again_is_still_one_measurement() -> None:
-    """A topic or frame may come less often than it is read; its age is taken anew each time, to a millisecond."""
+    """A topic or frame may come less often than it is read; its age is computed again each time, to a millisecond."""
     check = Check(Plausible(jump=1.0))
     measured = [(20.0, 0.0), (35.0, 10.0), (20.1, 20.0), (35.0, 30.0), (35.2, 40.0)]
     good = [[judge(check, value, at + i / 1000).quality is Quality.GOOD for i in range(9)] for value, at in measured]

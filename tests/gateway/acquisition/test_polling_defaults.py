@@ -1,4 +1,4 @@
-"""How a bus is polled of which the configuration says nothing but where it is."""
+"""How a bus is polled if the configuration says only where it is."""
 
 import asyncio
 from itertools import pairwise

@@ -1,6 +1,6 @@
-"""A unit that is silent for one address takes no time of the others on its line, and loses no other channel for long.
+"""A unit that is silent for one address takes no time from the others on its line, and loses no other channel for long.
 
-The lines are those that the gateway makes of a configuration that states only what it must. Three units have two blocks
+The gateway makes the lines from a configuration that states only what it must. Three units have two blocks
 of registers each; one unit does not answer for the first of the two.
 """
 
@@ -39,7 +39,7 @@ type = "uint16"
 
 
 class TwoBlocks:
-    """Registers that hold their own address; when it is mute it does not answer for those below 100."""
+    """Registers that contain their own address; when the unit is mute it does not answer for those below 100."""
 
     silent = False
 

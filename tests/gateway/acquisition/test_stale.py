@@ -114,7 +114,7 @@ class TimedSink:
 
 
 async def test_the_service_reports_a_stale_value_while_the_read_hangs() -> None:
-    """The answer comes late, but within the timeout: only the age can tell."""
+    """The answer comes late, but within the timeout: only the age shows it."""
     host = TcpHost({1: Adam6015(lambda: [20.0, 30.0, *[0.0] * 5])})
     config = parse(TEXT.format(port=await host.start(), period_s=PERIOD_S), FILE)
     clock, stop = RealClock(), asyncio.Event()

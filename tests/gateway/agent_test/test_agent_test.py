@@ -223,7 +223,7 @@ async def test_without_an_agent_or_with_another_key_nothing_is_tried() -> None:
 
 
 async def commanded(port: int, folder: Path, *options: str) -> tuple[int, str]:
-    """Exit code and output of the command, in a process of its own."""
+    """Exit code and output of the command, run in a separate process."""
     (folder / "key").write_bytes(KEY)
     command = ("-m", "gateway", "agent-test", "127.0.0.1", "--port", str(port), "--key-file", str(folder / "key"))
     process = await asyncio.create_subprocess_exec(

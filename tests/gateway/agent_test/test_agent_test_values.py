@@ -22,7 +22,7 @@ AnswerOf = Callable[[dict[str, Any]], Any]
 
 
 def values(module: Any) -> AnswerOf:
-    """As docs/agent.md says."""
+    """The values, as docs/agent.md describes them."""
 
     def told(command: dict[str, Any]) -> Any:
         names = command.get("names")
@@ -63,7 +63,7 @@ def serving(reading: tuple[str, ...], wrong: Callable[[AnswerOf, dict[str, Any]]
 
 
 async def failed(port: int) -> dict[str, str]:
-    """What came of the clauses that failed."""
+    """The outcomes of the clauses that failed."""
     outcomes = [o async for o in run_clauses(AgentUnderTest("127.0.0.1", port, KEY), (), (READS, NAMES))]
     assert {o.clause.name for o in outcomes} == {READS, NAMES}
     return {o.clause.name: o.came for o in outcomes if o.result is not ClauseResult.PASSED}

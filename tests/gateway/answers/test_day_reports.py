@@ -1,4 +1,4 @@
-"""Reports of single days: made apart, kept when the day is over, ended with the gateway."""
+"""Reports of single days: made in a separate process, kept when the day is over, ended with the gateway."""
 
 import asyncio
 import gzip

@@ -53,7 +53,7 @@ def test_what_learns_leaves_the_gateways_group(group: Path, within: OwnList, tmp
 
 
 def test_nothing_is_divided_that_was_not_handed_over(group: Path, within: OwnList, tmp_path: Path) -> None:
-    """Such as a person's session, which root could change as well."""
+    """For example a user's session, which root could change as well."""
     os.removexattr(group, "user.delegate")
     assert not divide(tmp_path, within(SERVICE))
     assert not divide(tmp_path, within(""))

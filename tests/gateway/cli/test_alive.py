@@ -1,4 +1,4 @@
-"""The service manager gets signs of life only while every loop goes on."""
+"""The service manager gets signs of life only while every loop makes progress."""
 
 import asyncio
 import socket

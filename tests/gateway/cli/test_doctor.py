@@ -279,7 +279,7 @@ def test_of_a_missing_key_it_says_which_file_of_which_setting_and_what_to_do(
 
 @pytest.mark.peer
 def test_root_asks_for_the_user_who_owns_the_database(root: Path) -> None:
-    """A key that root made, as docs/install-pi.md has it done by root, must belong to the service's user."""
+    """A key that root made, as docs/install-pi.md shows, must belong to the service's user."""
     assert os.geteuid() == 0, "only root can ask for another user"
     with tempfile.TemporaryDirectory() as name:  # pytest's own folder is closed to all others
         folder, service = Path(name), pwd.getpwnam("nobody")

@@ -34,7 +34,7 @@ SEVEN = [20.0, 21.0, 22.0, 23.0, 24.0, 25.0, 26.0]
 
 @contextmanager
 def answering(wire: TcpHost | RtuLine) -> Iterator[int | str]:
-    """The place of devices that answer on another thread: the command has an event loop of its own."""
+    """The place of devices that answer on another thread: the command has its own event loop."""
     listening, done, places = Event(), Event(), list[int | str]()
 
     async def serve() -> None:
@@ -55,9 +55,9 @@ def answering(wire: TcpHost | RtuLine) -> Iterator[int | str]:
 
 @asynccontextmanager
 async def encrypted_control(folder: Path) -> AsyncIterator[str]:
-    """A SINUMERIK that speaks with the owner of gateway.der and the user talc alone; its URL.
+    """A SINUMERIK that accepts only the owner of gateway.der and the user talc; its URL.
 
-    Makes the files that the first configuration names, as its lines to confirm ask for.
+    Makes the files that the first configuration names, as its lines to be confirmed ask.
     """
     usage = [ExtendedKeyUsageOID.CLIENT_AUTH, ExtendedKeyUsageOID.SERVER_AUTH]
     for name, uri in (("gateway", "urn:talc:gateway"), ("control", APPLICATION_URI)):
@@ -84,7 +84,7 @@ def module() -> TcpHost:
 
 @pytest.fixture(autouse=True)
 def _no_ports(monkeypatch: pytest.MonkeyPatch) -> None:
-    """This computer's own ports are none of the tests' business."""
+    """Hide this computer's own ports from the tests."""
     monkeypatch.setattr(command, "find_ports", list[ScanPort])
 
 
@@ -184,7 +184,7 @@ def test_probe_reads_a_sinumerik_with_what_was_written_once_its_files_are_there(
 
 @pytest.mark.parametrize("kind", ["linuxcnc", "agent"])
 def test_probe_reads_an_agent_with_what_was_written_once_its_key_is_there(tmp_path: Path, kind: str) -> None:
-    """Only the port differs from the usual one, which another program of this computer may have."""
+    """Only the port differs from the usual one, which another program on this computer may use."""
     file = tmp_path / "gateway.toml"
     with answering(module()) as port, beside(served_agent(REFERENCE.Machine())) as agent:
         done = init(str(file), typed=f"mill\n127.0.0.1:{port}\n{kind}\n127.0.0.1\n{agent.key_file(tmp_path)}\n")

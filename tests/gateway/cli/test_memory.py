@@ -1,4 +1,4 @@
-"""What the process of `run` does with its memory; how much it holds: tests/system/test_memory.py."""
+"""What the process of `run` does with its memory; tests/system/test_memory.py checks how much it uses."""
 
 import signal
 import subprocess
@@ -32,4 +32,4 @@ def test_garbage_collections_spare_what_the_service_has_loaded(tmp_path: Path) -
         service.wait()
     word, spared, _, left = said[-1].split()
     assert word == "spared"
-    assert int(spared) > 5 * int(left), "a full collection looks through the rest alone"
+    assert int(spared) > 5 * int(left), "a full collection looks only through the rest"

@@ -54,7 +54,7 @@ def test_rate_and_jitter_are_those_of_the_answers() -> None:
 
 @pytest.mark.parametrize("ages_s", [(1.0, 2.0, 3.0, 4.0), (0.0, 100.0, 100.0, 0.0)], ids=["same value", "older"])
 def test_values_older_than_their_reading_do_not_change_the_rate(ages_s: tuple[float, ...]) -> None:
-    """As the numbers of an MQTT topic that state their own time, which may stand still or go back."""
+    """For example the numbers of an MQTT topic state their own time, which may stand still or go back."""
     device = watched()
     device.take(readings(device.channels, 0.0), 0.0)
     for now_s, age_s in enumerate(ages_s, start=1):
@@ -65,7 +65,7 @@ def test_values_older_than_their_reading_do_not_change_the_rate(ages_s: tuple[fl
 
 
 async def test_healthy_devices_on_several_buses_have_no_jitter() -> None:
-    """Each bus reads at once and then on its own share of the period: the step between is none of the wire's."""
+    """Each bus reads at once and then on its own share of the period: the step between does not come from the wire."""
     clock, lines = SteppedClock(), []
     for number in range(4):
         bus = ScriptedBus(f"bus{number}")

@@ -1,4 +1,4 @@
-"""A reload that a command asks for: checked before it is answered, applied once, and told when it fails after all."""
+"""A reload that a command asks for: checked before it is answered, applied once, and reported if it fails after all."""
 
 import asyncio
 import subprocess
@@ -39,7 +39,7 @@ options = { vendor = "jumo" }
 
 
 class Unwilling(Service):
-    """What it is told to apply fails only then."""
+    """Fails only when it applies the configuration."""
 
     async def reload(self, config: GatewayConfig) -> BusChanges:
         raise ReloadError("the port is in use")
@@ -100,7 +100,7 @@ async def test_what_fails_after_the_answer_is_an_event(tmp_path: Path) -> None:
         await asyncio.gather(task, return_exceptions=True)
     assert kept.texts(EventKind.OPERATOR) == [
         "not reloaded; the previous configuration stays in use: the port is in use"
-    ], "a signal is nobody's command: its failure is in the log alone"
+    ], "a signal is nobody's command: its failure is only in the log"
 
 
 IMPORTING = """

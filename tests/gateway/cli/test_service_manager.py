@@ -22,7 +22,7 @@ QUIET = "[telemetry]\nenabled = false\n"
 
 @pytest.fixture
 def manager(tmp_path: Path) -> socket.socket:
-    """systemd's end."""
+    """systemd's end of the socket."""
     receiver = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
     receiver.bind(str(tmp_path / "notify"))
     receiver.settimeout(LIMIT_S)

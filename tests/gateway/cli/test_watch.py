@@ -85,7 +85,7 @@ async def test_the_only_machine_is_followed_without_escape_sequences_of_others()
 
 @pytest.mark.slow
 async def test_the_gateway_of_a_configuration_is_found_where_it_says_and_as_it_says(tmp_path: Path) -> None:
-    """By mutual TLS, of which the file has all that is needed."""
+    """By mutual TLS, for which the file has everything that is needed."""
     port, file = free_port(), tmp_path / "gateway.toml"
     PlantAuthority(tmp_path / "plant").issue("mill")
     file.write_text(

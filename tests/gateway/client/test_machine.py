@@ -118,7 +118,7 @@ def test_invalid_arguments_are_refused_at_once(name: str | None, connect: str, s
 
 
 def stored(asked: HistoryRequest) -> HistoryPage:
-    """Two pages; the channel b appears in the second, and has one value that is not good, at a time of its own."""
+    """Two pages; the channel b appears in the second, and has one value that is not good, at a separate time."""
     if asked.channels == ("bed",):
         raise ValueError("channels: 'bed' was never stored")
     first = asked.begin.timestamp()

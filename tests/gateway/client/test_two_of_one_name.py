@@ -1,4 +1,4 @@
-"""Two gateways of one name: the typed client mixes nothing of them and commands neither."""
+"""Two gateways with the same name: the typed client does not mix their data, and commands neither."""
 
 import asyncio
 import json
@@ -29,7 +29,7 @@ SAID = r"^mill: 2 gateways answer under this name, .* give each its own \[machin
 
 @contextmanager
 def router() -> Iterator[str]:
-    """The endpoint of one without rules."""
+    """The endpoint of a router without rules."""
     where, config = f"tcp/127.0.0.1:{free_port()}", zenoh.Config()
     for key, value in {"mode": "router", "listen/endpoints": [where], "scouting/multicast/enabled": False}.items():
         config.insert_json5(key, json.dumps(value))
@@ -51,7 +51,7 @@ def healthy() -> HealthChecked:
 
 
 def wait_until_known(where: str) -> None:
-    """Until the router has heard of a gateway."""
+    """Wait until the router has heard of a gateway."""
     until_s = time.monotonic() + LIMIT_S
     while True:
         try:
@@ -63,7 +63,7 @@ def wait_until_known(where: str) -> None:
 
 
 def refused(ask: Callable[[], object]) -> None:
-    """Once the router knows both: an answer of one alone is right until then."""
+    """Wait until the client refuses, once the router knows both: until then an answer of one gateway is right."""
     until_s = time.monotonic() + LIMIT_S
 
     def ask_again() -> None:

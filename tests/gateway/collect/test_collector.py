@@ -1,4 +1,4 @@
-"""Everything that gateways stored is collected once and in order, whoever was away or killed meanwhile."""
+"""Everything that gateways stored is collected once and in order, whichever part was away or killed meanwhile."""
 
 import errno
 import os
@@ -61,11 +61,11 @@ def test_a_gateway_is_asked_again_when_it_is_time_and_not_before(stored_site: St
 
 
 class Killed(BaseException):
-    """No handler for errors sees it."""
+    """A BaseException, which no handler for errors catches."""
 
 
 def at_call(number: int, what: type[BaseException], syncs: Callable[[int], None]) -> Callable[[int], None]:
-    """Of what synchronises with the disk, this call raises."""
+    """Make this call raise, counting the calls that synchronise with the disk."""
     calls = 0
 
     def sync(descriptor: int) -> None:

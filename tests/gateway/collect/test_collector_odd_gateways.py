@@ -1,4 +1,4 @@
-"""Gateways whose answers are invalid, late or those of an earlier program: reported, and no other machine waits."""
+"""Gateways whose answers are invalid, late or from an earlier program are reported, and no other machine waits."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -11,7 +11,7 @@ from tests.benches.stored_site import StoredSite, catch_up, collector, expected,
 
 
 class Liar(StoredSite):
-    """Some of its gateways answer something else."""
+    """A site some of whose gateways answer something else."""
 
     def __init__(self, folder: Path, answers: Mapping[str, StoredRows | Exception]) -> None:
         super().__init__(folder)

@@ -26,7 +26,7 @@ _databases = count()
 
 @pytest.fixture
 def database(server: Postgres) -> str:
-    """Name of a new one."""
+    """The name of a new database."""
     name = f"site{next(_databases)}"
     server.created(name)
     return name
@@ -37,7 +37,7 @@ def problems(collecting: Collector) -> dict[str, str]:
 
 
 def in_database(server: Postgres, database: str, table: str) -> list[dict[str, Any]]:
-    """Rows without what is empty, in the order of their numbers."""
+    """Rows without their empty columns, in the order of their numbers."""
     found = server.query(database, f'SELECT * FROM talc."{table}"')
     rows = [{name: value for name, value in row.items() if value is not None} for row in found]
     return sorted(rows, key=lambda row: (row["machine"], row["epoch"], row.get("row", 0)))
@@ -83,18 +83,18 @@ def test_rows_and_columns_are_those_of_the_folder(
 
 
 def kept_in(url: str) -> SiteDatabase:
-    """A busy computer may take its time to notice that the collector before this one has ended."""
+    """Wait: a busy computer may take its time to notice that the previous collector has ended."""
     return SiteDatabase(url, lock_wait_s=600.0)
 
 
 class CollectorKilled(BaseException):
-    """No handler for errors sees it."""
+    """A BaseException, which no handler for errors catches."""
 
 
 class DatabaseInterrupted:
-    """At one of the calls by which the collector speaks to the database: itself, or its connection, is killed.
+    """Kills the collector, or its connection, at one of its calls to the database.
 
-    Commits are counted twice, as the connection may break before and behind them.
+    Commits are counted twice, because the connection may break before or after them.
     """
 
     def __init__(self, looking: "psycopg.Connection[Any]", at: int, what: str, patch: pytest.MonkeyPatch) -> None:
@@ -258,7 +258,7 @@ class OnlySaw(StoredSite):
 
 
 def told(server: Postgres, database: str, tmp_path: Path, *answers: StoredRows) -> tuple[list[dict[str, Any]], str]:
-    """What is kept of the answers of a machine, and the last problem."""
+    """What is kept from a machine's answers, and the last problem."""
     with kept_in(server.url(database)) as kept:
         collecting = collector(OnlySaw(tmp_path, *answers), kept)
         for turn, _ in enumerate(answers):

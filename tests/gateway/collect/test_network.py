@@ -78,7 +78,7 @@ async def test_each_row_arrives_once_over_the_network_and_a_gateway_that_is_gone
 
 
 def until_two_answer(network: SiteNetwork) -> None:
-    """It may be connected to one of them before the other one."""
+    """Wait until both gateways answer: the collector may be connected to one before the other."""
     while True:
         try:
             network.ask("mill", {"steps": None}, 1)

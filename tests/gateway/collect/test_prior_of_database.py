@@ -16,7 +16,7 @@ _names = count()
 
 @pytest.fixture
 def url(server: Postgres, gateways: Path) -> str:
-    """Of a database with all that the gateways have."""
+    """The address of a database with everything that the gateways have."""
     url = server.created(f"priors{next(_names)}")
     collected(gateways, url)
     return url
@@ -64,7 +64,7 @@ def test_values_without_a_column_of_their_own_are_found(server: Postgres, url: s
 
 
 def test_of_steps_that_are_there_twice_the_first_that_came_counts(server: Postgres, url: str, site: Path) -> None:
-    """As after a backup of a gateway's database was put back: the rows have an epoch that came later."""
+    """For instance after a backup of a gateway's database was put back: the rows have a later epoch."""
     name, first = database(url), "SELECT epoch FROM talc.steps WHERE machine = 'mill10' ORDER BY time LIMIT 1"
     later = "'zz' || epoch"
     columns = server.query(
@@ -139,7 +139,7 @@ def test_a_role_that_may_only_read_is_enough(server: Postgres, url: str, site: P
 
 
 def test_a_column_that_runs_do_not_have_is_empty(server: Postgres, url: str) -> None:
-    """As of gateways that did not have it yet when they were collected."""
+    """For instance of gateways that did not have it yet when they were collected."""
     server.query(database(url), "ALTER TABLE talc.runs DROP COLUMN kind")
     assert [machine.kind for machine in machines_in_database(url)] == [None, None, None]
 

@@ -10,7 +10,7 @@ from gateway.telemetry import StoredRows
 
 
 class NothingNew:
-    """Many gateways that have nothing to tell."""
+    """Many gateways with nothing new."""
 
     def __init__(self, many: int) -> None:
         self.names, self.asked = [f"m{n:03d}" for n in range(many)], list[str]()

@@ -1,4 +1,4 @@
-"""When the certificates end that a configuration names."""
+"""When the certificates that a configuration names expire."""
 
 import ssl
 from datetime import UTC, datetime, timedelta

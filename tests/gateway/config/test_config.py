@@ -128,7 +128,7 @@ def test_fingerprint_depends_on_behaviour_not_on_layout() -> None:
 
 
 def test_fingerprints_of_supplied_profiles_are_of_the_canonical_text_alone() -> None:
-    """Databases of earlier programs hold such fingerprints."""
+    """Databases of earlier programs contain such fingerprints."""
     assert bench().fingerprint() == sha256(bench().canonical().encode()).hexdigest()
 
 
@@ -188,7 +188,7 @@ def test_raw_usb_port_is_a_caution_not_an_error() -> None:
 
 
 def test_a_database_below_etc_is_a_caution_as_the_service_may_not_write_there() -> None:
-    """Also one that no line names: it would be beside the file."""
+    """Also a database that no line names: it would be beside the file."""
     text = valid_text().replace("192.168.214.1", "127.0.0.1")
     installed = Path("/etc/talc-gateway/gateway.toml")
     (caution,) = cautions(parse(text, installed))
@@ -199,7 +199,7 @@ def test_a_database_below_etc_is_a_caution_as_the_service_may_not_write_there() 
 
 
 def test_an_address_as_in_a_manual_is_a_caution(tmp_path: Path) -> None:
-    """Not an error: some devices have such addresses, and those that have all of them show some number."""
+    """Not an error: some devices have such addresses, and devices that have all addresses show some number."""
     profile = 'protocol = "modbus"\ntitle = "meter"\nbuses = ["modbus_tcp"]\nunit = "W"\n'
     for function, address in ((3, 40101), (4, 100), (4, 30001)):
         profile += f'[[block]]\nfunction = {function}\naddress = {address}\ntype = "int16"\n'

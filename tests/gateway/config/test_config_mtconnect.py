@@ -1,4 +1,4 @@
-"""`[nc]` of kind `mtconnect`: what its file says, what `check` and `probe` say of it."""
+"""`[nc]` of kind `mtconnect`: what the driver gets from the file, and what `check` and `probe` say about it."""
 
 from pathlib import Path
 

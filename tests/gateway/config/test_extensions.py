@@ -1,4 +1,5 @@
-"""Controls and buses of other packages: they are used like the gateway's own, and a broken one is one line."""
+"""Controls and buses of other packages: they are used like the gateway's own, and a broken one is reported in one
+line."""
 
 import asyncio
 import json

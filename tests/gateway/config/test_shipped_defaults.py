@@ -1,4 +1,4 @@
-"""The limits that a new configuration has. Whoever changes one changes what every gateway without it does."""
+"""The limits that a new configuration has. A change of one changes what every gateway does that does not set it."""
 
 from collections.abc import Mapping
 from inspect import signature
@@ -71,7 +71,7 @@ def test_a_limit_that_is_not_given_is_the_shipped_one(section: type[BaseModel]) 
 
 
 def test_the_store_s_times_are_the_shipped_ones() -> None:
-    """`run` gives the store its own `commit_s` and `silent_s`; the others are as they are here."""
+    """`run` gives the store its own `commit_s` and `silent_s`; the others have the values stated here."""
     found = {name: parameter.default for name, parameter in signature(Store).parameters.items()}
     shipped = {"commit_s": 20.0, "retry_s": 5.0, "look_s": 10.0, "hangs_after_s": 30.0, "silent_s": 30.0}
     assert {name: found[name] for name in shipped} == shipped

@@ -1,6 +1,6 @@
 """`replay --config` and `run` take the same `[grid]` and `[talc]`: one definition, one message.
 
-Rules between these and a section that a recording has not, such as `[probing]`, are those of `run` alone.
+Rules between these and a section that a recording lacks, such as `[probing]`, apply only to `run`.
 """
 
 from pathlib import Path

@@ -91,7 +91,7 @@ def usual(_: float) -> float:
 
 
 async def test_the_correction_follows_the_readings() -> None:
-    """Nine times a step, from the means of one step's readings; the decision is renewed at the step."""
+    """Nine times per step, from the means of one step's readings; the decision is renewed at the step."""
     async with between() as rig:
         await rig.read_until(STEP_S, usual)
         await rig.read_until(3 * STEP_S, lambda _: USUAL + 4.0)

@@ -1,4 +1,4 @@
-"""Commands: what each does to the offsets and to probing, that each is stored, and what a restart makes of it."""
+"""Commands: what each does to the offsets and to probing, that each is stored, and its effect after a restart."""
 
 from dataclasses import replace
 from pathlib import Path

@@ -95,7 +95,7 @@ def test_an_input_that_is_read_less_often_is_the_mean_of_a_step_and_then_not_val
 
 
 def test_a_frame_less_than_a_step_after_the_last_one_has_its_own_readings_only() -> None:
-    """The grid was anchored anew, because the clock was set."""
+    """The grid was anchored again, because the clock was set."""
     sampler = GridSampler(("a",), 300.0)
     sampler.add([reading("a", 20.0, 190.0), reading("a", 21.0, 350.0)])
     sampler.present(210.0)

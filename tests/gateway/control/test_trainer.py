@@ -33,7 +33,7 @@ JOB = TrainingJob(
     0, Why.CALIBRATION, DAY.names, DAY.inputs, np.ones(DAY.inputs.shape, np.bool_), DAY.measured, TrainingSettings()
 )
 MINUTES = replace(JOB, settings=TrainingSettings(selector="pso", max_na=5, max_nb=5, max_inputs=12))
-"""Seconds at the least: long enough to be met while it computes."""
+"""At least seconds: long enough to be observed while it computes."""
 
 
 async def until(condition: Callable[[], bool], within_s: float = 120.0) -> None:
@@ -43,7 +43,7 @@ async def until(condition: Callable[[], bool], within_s: float = 120.0) -> None:
 
 
 def is_computing(pid: int) -> bool:
-    """Has burnt a tenth of a second more than an interpreter takes to start."""
+    """Whether it has used a tenth of a second more than an interpreter takes to start."""
     stat = read_if_there(Path(f"/proc/{pid}/stat")).rpartition(b")")[2].split()
     return len(stat) > 12 and (int(stat[11]) + int(stat[12])) / os.sysconf("SC_CLK_TCK") > 0.1
 

@@ -1,10 +1,10 @@
 """Every core is busy with other work: the periods hold, except for the time that the computer takes.
 
-Real time, as the subject is the computer's own. Tolerance: a fifth of a period, and what the computer took within one
-period at the most, as this test measures it: twice the time that a thread which wants nothing lost, and the time that
-the event loop's thread, and the one of the others that waited the longest, were ready to run and had no core. Where
-that is a whole period, as beside a dozen busy programs, a device cannot answer in time; then all that is asked for is
-that it is heard again.
+Real time, because the subject is the computer's own time. Tolerance: a fifth of a period, and what the computer took
+within one period at the most, as this test measures it: twice the time that a thread which wants nothing lost, and the
+time that the event loop's thread, and the one of the others that waited the longest, were ready to run and had no core.
+Where that is a whole period, as beside a dozen busy programs, a device cannot answer in time; then all that is asked
+for is that it is heard again.
 """
 
 import asyncio
@@ -29,11 +29,11 @@ pytestmark = pytest.mark.realtime
 
 READINGS = 8
 LONGEST_S = 120.0
-"""For these readings: other work may take most of the computer."""
+"""The limit for these readings: other work may take most of the computer."""
 ONE_AFTER_THE_OTHER_S = 0.037
-"""Between the starts, lest all wires be busy at the same moment of each period."""
+"""The pause between the starts, so that not all wires are busy at the same moment of each period."""
 TIMER_S = 0.001
-"""Every timer is late by that much; it is no sign of a busy computer."""
+"""Every timer is late by this much; that is not a sign of a busy computer."""
 
 
 def waited_s() -> dict[int, float]:
@@ -58,8 +58,8 @@ class Metronome:
     def lost_s(self, begin_s: float) -> float:
         """The most time that the computer took within one period that ended after this monotonic time.
 
-        In sum, because a read is a chain of threads that wake each other, and each may be late. Whose answer had to
-        wait for a core is asked again, and may have to wait again: hence twice.
+        In sum, because a read is a chain of threads that wake each other, and each may be late. A device whose answer
+        had to wait for a core is asked again, and may have to wait again: hence twice.
         """
         return 2 * _most_s(self._late, begin_s) + _most_s(self._waited, begin_s)
 
@@ -123,7 +123,7 @@ async def test_every_core_is_busy(tmp_path: Path) -> None:
 
 async def beside_others(name: str, folder: Path, metronome: Metronome, all_run: asyncio.Barrier) -> None:
     await asyncio.to_thread(folder.mkdir)
-    plant = await PLANTS[name](folder, PERIOD_S)  # who has to wait for a core has not met a dead device
+    plant = await PLANTS[name](folder, PERIOD_S)  # having to wait for a core does not mean a dead device
     async with acquiring(plant) as heard:
         await heard.until("victim", Quality.GOOD, 0.0, LONGEST_S)
         await all_run.wait()  # making a bus loads its library, which takes the event loop's time

@@ -22,9 +22,9 @@ pytestmark = pytest.mark.simulated_time
 HOUR_S = 3600
 LASTS_S = 5 * PERIOD_S
 CLOSES_S = 1.0
-"""Closing takes no longer than ending a thread and telling an adapter."""
+"""Closing takes no longer than ending a thread and closing an adapter's channel."""
 WAITING_S = 0.15
-"""After that long, whoever receives on the bus is waiting for the next frame."""
+"""After this time the receiver on the bus is waiting for the next frame."""
 
 
 async def test_periods_and_ages_stay_and_buses_open_and_close(tmp_path: Path) -> None:

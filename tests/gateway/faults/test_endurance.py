@@ -1,8 +1,8 @@
 """Many faults in a row leave nothing behind: no descriptor, thread or task, and no growing memory.
 
 Every row of the fault matrix on every wire, one after the other, each until it is seen and mended; ten rounds, of which
-eight are measured. Of each wire that is some 350 to 850 polls in half a minute, as many as in a quarter of an hour at
-1 Hz. No hour is simulated: what grows with time alone, and slowly, is not found here.
+eight are measured. On each wire these are some 350 to 850 polls in half a minute, as many as in a quarter of an hour at
+1 Hz. No hour is simulated: what grows slowly, and only with time, is not found here.
 """
 
 import asyncio
@@ -40,7 +40,7 @@ WIRES = {
 
 
 class Latest:
-    """Keeps the newest reading of the victim and counts what was told; nothing that grows."""
+    """Keeps the newest reading of the victim and counts what was reported; stores nothing that grows."""
 
     def __init__(self) -> None:
         self._reading: Reading | None = None
@@ -65,13 +65,14 @@ class Latest:
 
 
 def held() -> tuple[int, int, int]:
-    """Descriptors, threads and tasks of this process; simulated time itself holds one open for each thread."""
+    """Descriptors, threads and tasks of this process; simulated time itself keeps one descriptor open for each
+    thread."""
     held_open = sum("/task" not in link for link in open_links())
     return held_open, threading.active_count(), len(asyncio.all_tasks())
 
 
 async def all_faults(name: str, plant: FaultyPlant, latest: Latest) -> int:
-    """One after the other, each until it is seen and mended; how many."""
+    """Inflict all faults one after the other, each until it is seen and mended; returns how many."""
     cases = [case for case in MATRIX if case.plant == name]
     # A restart between two reads is timed by the matrix's longer period.
     harmless = [case for case in HARMLESS if case.plant == name and case.disturb is not restarted]
@@ -98,7 +99,7 @@ async def mended(plant: FaultyPlant, latest: Latest, where: str) -> None:
 async def test_nothing_grows(tmp_path: Path, wires: str, caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level(logging.CRITICAL, logger="gateway.acquisition.runner")  # pytest keeps every record
     plants: dict[str, tuple[FaultyPlant, Latest]] = {}
-    tracemalloc.start()  # before anything is made: what is made anew for each fault takes the place of what was there
+    tracemalloc.start()  # before anything is made: what is made for each fault takes the place of what was there
     async with AsyncExitStack() as stack:
         for name in WIRES[wires]:
             (tmp_path / name).mkdir()

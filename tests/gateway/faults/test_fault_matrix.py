@@ -1,9 +1,9 @@
-"""The fault matrix: each fault over a real wire, the gateway's acquisition on the other end.
+"""The fault matrix: each fault over a real wire, with the gateway's acquisition on the other end.
 
-In each: the channel's quality turns within two periods, the neighbour on the wire and the other bus keep their period,
-recovery needs nobody, each problem is told once, and no channel ever shows what belongs to an older request: each
-device says another number each time, and knows when it said which. All faults of a wire are played at once, each on its
-own wire.
+For each fault the channel's quality changes within two periods, the neighbour on the wire and the other bus keep their
+period, recovery needs nobody, each problem is reported once, and no channel ever shows what belongs to an older
+request: each device sends a different number each time, and knows when it sent which. All faults of a wire are played
+at once, each on its own wire.
 """
 
 import asyncio
@@ -23,7 +23,7 @@ from tests.benches.faults.play import all_at_once, done
 pytestmark = pytest.mark.simulated_time
 
 LEARNING_PERIODS = 5
-"""After so many polls a bus knows how long its devices take, and waits no longer for a silent one."""
+"""After this many polls a bus knows how long its devices take, and waits no longer for a silent one."""
 
 
 @pytest.mark.parametrize("plant", PLANTS)
@@ -65,14 +65,14 @@ async def play(case: Case, folder: Path) -> None:
     for notice in heard.notices:
         if not notice.ended:
             told[notice.subject] = told.get(notice.subject, 0) + 1
-    assert told, "nothing was told"
+    assert told, "nothing was reported"
     assert case.then in during[-1].detail
-    assert max(told.values()) <= (2 if case.then else 1), f"told more than once: {heard.notices}"
+    assert max(told.values()) <= (2 if case.then else 1), f"reported more than once: {heard.notices}"
     assert len(heard.log) == len(heard.notices), f"the log says {heard.log}"  # beginnings and ends
 
 
 async def test_intermittent_device_takes_no_time_of_its_neighbours(tmp_path: Path) -> None:
-    """With a timeout of half a period; it changes at each moment of a period, in the middle of a poll too."""
+    """With a timeout of half a period; it changes at every moment of a period, also in the middle of a poll."""
     with logged():
         await all_at_once({plant: partial(comes_and_goes, plant) for plant in ASKED}, tmp_path)
 

@@ -1,4 +1,4 @@
-"""Disturbances that must not affect a value: noise between frames, storms; and a frozen value."""
+"""Disturbances that must not affect a value (noise between frames, storms), and a frozen value."""
 
 import asyncio
 import time

@@ -1,4 +1,4 @@
-"""What is kept of what was heard: the newest, of the present run, and no more than is bounded."""
+"""What is kept of what was heard: the newest of the present run, within its bounds."""
 
 from datetime import timedelta
 
@@ -42,7 +42,7 @@ def test_another_run_of_the_gateway_begins_without_what_the_former_one_said() ->
 
 
 def test_after_a_gateway_was_away_nothing_holds_until_it_is_heard_again() -> None:
-    """It may be a new run that has not said anything yet; or the network broke, and a query brings the last values."""
+    """It may be a new run that has published nothing yet; or the network broke, and a query brings the last values."""
     heard = HeardMachine()
     heard.reading("bed")
     heard.decision()

@@ -20,7 +20,7 @@ AT_ITS_BEGIN = ["connect", "claim"]
 
 
 def spoil(bench: LinkBench, operation: str, error: BaseException) -> Callable[[], None]:
-    """From now on the operation raises; call what is returned to repair it."""
+    """Make the operation raise from now on; call what is returned to repair it."""
 
     async def raises(*_: object) -> None:
         raise error

@@ -62,18 +62,19 @@ class TwoForms(ScriptedControl):
 
     @property
     def ez0a(self) -> float:
-        """In force, in whichever form."""
+        """EZ0A in force, in whichever form."""
         return self.errors[1] if self.error_reach_mm else self.slopes.in_force.k0_um[2]
 
     def spoil(self) -> None:
-        """Another program writes."""
+        """Write as another program does."""
         self.errors = (0.0, 30.0) + (0.0,) * 7
         self.slopes.in_force = only_z(30.0)
 
 
 @pytest.fixture(params=[(REACH_MM, None), (None, REACH_MM)], ids=["to slopes", "to nine errors"])
 def bench(request: pytest.FixtureRequest) -> tuple[TwoForms, NcLink, list[str]]:
-    """On its way to 25 µm, with the next write lost, and the other form when it is connected again."""
+    """A link on its way to 25 µm, whose next write will be lost, and whose control takes the other form after the
+    reconnection."""
     before, after = request.param
     control, notices = TwoForms(SteppedClock(), error_reach_mm=before), list[str]()
     settings = LinkSettings.of(config("compensate", when_stale="hold"), Identity())

@@ -1,6 +1,6 @@
-"""A write that gets no answer may be held by the network and arrive later.
+"""The network may hold a write that gets no answer, so that it arrives later.
 
-It makes no step larger than one period's, and the gateway knows its own.
+It makes no step larger than one period's, and the gateway recognises its own write.
 """
 
 import asyncio
@@ -29,7 +29,7 @@ async def losing() -> AsyncIterator[LinkBench]:
 
 
 def lands(bench: LinkBench) -> float:
-    """The lost write takes effect; returns the step that it makes, µm."""
+    """Let the lost write take effect; returns the step that it makes, µm."""
     late: Triple | None = bench.control.lost
     assert late is not None
     step = max(abs(a - b) for a, b in zip(late, bench.control.in_force, strict=True))
@@ -145,7 +145,7 @@ async def test_what_another_program_sets_after_a_lost_write_still_disarms() -> N
 
 @pytest.mark.parametrize("halt_s", [0.3, 0.95])
 async def test_after_a_halt_two_writes_are_a_period_apart(halt_s: float) -> None:
-    """This process stands still between its decision and its write: the next one is due soon after it."""
+    """This process stands still between its decision and its write, so the next write is due soon after it."""
     bench = LinkBench("compensate")
     bench.link.follow(decision(25.0))
     async with bench.running():

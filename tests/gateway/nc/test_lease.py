@@ -1,4 +1,4 @@
-"""The right to write: when it is claimed, confirmed, told, lost and given up."""
+"""The right to write: when it is claimed, confirmed, reported, lost and given up."""
 
 import logging
 from typing import Any, cast
@@ -19,7 +19,7 @@ AGAIN = "NC: its watchdog is active again"
 
 
 class Claimed:
-    """The part of a control that a lease needs; notes what it is asked."""
+    """The part of a control that a lease needs; notes the requests."""
 
     def __init__(self, clock: SteppedClock) -> None:
         self.clock, self.asked, self.heard, self.takes_s = clock, list[tuple[object, ...]](), True, 0.0
@@ -53,7 +53,7 @@ class LeaseBench:
         )
 
     async def beats(self, *heard: bool) -> list[str]:
-        """What is reported of a series of heartbeats, after the claim."""
+        """What is reported during a series of heartbeats after the claim."""
         await self.lease.claim()
         for each in heard:
             self.control.heard = each

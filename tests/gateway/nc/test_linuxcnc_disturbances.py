@@ -12,4 +12,4 @@ pytestmark = [pytest.mark.peer, pytest.mark.slow]
 async def test_whatever_happens_nothing_moves_farther_in_a_servo_period_than_the_control_s_slew_allows() -> None:
     found = await disturbed_linuxcnc(len(KINDS), seed=5)
     assert found.excess_um <= 1e-6
-    assert np.abs(found.offsets_um).max() > 0.05, "what stands at zero cannot step"
+    assert np.abs(found.offsets_um).max() > 0.05, "an offset of zero cannot step"

@@ -1,4 +1,4 @@
-"""A few of the disturbances of tests/benches/nc_disturbances.py; many more by its command."""
+"""A few of the disturbances of tests/benches/nc_disturbances.py, whose command runs many more."""
 
 import pytest
 
@@ -23,7 +23,7 @@ async def test_whatever_happens_to_gateway_and_connection_nothing_moves_farther_
     found = await disturbed("errors", len(KINDS), 5)
     assert set(found.counts) == set(KINDS)
     assert max(found.largest_um.values()) <= SLEW_UM_PER_S * PERIOD_S * (1 + 1e-9)
-    assert found.moved_um > 3.0, "what stands at zero cannot step"
+    assert found.moved_um > 3.0, "an offset of zero cannot step"
     assert found.disarmed == 0
 
 

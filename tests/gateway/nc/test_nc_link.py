@@ -67,7 +67,7 @@ async def test_a_stale_prediction_decays_to_the_declared_value() -> None:
 async def test_an_error_without_a_model_is_corrected_by_its_last_measurement_for_a_limited_time(
     when_stale: str, measured_s: float | None
 ) -> None:
-    """measured_s: when an earlier run measured; this one begins at 0."""
+    """measured_s: when an earlier run measured; the present run begins at 0."""
     measured = None if measured_s is None else [measured_s] * 9
     bench = LinkBench("compensate", when_stale=when_stale, measured=measured, measurement_stale_after_s=200.0)
     predicted = np.full(9, math.nan)

@@ -1,4 +1,4 @@
-"""A control that cannot be reached, again and again: each cause is reported once, and not for ever."""
+"""A control that cannot be reached, again and again: each cause is reported once, and not without end."""
 
 from dataclasses import replace
 

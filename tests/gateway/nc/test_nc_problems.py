@@ -1,4 +1,4 @@
-"""What is still wrong with the control, by what a run has reported."""
+"""What is still wrong with the control, according to what a run has reported."""
 
 import pytest
 

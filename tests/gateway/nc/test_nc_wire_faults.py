@@ -1,6 +1,7 @@
 """Faults between the gateway's link and a control over its real protocol, and the link's reaction to them.
 
-Faults of the driver alone are in tests/drivers/sinumerik/test_sinumerik_faults.py, _security.py and _subscription.py.
+Faults that concern only the driver are in tests/drivers/sinumerik/test_sinumerik_faults.py, _security.py and
+_subscription.py.
 """
 
 import asyncio
@@ -169,7 +170,7 @@ async def test_the_right_that_a_user_lacks_is_named_and_the_rest_goes_on(tmp_pat
         np.testing.assert_allclose(at.shift(), 0.0)
         looks = at.control.looks
         await at.clock.run_until(330.0)
-        assert len(at.notices) == 1, "it lasts, so it is told once, and not as connected each time"
+        assert len(at.notices) == 1, "it lasts, so it is reported once, and not as connected each time"
         assert 8 <= (at.control.looks - looks) / 10.0 <= 15, "every 30 s a connection, with some reads each"
 
 
@@ -179,7 +180,7 @@ async def test_an_axis_without_a_position_is_reported_once_and_its_end_once() ->
         state = at.control.state()
         at.control.frozen = replace(state, positions=state.positions | {"A": math.nan})
         await at.clock.run_until(200.0)
-        assert len(at.notices) == 1  # although all that is read when it connects, offsets in force too, is there
+        assert len(at.notices) == 1  # although all that is read at connecting is there
         assert "actToolBasePos[u1,4]" in at.told(ended=False)[0]
         at.control.frozen = None
         await at.clock.run_until(300.0)

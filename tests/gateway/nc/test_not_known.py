@@ -1,4 +1,4 @@
-"""What a control reports and its driver cannot read is told by name, and the rest of the snapshot is used."""
+"""A value that a control reports and its driver cannot read is named, and the rest of the snapshot is used."""
 
 from dataclasses import replace
 

@@ -1,6 +1,6 @@
 """A correction that is renewed between two decisions reaches the NC as a decision does.
 
-Whatever keeps a decision from the NC keeps the renewal from it, too.
+Whatever keeps a decision from the NC also keeps the renewal from it.
 """
 
 import asyncio

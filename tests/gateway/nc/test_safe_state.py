@@ -185,7 +185,7 @@ async def test_stopped_or_killed_the_end_is_the_declared_one(when_stale: str, le
 
 
 def cancelled_with(task: asyncio.Task[None], left: list[int], request: Callable[[], T]) -> Callable[[], T]:
-    """The control's own answer to a request, during which the task is cancelled when none is left before it."""
+    """The control's own answer to a request; cancels the task during it once no earlier request is left to count."""
 
     def answered() -> T:
         if left[0] == 0:

@@ -34,7 +34,7 @@ async def test_a_restart_goes_on_at_once_and_a_copy_of_the_computer_is_another_g
         async with bench.running(bench.link(owner=7)) as first:
             first.follow(decision(6.0))
             await bench.clock.run_until(8.0)
-        # Killed: the control believes it to be alive. The next run has read in the database who it was.
+        # Killed: the control believes that it is alive. The next run has read its owner number in the database.
         async with bench.running(bench.link(owner=8, predecessor=7)) as restarted:
             restarted.follow(decision(6.0))
             await bench.clock.run_until(12.0)

@@ -1,4 +1,4 @@
-"""The queue of an outlet: order, bound, back-off, one line in the log when it goes and when it is back."""
+"""The queue of an outlet: order, bound, back-off, and one line in the log when it goes away and when it is back."""
 
 import logging
 
@@ -19,7 +19,7 @@ def numbers(batch: list[OutletMessage]) -> list[int]:
 
 
 class UnclosableOutlet(FailingOutlet):
-    """One whose library raises when it is to let go."""
+    """An outlet whose library raises when it is closed."""
 
     def close(self) -> None:
         raise ValueError("file descriptor cannot be a negative integer")

@@ -1,4 +1,4 @@
-"""Answers that no InfluxDB gives: each is the server's fault, none ends the outlet, and nothing waits for ever."""
+"""Answers that no InfluxDB gives: each is the server's fault, none ends the outlet, and nothing waits without end."""
 
 import asyncio
 from collections.abc import AsyncIterator

@@ -1,4 +1,4 @@
-"""Outlets of other packages: they are used like the gateway's own, and a broken one is one line."""
+"""Outlets of other packages: they are used like the gateway's own, and a broken one is reported in one line."""
 
 import socket
 import threading

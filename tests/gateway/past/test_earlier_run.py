@@ -42,7 +42,7 @@ def config(tmp_path: Path) -> GatewayConfig:
 
 
 def earlier_run(config: GatewayConfig, *events: tuple[int, Event], adopted: bool = True) -> None:
-    """Sixty frames, a training wanted on the way that failed (or never ended), and what the sensor check told."""
+    """Sixty frames, a training wanted meanwhile that failed (or never ended), and what the sensor check reported."""
     draw = np.random.default_rng(8)
     x = 20.0 + np.cumsum(draw.normal(0, 0.2, (STEPS, 2)), axis=0)
     controller = Controller(config.input_names, config.talc)

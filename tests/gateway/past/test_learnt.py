@@ -1,4 +1,4 @@
-"""What was learnt leaves one database as JSON and goes on in another one, as far as names match."""
+"""What was learnt leaves one database as JSON and continues in another one, as far as names match."""
 
 import json
 import math
@@ -54,7 +54,7 @@ def frame(k: int, names: Sequence[str] = NAMES, *, measured: bool = True) -> Fra
 
 
 def shortened(packed: dict[str, Any], kept: int) -> dict[str, Any]:
-    """An array of the file with the first so many numbers of its last axis alone."""
+    """An array of the file, reduced to the first numbers of its last axis."""
     array = np.frombuffer(zlib.decompress(b64decode(packed["zlib"])), packed["kind"]).reshape(packed["shape"])
     less = np.ascontiguousarray(array[..., :kept])
     return {**packed, "shape": list(less.shape), "zlib": b64encode(zlib.compress(less.tobytes())).decode()}

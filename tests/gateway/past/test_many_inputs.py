@@ -24,7 +24,7 @@ INPUTS = 500
 
 
 def apart(function: str) -> str:
-    """What a function of this module prints in a process of its own."""
+    """What a function of this module prints in a separate process."""
     call = f"from {__name__} import {function}; {function}()"
     done = subprocess.run([sys.executable, "-c", call], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
@@ -57,7 +57,7 @@ def day_and_restart() -> None:
 
 
 def start_in_a_little_memory() -> None:
-    """Print what a gateway says that may have 200 MB of address space beside what it has at its start."""
+    """Print what a gateway says if it may have 200 MB of address space beyond what it has at its start."""
     units = {unit: ", ".join(f"c{unit}_{i} = {i}" for i in range(6)) for unit in range(1, 51)}
     text = MACHINE + rtu_bus() + "".join(m7015(f"rtd{unit}", unit, channels) for unit, channels in units.items())
     with tempfile.TemporaryDirectory() as folder:

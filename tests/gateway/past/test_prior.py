@@ -36,13 +36,13 @@ def shop(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def here(shop: Path, tmp_path: Path) -> Path:
-    """A folder of its own for a fourth machine, with the file."""
+    """A separate folder for a fourth machine, with the file."""
     (tmp_path / "kind.json").write_bytes((shop / "kind.json").read_bytes())
     return tmp_path
 
 
 def left(config: GatewayConfig, days: ThermalSeries, rows: slice) -> float:
-    """RMS of truth less estimate."""
+    """RMS of truth minus estimate."""
     controller = controller_of(config)
     found = [np.nan_to_num(controller.step(frame).predicted) for frame in frames(days)]
     difference: FloatArray = (days.truth - np.array(found))[rows]

@@ -202,7 +202,8 @@ def test_a_rebuild_can_be_interrupted(tmp_path: Path) -> None:
 
 
 def other_inputs(folder: Path, method: str) -> GatewayConfig:
-    """The ram's sensor has gone, one of the slide and one of the bed's far end are new, and the order is another."""
+    """The ram's sensor was removed, one on the slide and one at the bed's far end are new, and the order is
+    different."""
     return config_of(folder, method, **{"bed = 0": "slide = 2", "ram = 2": "bed = 0, end = 3"})
 
 

@@ -1,4 +1,4 @@
-"""Reports of problems that come once, change into others, or are intermittent."""
+"""Reports of problems that occur once, change into others, or are intermittent."""
 
 import logging
 

@@ -132,7 +132,8 @@ def test_a_machine_that_warms_on_between_two_cycles_confirms_a_surprise(moved: f
 
 
 def test_a_probe_that_sits_differently_each_time_is_never_accepted() -> None:
-    """Dirt in the taper shifts all touches alike: the fit cannot see it, but a probe fetched anew shifts otherwise."""
+    """Dirt in the taper shifts all touches alike: the fit cannot see it, but a probe that is fetched again is shifted
+    differently."""
     judge, draw = checks(), np.random.default_rng(7)
     for shift in draw.permutation(np.linspace(-45.0, 45.0, 10)):
         with pytest.raises(Rejected, match="a second cycle"):

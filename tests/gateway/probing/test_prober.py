@@ -83,7 +83,7 @@ async def test_a_chip_on_the_sphere_is_no_measurement() -> None:
 
 
 def cycles(centres_um: list[float]) -> dict[int, RequestStatus]:
-    """One cycle after another, its sphere found so far off in Z, in every pose."""
+    """One cycle after another; in every pose the sphere is found displaced by this much in Z."""
     return {
         41 + n: RequestStatus(41 + n, ProbingState.DONE, ((0.0, 0.0, z * 1e-3),) * 6) for n, z in enumerate(centres_um)
     }

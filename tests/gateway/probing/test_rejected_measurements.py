@@ -52,7 +52,7 @@ async def test_a_chip_never_reaches_a_frame_or_a_model_and_the_replay_is_identic
         return 20.0 + 6.0 * math.sin(now_s / 4000.0) + 3.0 * (now_s / STEP_S > 15)
 
     async def answered(number: int) -> RequestStatus:
-        """EZ0A follows the temperature: 2 µm/K; the sphere is found so far off in Z, with noise, and chips."""
+        """EZ0A follows the temperature with 2 µm/K; the sphere is found displaced by it in Z, with noise and chips."""
         measurement = number - 41 - 4  # the first five cycles are the reference
         z = 2.0 * (temperature(bench.clock.monotonic()) - 20.0) if measurement > 0 else 0.0
         centres = draw.normal(0.0, 0.3e-3, (6, 3))
@@ -87,7 +87,7 @@ async def test_a_chip_never_reaches_a_frame_or_a_model_and_the_replay_is_identic
     rejected = [m for m in cycles if m.errors is None]
     assert len(rejected) == len(CHIPS)
     assert all("pose 3 stands out in X" in m.reason and m.centres_mm is not None for m in rejected)
-    # Each was asked for again at the next step, and the frame of its own step holds nothing.
+    # Each was asked for again at the next step, and the frame of its own step contains no measurement.
     after = [cycles[i + 1].why for i, m in enumerate(cycles) if m.errors is None]
     assert after == [Why.RETRY] * len(CHIPS)
     measured = [s.frame.measurement for s in steps]

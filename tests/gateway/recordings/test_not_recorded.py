@@ -1,4 +1,4 @@
-"""Buses whose traffic the wire log does not hold are named by `record` and `play`, with what to do."""
+"""`record` and `play` name buses whose traffic the wire log does not contain, and say what to do."""
 
 from datetime import UTC, datetime
 from pathlib import Path

@@ -110,7 +110,7 @@ channels = {{ growth = 0 }}
 
 @asynccontextmanager
 async def recorded_site(folder: Path) -> AsyncIterator[Path]:
-    """With a broken sensor, a unit that is silent, and a port that is not there; yields its configuration."""
+    """A site with a broken sensor, a silent unit, and an absent port; yields its configuration."""
     broken, silent = M7015(lambda: [20.0] * 6), M7015(lambda: [20.0] * 6)
     broken.faults.set(4, SensorFault.OPEN)
     silent.faults.silent = True
@@ -161,7 +161,7 @@ def test_existing_recording_is_not_overwritten(tmp_path: Path) -> None:
 
 
 async def test_service_keeps_what_passed_across_a_reload(tmp_path: Path) -> None:
-    """A unit id that was wrong is mended while the gateway runs: each file holds what was then configured."""
+    """A wrong unit id is corrected while the gateway runs: each file contains what was configured at that time."""
     config, wire = tmp_path / "gateway.toml", tmp_path / "field.wire"
     wire.write_text("of an earlier run", encoding="utf-8")
     line = RtuLine({2: M7015(lambda: [20.0] * 6)})
@@ -217,7 +217,7 @@ def test_invalid_group_is_refused(group: str) -> None:
 
 
 def test_a_recording_in_which_nothing_could_be_read_is_no_success(tmp_path: Path) -> None:
-    """It is kept all the same: that nobody answers is what it shows."""
+    """It is kept nevertheless: it shows that nobody answers."""
     config, wire = tmp_path / "gateway.toml", tmp_path / "field.wire"
     config.write_text(CONFIG.format(rtu="absent1", can="absent2", gone="absent3"), encoding="utf-8")
     done = here("record", str(config), "-o", str(wire), "--seconds", "0.3")

@@ -191,7 +191,7 @@ async def outcomes(
     steps: Sequence[Callable[[], None]],
     log: WireLogWriter | None = None,
 ) -> list[object]:
-    """What a driver tells of each read: values with quality and text, or the error in full."""
+    """What a driver reports for each read: values with quality and text, or the error in full."""
     tap = None if log is None else log.tap("bus1")
     bus = make_bus("bus1", wire.kind, {**options, "timeout_s": TIMEOUT_S}, tap)
     channels = {"first": 0} if wire.kind == "me_rs485" else {"first": 0, "second": 1}

@@ -14,7 +14,7 @@ from tests.benches.thermal_series import series
 
 
 def read(folder: Path, times: Sequence[float], step_s: float = 300.0) -> Recording:
-    """With the row's number as its input."""
+    """Read rows whose input is the row's number."""
     path = folder / "some.csv"
     rows = [f"{at!r},{i},{i}" for i, at in enumerate(times)]
     path.write_text("\n".join(["time,t1,EX0C", *rows]), encoding="utf-8")

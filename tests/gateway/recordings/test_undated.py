@@ -1,4 +1,4 @@
-"""A recording that counts seconds without a date gets no invented one, in the page, the terminal and the table."""
+"""A recording that counts seconds without a date gets no invented date in the page, the terminal or the table."""
 
 import csv
 import html
@@ -63,7 +63,7 @@ def test_hours_are_counted_from_the_first_row(tmp_path: Path) -> None:
 def test_what_counts_as_a_date(
     tmp_path: Path, time: Callable[[int], object], clock: TimeFormat, origin: float | None
 ) -> None:
-    """The last: a logger's clock was set after two rows."""
+    """The last case: a logger's clock was set after two rows."""
     path = table(tmp_path, time, rows=400)
     assert read_recording(path, Columns(clock=clock), 300.0).origin_s == origin
 

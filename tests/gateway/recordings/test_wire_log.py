@@ -73,7 +73,7 @@ def test_what_is_not_a_recording_is_reported_with_its_line(text: str, problem: s
 
 @pytest.mark.parametrize("cut", ["(2.000000) a < 010", "(2.000000) a < 01", "(2.000000) a ! op", "#: unit = 1"])
 def test_line_that_a_power_failure_cut_is_left_out(cut: str, tmp_path: Path) -> None:
-    """Also where what is left of it could be a whole one."""
+    """Even if the remaining part could be a whole line."""
     file = tmp_path / "x.wire"
     file.write_text(f"# talc wire log 1\n(1.000000) a < 0102\n{cut}", encoding="utf-8")
     assert read_wire_log(file).config == ""

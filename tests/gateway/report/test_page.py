@@ -73,7 +73,7 @@ def series_of(page: str) -> dict[str, Any]:
 
 
 def unmeasured() -> ReportData:
-    """A small run before its first measurement: its page has no charts of errors, which take a second to draw."""
+    """A small run before its first measurement: its page has no charts of errors, which would take a second to draw."""
     run = small_run()
     phases = (Phase.CALIBRATION,) * len(run.phases)
     return replace(run, phases=phases, measured=np.full_like(run.measured, np.nan))

@@ -103,7 +103,7 @@ def test_nothing_is_promised_before_corrections_began() -> None:
 
 
 def test_cycles_of_a_rehearsal_leave_no_less_than_nothing() -> None:
-    """They are shorter than the two minutes that a cycle counts."""
+    """They are shorter than the two minutes that are counted for a cycle."""
     run = small_run()
     assert summary(run).productivity == pytest.approx(60.0, abs=2.0)
     assert summary(replace(run, step_s=10.0)).productivity == 0.0

@@ -47,7 +47,7 @@ def devices(text: str) -> list[tuple[str, int]]:
 
 @pytest.mark.parametrize("speed", ["", "baud = 9600\n", 'parity = "N"\n'])
 def test_unit_at_the_speed_of_the_file_joins_its_bus(speed: str) -> None:
-    """What the file leaves out has its default."""
+    """What the file omits has its default."""
     text = merged(BEGUN + LINE + speed + UNIT_1, [rtu(9600, "N", 1, 2)], FILE)
     assert devices(text) == [("rtu1", 1), ("rtu1", 2)]
     assert "set it as" not in text
@@ -59,7 +59,7 @@ def test_unit_at_another_speed_than_the_file_s_bus_is_a_comment(baud: int, parit
     assert devices(text) == [("rtu1", 1)]
     told = f"# icpdas_m7015 at unit 2 answers as modbus_rtu /dev/rs485, {baud}, {parity}: "
     assert told + "set it as bus rtu1, which is modbus_rtu /dev/rs485, 9600, N\n" in text
-    assert merged(text, [rtu(baud, parity, 2)], FILE) == text, "told once"
+    assert merged(text, [rtu(baud, parity, 2)], FILE) == text, "reported once"
 
 
 @pytest.mark.parametrize("profile", ["icpdas_m7015", ""])
@@ -105,7 +105,7 @@ def test_bit_rate_counts_where_the_file_sets_it(interface: str, channel: str, jo
 
 
 def test_hosts_of_two_ports_are_two_buses() -> None:
-    """The file's has the default port, which it does not say."""
+    """The file's bus has the default port, which the file does not state."""
     before = BEGUN + '[[bus]]\nname = "tcp1"\nkind = "modbus_tcp"\nhost = "10.0.0.9"\n' + LINE + UNIT_1
     adam = Found(1, Recognition("advantech_adam6015", (0,), "type code"))
     for port, bus in ((502, "tcp1"), (5020, "tcp2")):

@@ -1,4 +1,4 @@
-"""`inspect registers`: what another's server holds, read in every way, and the draft of a profile from it."""
+"""`inspect registers`: what a third-party server contains, read in every way, and the draft of a profile from it."""
 
 import asyncio
 import struct

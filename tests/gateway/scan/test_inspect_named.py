@@ -1,4 +1,4 @@
-"""`inspect objects` and `inspect nodes`: what others' nodes and servers hold, and drafts that read the same."""
+"""`inspect objects` and `inspect nodes`: what third-party nodes and servers contain, and drafts that read the same."""
 
 import asyncio
 from pathlib import Path

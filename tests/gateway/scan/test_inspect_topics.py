@@ -1,4 +1,4 @@
-"""`inspect topics`: what payloads may mean, and a draft by which the gateway then reads the same values."""
+"""`inspect topics`: what payloads may mean, and a draft with which the gateway reads the same values."""
 
 import json
 import math

@@ -34,7 +34,7 @@ class FilledRegisters:
 
 
 def wrapped(units: Mapping[int, ModbusUnit], after: int, highest: int = 247) -> dict[int, ModbusUnit]:
-    """What a server distinguishes that looks at the remainder of the id only."""
+    """What a server distinguishes if it looks only at the remainder of the id."""
     remainders = {unit % after: one for unit, one in units.items()}
     return {unit: remainders[unit % after] for unit in range(1, highest + 1) if unit % after in remainders}
 
@@ -113,7 +113,7 @@ async def test_who_answers_to_every_id_may_have_others_behind_it(wire: str) -> N
 async def test_devices_that_hold_the_same_are_not_taken_for_one(
     make: Callable[[], FilledRegisters], ids: tuple[int, ...], wire: str
 ) -> None:
-    """An id more that would be theirs, if ids repeated, does not answer."""
+    """An additional id, which would be theirs if ids repeated, does not answer."""
     units, told = await found(wire, {unit: make() for unit in ids}, range(1, 41))
     assert units == list(ids)
     assert "one device" not in told

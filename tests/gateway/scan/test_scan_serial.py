@@ -185,7 +185,7 @@ async def test_port_that_is_missing_is_an_error() -> None:
 
 @pytest.mark.simulated_time
 async def test_unit_that_knows_one_function_only_is_found_with_it() -> None:
-    """It says nothing at all to another function, which is not what the standard wants."""
+    """It does not answer another function at all, contrary to the standard."""
     unit = VoltageInput(lambda: [100.0] * 8, range_um=500.0)
 
     def heard(request: bytes) -> None:

@@ -96,7 +96,8 @@ async def test_host_that_refuses_unknown_units_is_asked_for_all(refuses_itself: 
 
 @dataclass(frozen=True)
 class OnlyFunction:
-    """A unit that has the addresses 0 and 1 of one function, and refuses all others; of function 0: all."""
+    """A unit that has the addresses 0 and 1 of one function and refuses all others; with function 0 it refuses
+    everything."""
 
     function: int
     silent: bool = False

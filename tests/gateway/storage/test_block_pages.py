@@ -1,4 +1,4 @@
-"""Pages of blocks hold the very readings that pages of rows do, wherever the store has them, whatever is asked for."""
+"""Pages of blocks contain the same readings as pages of rows, wherever the store has them and whatever is asked for."""
 
 import math
 import sqlite3
@@ -112,7 +112,7 @@ def test_readings_stay_the_same_while_they_are_gathered_and_thinned(stored: Path
             counts += connection.execute(
                 "SELECT count(*), (SELECT coalesce(sum(rows), 0) FROM reading_block) FROM reading"
             )
-    assert counts[-1] == (1, 1), "of a block no more stays than of its readings"
+    assert counts[-1] == (1, 1), "a block remains no longer than its readings"
     assert all(in_them <= there for there, in_them in counts)
     assert max(in_them for _, in_them in counts) > 3000
 

@@ -1,4 +1,4 @@
-"""A damaged database: set aside with its name reported, what can be read is kept, and the gateway starts."""
+"""A damaged database is set aside and its name reported, what can be read is kept, and the gateway starts."""
 
 import shutil
 import sqlite3

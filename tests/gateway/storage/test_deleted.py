@@ -1,4 +1,4 @@
-"""The database is deleted while the gateway runs: it is noticed and told, and another one begun."""
+"""The database is deleted while the gateway runs: this is noticed and reported, and another one is begun."""
 
 import multiprocessing
 import os
@@ -32,7 +32,7 @@ def make(store: Store, k: int) -> None:
 
 def delete_all(path: Path) -> None:
     for one in path.parent.iterdir():
-        one.unlink(missing_ok=True)  # SQLite takes files of its own away
+        one.unlink(missing_ok=True)  # SQLite removes its own files
 
 
 def delete_the_file(path: Path) -> None:
@@ -151,7 +151,7 @@ def test_a_file_that_another_program_makes_smaller_in_order_stays(tmp_path: Path
 
 
 def test_a_reader_that_keeps_a_checkpoint_from_the_last_page_is_no_cut(tmp_path: Path) -> None:
-    """The header then counts a page that is in the log alone, and the file does not reach as far."""
+    """The header then counts a page that is only in the log, and the file is shorter."""
     path = tmp_path / "g.sqlite"
     with closing(connect(path)) as writer, closing(sqlite3.connect(path)) as reader:
         writer.execute("CREATE TABLE t (x)")

@@ -1,4 +1,4 @@
-"""Whatever call of a gateway's life the disk refuses: no step is lost untold, and it recovers without a person."""
+"""Whatever call of a gateway's life the disk refuses, no step is lost without a report, and it recovers by itself."""
 
 from collections.abc import Iterator
 from pathlib import Path

@@ -41,7 +41,7 @@ def test_after_a_rest_readings_wait_for_others_as_ever_and_no_longer_than_commit
         began_s = time.monotonic()
         for sequence in range(2, 12):
             take(store, sequence)
-            assert other.execute("SELECT count(*) FROM reading").fetchone() == (1,), "not each in a commit of its own"
+            assert other.execute("SELECT count(*) FROM reading").fetchone() == (1,), "not each in its own commit"
             time.sleep(0.9)
         while other.execute("SELECT count(*) FROM reading").fetchone() != (11,):
             assert time.monotonic() - began_s < COMMIT_S

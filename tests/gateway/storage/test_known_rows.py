@@ -1,4 +1,4 @@
-"""What was acted upon is committed at once, and what the running gateway knows outlives its database."""
+"""What was acted upon is committed at once, and what the running gateway knows survives the loss of its database."""
 
 import sqlite3
 from collections.abc import Sequence
@@ -65,7 +65,7 @@ def test_what_was_acted_upon_is_committed_at_once(table: str, event: GatewayEven
 
 
 def after_a_deletion(path: Path, events: Sequence[GatewayEvent]) -> None:
-    """The file is deleted after these events, while the gateway runs."""
+    """Delete the file after these events, while the gateway runs."""
     with Store(path, "boot1", SteppedClock(), commit_s=0.01, retry_s=0.05, look_s=0.02) as store:
         store.begin("{}", "hash", "versions")
         for event in events:

@@ -11,7 +11,7 @@ from tests.benches.stepped_clock import SteppedClock
 
 @pytest.fixture
 def link(tmp_path: Path) -> Path:
-    """On the small disk, to a file on the large one that is not there yet."""
+    """A link on the small disk to a file on the large one that does not exist yet."""
     (tmp_path / "large").mkdir()
     (tmp_path / "small").mkdir()
     (tmp_path / "small" / "link.sqlite").symlink_to(Path("..") / "large" / "g.sqlite")

@@ -1,4 +1,4 @@
-"""Means of intervals: what one computes from the readings, wherever the store has them, whatever the size of a page."""
+"""Means of intervals are those of the readings, wherever the store has them and whatever the size of a page."""
 
 import math
 import sqlite3
@@ -81,7 +81,7 @@ def write(path: Path, boot: str, taken: list[Sample]) -> None:
 
 @pytest.fixture
 def stored(tmp_path: Path) -> tuple[Path, list[Sample]]:
-    """Two runs; of the readings of the first there are means already, since the second was started."""
+    """Two runs; there are means of the first run's readings already, because the second was started."""
     path = tmp_path / "g.sqlite"
     first, second = readings(0.0, 3000.0), readings(40_000.0, 42_000.0)
     write(path, "first", first)

@@ -52,7 +52,7 @@ def test_it_is_migrated_read_and_continued(version: int, tmp_path: Path) -> None
 
 
 def test_the_tables_of_later_programs_are_added_without_a_migration(tmp_path: Path) -> None:
-    """As the first program of the present version left it."""
+    """Such as the first program of the present version left it."""
     path = of_version(SCHEMA_VERSION, tmp_path / "g.sqlite")
     before = tables(path)
     with Store(path, "boot-2", SteppedClock()) as store:

@@ -154,7 +154,7 @@ def test_a_file_that_is_no_database_or_not_there_is_an_error_of_the_store(tmp_pa
 
 
 def test_reading_pages_leaves_the_file_as_it_was(tmp_path: Path) -> None:
-    """Also no lock that a gateway would wait for, and no file beside it."""
+    """It leaves no lock that a gateway would wait for, and no file beside it."""
     path = tmp_path / "g.sqlite"
     write(path, "first", range(5))
     before = path.read_bytes(), sorted(file.name for file in tmp_path.iterdir() if "-" not in file.name)

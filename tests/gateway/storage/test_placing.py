@@ -1,4 +1,4 @@
-"""What was stored with other inputs: matched by name, and a model stays only while it has all of its inputs."""
+"""What was stored with other inputs is matched by name, and a model stays only while it has all of its inputs."""
 
 from dataclasses import replace
 

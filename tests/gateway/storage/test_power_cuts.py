@@ -1,4 +1,4 @@
-"""A power cut at any moment of writing loses what was not told to be stored, and nothing else."""
+"""A power cut at any moment of writing loses what was not reported as stored, and nothing else."""
 
 from pathlib import Path
 
@@ -28,6 +28,6 @@ def test_no_power_cut_tears_the_store_or_loses_what_was_reported_as_stored(acts:
 
 
 def test_a_disk_that_does_not_synchronise_is_found_out(acts: list[DiskAct], tmp_path: Path) -> None:
-    """The judge can tell: on such a disk steps are lost, or the store is torn."""
+    """The judge can see it: on such a disk steps are lost, or the store is torn."""
     lying = [act for i, act in enumerate(acts) if act.what != "s" or i < len(acts) // 10]
     assert wrong(lying, range(6), tmp_path) != []

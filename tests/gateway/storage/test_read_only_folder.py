@@ -1,4 +1,4 @@
-"""A database in a folder that cannot be written is no other program's file, and is not told as one."""
+"""A database in a folder that cannot be written is not another program's file, and is not reported as one."""
 
 import os
 import subprocess
@@ -30,7 +30,7 @@ except StoreError as error:
 
 @pytest.fixture
 def folder() -> Iterator[Path]:
-    """Readable by everybody, which pytest's folders are not."""
+    """A folder that everybody may read, which pytest's folders are not."""
     with tempfile.TemporaryDirectory() as name:
         path = Path(name)
         yield path

@@ -38,7 +38,8 @@ TEXT = MACHINE + adam6015("bed = 0, column = 1")
 
 
 class Asker:
-    """Asks for what follows, and keeps what it got; goes back an epoch when the store does not know its own."""
+    """Asks for what follows and keeps what it got; goes back an epoch when the store does not know the asker's
+    epoch."""
 
     def __init__(self, path: Path, limit: int = 7) -> None:
         self.path, self.limit = path, limit

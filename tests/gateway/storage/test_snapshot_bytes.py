@@ -29,7 +29,8 @@ def store(tmp_path: Path) -> Iterator[Store]:
 
 
 def snapshot(store: Store, folder: Path, numbers: int) -> Snapshot:
-    """Of a learner whose covariance has so many numbers, many of them zero, and some that look like it."""
+    """The snapshot of a learner whose covariance has this many numbers, many of them zero and some that look like
+    zero."""
     controller = past_in(store, parse(TEXT, folder / "gateway.toml")).controller
     for k in range(3):
         controller.step(Frame(k, np.full(3, 20.0 + k), np.full(3, fill_value=True)))

@@ -52,7 +52,8 @@ def reading(channel: str = "a", sequence: int = 1, value: float = 20.0) -> Sampl
 def test_a_channel_beyond_the_numbers_of_a_database_is_left_out_and_the_others_keep_their_values(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    """Its number would change those of the read and of the channel: its values would be another channel's."""
+    """Its number would overflow into those of the read and the channel: its values would appear as another
+    channel's."""
     path, channels = tmp_path / "a.sqlite", 2060
     for sequence in (1, 2):  # the second time the numbers come from the file
         readings = [reading(f"c{n}", sequence, float(n)) for n in range(channels)]
@@ -165,7 +166,7 @@ def test_a_reading_handed_in_twice_is_kept_once(tmp_path: Path) -> None:
         store.record(ReadingsTaken([reading("a", 1), reading("a", 2, math.nan)]))
     with Store(path, "boot2", SteppedClock()) as store:
         store.begin("{}", "hash", "versions")
-        store.record(ReadingsTaken([reading("a", 1)]))  # another boot counts anew
+        store.record(ReadingsTaken([reading("a", 1)]))  # another boot starts the count again
     assert rows(path, "SELECT boot, sequence, channel, value FROM sample ORDER BY boot, channel, sequence") == [
         (1, 1, "a", 20.0),
         (1, 2, "a", None),
@@ -187,7 +188,7 @@ def test_a_second_gateway_is_refused_and_the_lock_goes_with_the_first(tmp_path: 
 
 
 def test_a_gateway_of_another_container_is_refused_by_the_file_alone(tmp_path: Path) -> None:
-    """The kernel's name is not seen from there; whoever holds the lock on the file is."""
+    """The kernel's name is not visible from there, but the lock on the file is."""
     path = tmp_path / "g.sqlite"
     with path.with_name("g.sqlite.lock").open("w") as there:
         fcntl.flock(there, fcntl.LOCK_EX)

@@ -47,7 +47,7 @@ def test_what_a_failing_disk_refuses_waits_and_is_stored_when_it_works_again(fau
         assert health["faults"] > 0
         for k in range(3, 30):
             store.ask(f"step {k}")
-        assert store.ask("flush"), "who must know that it is stored is told that it is not"
+        assert store.ask("flush"), "a caller that must know whether it is stored learns that it is not"
         health = store.ask("health")
         assert health["waiting"] >= 28 * 3
         assert health["failing_s"] > 0
@@ -63,7 +63,7 @@ def test_a_disk_that_hangs_delays_no_writer(tmp_path: Path) -> None:
     with store_process(path) as store:
         store.ask("fault hangs")
         took_s = [store.ask(f"step {k}") for k in range(50)]
-        assert max(took_s) < 60.0, "the disk hangs until it is told otherwise"
+        assert max(took_s) < 60.0, "the disk hangs until the test releases it"
         store.ask("fault ok")
         assert store.ask("close") == ""
     assert stored(path) == list(range(50))

@@ -25,7 +25,7 @@ NOW = datetime(2026, 3, 2, 6, tzinfo=UTC)
 
 
 class Gate:
-    """A door, and what it let in."""
+    """A door, and the commands that it let in."""
 
     def __init__(self, machine: str = "mill", clock: SteppedClock | None = None) -> None:
         self.clock = clock or SteppedClock()

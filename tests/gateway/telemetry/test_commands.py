@@ -1,4 +1,4 @@
-"""Commands over real Zenoh sessions on loopback: from a program or the command line to whoever obeys, and back."""
+"""Commands over real Zenoh sessions on loopback: from a program or the command line to the gateway, and back."""
 
 import asyncio
 import json

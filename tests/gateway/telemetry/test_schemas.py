@@ -72,7 +72,7 @@ EVENTS: tuple[GatewayEvent, ...] = (
     HealthChecked(Health(60.0, 30, 29, NcState.READY, True, ("an operator",), StoreHealth())),
     *(EventReported(event, k) for event, k in ((example.PROBLEM, None), (example.LIMIT, 7), (example.NO_NUMBER, 7))),
 )
-"""Of each kind, and with and without what may be missing."""
+"""Events of each kind, with and without what may be missing."""
 STORED = "measurements,steps,models,events,compensation,minutes,readings,commands,runs"
 ASKED = {
     "history": f"history?{SPAN}",
@@ -163,7 +163,7 @@ def test_a_payload_that_does_not_fit_is_found(kind: str, change: dict[str, Any],
 
 
 def fields_now() -> list[str]:
-    """Of each type: whether a reader may do without it, its place, and what it may be."""
+    """The fields of each type: whether a reader may do without it, its place, and what it may be."""
     found = []
     for kind, schema in SCHEMAS.items():
         for name, definition in schema["$defs"].items():
@@ -174,7 +174,7 @@ def fields_now() -> list[str]:
 
 
 def form_of(form: Any) -> Any:
-    """Without what is for people."""
+    """A schema without the texts that are for people."""
     match form:
         case dict():
             about = ("description", "examples", "default", "title")
@@ -191,6 +191,6 @@ def test_fields_are_only_added_and_old_messages_without_them_are_read() -> None:
     new = [line for line in now if line not in FIRST]
     known = {(kind, field.partition(".")[0]) for _, kind, field, *_ in map(str.split, FIRST)}
     needed = [(kind, field.partition(".")[0]) for need, kind, field, *_ in map(str.split, new) if need == "required"]
-    # A type that is new in a kind stands only in a field that may be missing, and so does all that it requires.
+    # A type that is new in a kind occurs only in a field that may be missing, and so does everything that it requires.
     assert [each for each in needed if each in known] == [], "a default, for what earlier gateways publish"
     assert new == [], "add these lines to fields.txt"

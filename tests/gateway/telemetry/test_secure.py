@@ -1,4 +1,4 @@
-"""Who may connect, read and ask, and that nobody else's samples are passed on: real Zenoh sessions on loopback."""
+"""Who may connect, read and query, and that no other samples are passed on: real Zenoh sessions on loopback."""
 
 import asyncio
 import json
@@ -63,7 +63,7 @@ class SecureSite:
 
 
 def refused(where: str, access: Access) -> str:
-    """What a reader is told that does not get in."""
+    """What a reader that does not get in is told."""
     with pytest.raises(MachineError) as found:
         Machine(connect=where, access=access, answer_limit_s=LIMIT_S).__enter__()
     return str(found.value)
@@ -182,7 +182,7 @@ def hearing(session: zenoh.Session) -> Iterator[list[bytes]]:
 
 
 def assert_not_passed_on(gateway: TelemetryPublisher, good: zenoh.Session, bad: zenoh.Session) -> None:
-    """Another reader hears, is answered by and finds the gateway alone."""
+    """Check that another reader hears, is answered by and finds only the gateway."""
     with hearing(good) as heard:
         Intruder(bad)
         while not any(b"the true one" in payload for payload in heard):

@@ -1,4 +1,4 @@
-"""Another maker's OPC UA client (node-opcua) reads what a machine's messages say, and can change nothing."""
+"""Another maker's OPC UA client (node-opcua) reads what a machine publishes, and can change nothing."""
 
 import asyncio
 import json

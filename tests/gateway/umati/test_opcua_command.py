@@ -1,4 +1,4 @@
-"""`talc-gateway opcua` as a program of its own, and what it refuses before it listens."""
+"""`talc-gateway opcua` as a separate program, and what it refuses before it listens."""
 
 import time
 from pathlib import Path

@@ -161,7 +161,7 @@ def test_each_instance_has_all_that_its_type_demands() -> None:
 
 
 def test_what_bears_a_published_name_is_in_its_type() -> None:
-    """No node borrows a name of a companion specification that its parent's type does not have."""
+    """No node uses a name of a companion specification that its parent's type does not have."""
     nodes = published()
     for spec in instances(MILL):
         allowed = set()

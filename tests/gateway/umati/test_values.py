@@ -1,4 +1,4 @@
-"""What the nodes show: never an old value that looks fresh, never a value of a gateway that is gone."""
+"""The nodes never show an old value that looks fresh, nor a value of a gateway that is gone."""
 
 from datetime import timedelta
 

@@ -1,4 +1,4 @@
-"""The health that a gateway reports every 10 s, and what it says that it waits for."""
+"""The health that a gateway reports every 10 s, with what it waits for."""
 
 import asyncio
 import ctypes
@@ -27,7 +27,7 @@ STEP_S = 300.0
 
 
 class WatchedHealth:
-    """A watch over what the test sets; without a control."""
+    """A watch over values that the test sets, without a control."""
 
     def __init__(self, channels: int = 2) -> None:
         self.clock, self.kept = SteppedClock(), KeptEvents()

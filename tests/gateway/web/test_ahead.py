@@ -16,7 +16,7 @@ WITHIN = Viewpoint(MATRIX, 10.0)
 
 
 def cooling(after: Sequence[float], *, now: float = 30.0, missed: float | None = 0.0) -> HeardMachine:
-    """A machine that is only watched: EZ0A is `now`, and `after` in 30 min, 2 h and 8 h."""
+    """A machine that is only monitored: EZ0A is `now`, and `after` in 30 min, 2 h and 8 h."""
     heard = HeardMachine()
     heard.compensation(mode="advise")
     heard.decision(corrected={"EZ0A": now})
@@ -89,7 +89,7 @@ def test_a_ready_machine_says_until_when_it_stays_so() -> None:
 
 
 def test_what_helps_most_is_said_first_and_by_how_much() -> None:
-    """Waiting takes 10 µm off; the heat that is usual 28."""
+    """Waiting takes 10 µm off; the usual heat takes 28 µm off."""
     heard = cooling((20.0, 18.0, 17.0), missed=0.1)
     heard.forecast({"EZ0A": (20.0, 18.0, 17.0)}, missed=0.1, usual={"EZ0A": (10.0, 2.0, 2.0)})
     said = verdict_of(heard.seen, WITHIN, heard.now_s).helps
@@ -208,7 +208,7 @@ def test_the_chart_goes_on_with_the_forecast_and_its_band() -> None:
 
 
 def under(after: Sequence[float] | None, *, now: float = 30.0, missed: float | None = 0.0) -> Sentence:
-    """What is said of a planned load under which EZ0A is `after`; None: what it does is unknown."""
+    """What the page says about a planned load under which EZ0A is `after`; None: the effect is unknown."""
     heard = cooling((now, now, now), now=now, missed=missed)
     planned = {"face <b>milling": None if after is None else {"EZ0A": after}}
     heard.forecast({"EZ0A": (now, now, now)}, missed=missed, planned=planned)

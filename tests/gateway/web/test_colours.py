@@ -1,4 +1,4 @@
-"""Colours that mean something are told apart by everybody, and texts on them can be read: light and dark."""
+"""Everybody can distinguish the colours that mean something and read the texts on them, in light and dark mode."""
 
 import re
 from importlib.resources import files

@@ -13,7 +13,7 @@ HTML = b"<!doctype html><title>mill</title><script>1</script>"
 
 
 class Reporting:
-    """Stands for the session with a gateway."""
+    """A stand-in for the session with a gateway."""
 
     def __init__(self, answer: Callable[[], bytes]) -> None:
         self.answer, self.asked = answer, list[tuple[str, date, str]]()

@@ -20,7 +20,7 @@ WITHIN = Viewpoint(MATRIX, 10.0)
 
 
 def rows(**status: Any) -> dict[str, SaidRow]:
-    """Of a gateway that publishes these fields in its status."""
+    """The rows of a gateway that publishes these fields in its status."""
     heard = HeardMachine()
     fields: dict[str, Any] = {"readings_dropped": 0, "periods_missed": {}, "config": None, "probing": None} | status
     heard.hear("status", StatusMessage(*heard.stamp(), phase="compensation", k=0, **fields))
@@ -92,7 +92,7 @@ def test_a_control_that_does_not_follow_the_estimate_is_said(
     assert found["label.control"].mark == mark
     assert [note.say for note in view(heard.seen, WITHIN, heard.now_s).tool_notes] == notes
     heard.seen.alive = False
-    assert view(heard.seen, WITHIN, heard.now_s).tool_notes == (), "nobody knows of a gateway that is gone"
+    assert view(heard.seen, WITHIN, heard.now_s).tool_notes == (), "nothing is known of a gateway that is gone"
 
 
 def test_of_a_gateway_that_was_never_heard_nothing_is_said_of_its_control() -> None:

@@ -1,4 +1,4 @@
-"""The corrections of before the page's program was started: asked of the gateway, page by page."""
+"""Corrections from before the start of the page's program are asked of the gateway, page by page."""
 
 from datetime import timedelta
 
@@ -18,7 +18,7 @@ def reason(estimate: float, *, trusted: bool = True) -> PublishedReason:
 
 
 def stored() -> CoursePage:
-    """Two times, of which the second corrected one of two errors."""
+    """Two times; at the second, one of two errors was corrected."""
     first = StoredReason((BEGAN - 2 * HOUR).isoformat(), 12, {"EZ0A": reason(3.0)}, {"EZ0A": 0.5}, None)
     second = StoredReason(
         (BEGAN - HOUR).isoformat(), 24, {"EZ0A": reason(4.0), "EX0C": reason(1.0, trusted=False)}, {}, BEGAN.isoformat()

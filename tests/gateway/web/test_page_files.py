@@ -1,4 +1,4 @@
-"""The page's scripts and styles: all there, and kept by the browser for as long as they are those of the program."""
+"""The page's scripts and styles: all exist, and the browser keeps them for as long as the program has them."""
 
 import re
 import shutil

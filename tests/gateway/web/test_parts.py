@@ -1,4 +1,4 @@
-"""What it waits for, heat, health: samples in, sentences out."""
+"""What the gateway waits for, heat, health: samples in, sentences out."""
 
 from datetime import timedelta
 

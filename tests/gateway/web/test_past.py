@@ -1,4 +1,4 @@
-"""What was before the page's program heard anything: asked of the gateway, at the chosen point."""
+"""The time before the page's program heard anything is asked of the gateway, at the chosen point."""
 
 import asyncio
 import threading

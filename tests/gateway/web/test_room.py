@@ -12,11 +12,11 @@ WITHOUT_HELP = {
     "because.probing",
     "because.silent",
 }
-"""Nothing is said of what helps beside these."""
+"""Beside these verdicts the page does not say what helps."""
 
 
 def group(name: str) -> set[str]:
-    """Its texts in the catalogue."""
+    """The texts of a group in the catalogue."""
     return {key for key in texts(next(iter(LANGUAGES))) if key.startswith(name + ".")}
 
 

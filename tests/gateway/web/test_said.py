@@ -1,4 +1,4 @@
-"""The gateway's own texts, published in English, are sentences of the catalogue: what it says is found there."""
+"""The gateway's own texts, published in English, are sentences of the catalogue and are found there."""
 
 import json
 import re
@@ -14,7 +14,7 @@ from tests.benches.telemetry_examples import configuration
 
 
 def said(sentence: Sentence, language: str) -> str:
-    """As the browser writes it."""
+    """A text as the browser writes it."""
 
     def write(found: re.Match[str]) -> str:
         match sentence.values[found[1]]:
@@ -33,7 +33,7 @@ def said(sentence: Sentence, language: str) -> str:
 
 
 def published() -> set[str]:
-    """All that the demo's gateway said of itself in a day."""
+    """Everything that the demo's gateway reported about itself in a day."""
     found = set[str]()
     for line in SAMPLES.read_text(encoding="utf-8").splitlines():
         message = json.loads(line)
@@ -49,7 +49,7 @@ def test_everything_that_the_demo_said_is_known_and_stays_as_it_was_in_english()
     assert len(found) >= 10
     assert {text for text in found if told(text).say == "sentence.text"} == set()
     for text in found:
-        if " -> " not in text:  # the page has words of its own for the phases
+        if " -> " not in text:  # the page has its own words for the phases
             assert said(told(text), "en") == text
 
 

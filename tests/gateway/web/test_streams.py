@@ -1,4 +1,4 @@
-"""What a browser is sent: what has changed, and of a queue that is full the newest."""
+"""What a browser is sent: what has changed, and the newest messages of a full queue."""
 
 import asyncio
 import json
@@ -72,7 +72,7 @@ async def test_an_open_page_gets_the_whole_state_and_then_each_change() -> None:
     finally:
         sending.cancel()
         await asyncio.gather(sending, return_exceptions=True)
-    assert message.count(b"\n") == 3, "no text of others ends a message"
+    assert message.count(b"\n") == 3, "no foreign text ends a message"
     (shown,) = json.loads(message.partition(b"data: ")[2])
     assert shown["said"]["values"]["text"]["s"] == "</script>\n\ndata: forged"
 
@@ -115,7 +115,7 @@ async def test_when_the_gateway_goes_its_forecast_leaves_the_charts() -> None:
 
 
 async def test_when_nothing_more_can_be_sent_open_pages_lose_their_connection() -> None:
-    """Otherwise they would show the last state for ever as that of now."""
+    """Otherwise they would show the last state without end as the present one."""
     times = [0.0, 0.0]
 
     def now_s() -> float:

@@ -1,4 +1,4 @@
-"""The catalogue has every text that the page says, in every language; pages run no script and no style of their own."""
+"""The catalogue has every text of the page in every language; pages contain no scripts or styles of their own."""
 
 import re
 from importlib.resources import files
@@ -58,7 +58,7 @@ def test_every_text_that_is_said_is_in_the_catalogue(language: str) -> None:
 
 
 def test_no_text_is_there_that_nothing_says() -> None:
-    """Apart from groups of which the key comes with a message or is put together."""
+    """Except groups whose key comes with a message or is composed."""
     said = CODE + SCRIPT + "".join(template.read_text("utf-8") for template in TEMPLATES)
     groups = {key.split(".")[0] for key in WORDS} | {"mode", "expert", "body", "mark", "chart", "command", "said"}
     assert [key for key in texts("en") if key.split(".")[0] not in groups and key not in said] == []
@@ -104,7 +104,7 @@ def test_the_page_makes_no_markup_of_what_it_is_sent() -> None:
 
 
 def test_texts_and_names_stay_texts_in_the_page() -> None:
-    """A declared machine may have any name; nothing that it holds becomes markup."""
+    """A declared machine may have any name; nothing in the name becomes markup."""
     name = '<script>alert("x")<b>'
     site = SiteSeen("talc", (name,), lambda: BEGAN, lambda: 0.0)
     page = TestClient(build_app(site, WebSettings(), uses={name: MachineUse()}), base_url="http://localhost")

@@ -29,7 +29,7 @@ def test_the_deviation_at_a_point_is_that_of_the_kinematics() -> None:
 
 
 def test_the_interval_at_the_tool_is_the_root_of_the_squares() -> None:
-    """EY0A and EY0C move Y one to one: 3 and 4 µm give 5 µm, and 1.96 of it to each side."""
+    """EY0A and EY0C move Y one to one: 3 and 4 µm give 5 µm, and 1.96 times that to each side."""
     sigma = np.array([3, 0, 0, 4, 0, 0, 0, 0, 0], dtype=np.float64)
     assert half_width(MATRIX, sigma) == pytest.approx([0, 1.96 * 5, 0])
 
@@ -234,7 +234,7 @@ def test_it_says_whether_a_measurement_would_be_enough_and_that_no_forecast_is_p
 
 
 def test_a_gateway_that_is_connected_and_says_nothing_is_silent() -> None:
-    """It says how it is every 10 s; one that hangs keeps its token."""
+    """It publishes its status every 10 s; one that hangs keeps its token."""
     heard = HeardMachine()
     heard.compensation()
     heard.decision()
@@ -269,12 +269,12 @@ def test_what_is_not_armed_is_said_first() -> None:
     (listed_one,) = listed({"mill": heard.seen}, {"mill": within(10.0)}, heard.now_s)
     assert listed_one.notices == (Sentence("notice.unarmed", {"text": Sentence("said.not_probing")}),)
     heard.seen.alive = False
-    assert not view(heard.seen, within(10.0), heard.now_s).unarmed, "nobody knows of a gateway that is gone"
+    assert not view(heard.seen, within(10.0), heard.now_s).unarmed, "nothing is known of a gateway that is gone"
 
 
 @pytest.mark.parametrize("order", ["paused", "disarmed"])
 def test_an_order_is_said_and_nothing_else_is_then_said_to_help(order: str) -> None:
-    """To end it helps most, and a gateway that is disarmed does not measure."""
+    """Ending the order helps most, and a disarmed gateway does not measure."""
     heard = HeardMachine()
     heard.compensation()
     heard.measurement(sigma=0.5)
