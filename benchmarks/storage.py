@@ -150,7 +150,7 @@ def played(folder: Path, turns: int, samples_days: float) -> float:
         store.begin(config.canonical(), config.fingerprint(), "")
     began_bytes = 0
     with closing(sqlite3.connect(path)) as other:
-        other.execute("SELECT count(*) FROM boot").fetchall()  # opens the file, and holds up nothing
+        other.execute("SELECT count(*) FROM boot").fetchall()  # opens the file, and delays nothing
         for turn in range(turns):
             if turn == turns // 3:
                 began_bytes = _written(config)

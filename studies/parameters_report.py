@@ -65,7 +65,7 @@ def report(runs: list[Run]) -> Report:
                 "In the series on which the sets were chosen. The regression renews its gains at each measurement; "
                 "“gains renewed with the models” renews them in the calibration and when the models are, and takes its "
                 "level from each measurement, as the models take their state. “Inputs chosen again” lets each model "
-                "update choose, and makes measurements of its own.",
+                "update choose, and makes its own measurements.",
                 *(near_table(chosen, cases, key) for key in chosen.models),
                 _bounds(runs, cases),
             ),
@@ -110,7 +110,7 @@ def _best_table(cases: list[str], fixed: ByCase) -> Table:
         cells = (rounded_text(best["P99"]), f"{best['Pd']:.2f}", str(best["measurements"]), str(best["updates"]))
         rows.append(TableRow((case, name_of(key_of(best)), *cells)))
     rows.append(TableRow(("paper", "each load case's own: not at hand", "", "", "", ""), paper=True))
-    return Table(("load case", "best set of its own", "P99, µm", "Pd, %", "measurements", "updates"), tuple(rows))
+    return Table(("load case", "its own best set", "P99, µm", "Pd, %", "measurements", "updates"), tuple(rows))
 
 
 def _common_table(cases: list[str], fronts: dict[str, ByCase]) -> Table:

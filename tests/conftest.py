@@ -107,7 +107,7 @@ def no_leaks(request: pytest.FixtureRequest) -> Iterator[None]:
             break
         time.sleep(pause_s)
         pause_s = min(2.0 * pause_s, 0.1)
-        if pause_s == 0.1:  # it takes 0.2 s once the large libraries are imported, and most only need a moment
+        if pause_s == 0.1:  # it takes 0.2 s once the large libraries are imported, and most objects only need a moment
             gc.collect()
     assert not new_threads, f"threads left behind: {new_threads}"
     assert not new_channels, f"sockets or terminals left open: {new_channels}"

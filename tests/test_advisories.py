@@ -1,4 +1,4 @@
-"""The check for known vulnerabilities: what an index answers, what it does not, and what is said of the rest."""
+"""The check for known vulnerabilities: what an index answers, what it does not, and what is reported about the rest."""
 
 import json
 import subprocess
@@ -30,7 +30,7 @@ def of(version: str, *advisories: dict[str, Any]) -> bytes:
 
 @contextmanager
 def index(pages: dict[str, bytes], *, refused: int = 0) -> Iterator[str]:
-    """An index with these pages; each address is refused so many times before."""
+    """An index with these pages; each address is refused this many times before."""
     times: dict[str, int] = {}
 
     class Handler(BaseHTTPRequestHandler):

@@ -1,4 +1,4 @@
-"""The summary of the tests tells how often a device had to be asked again."""
+"""The summary of the tests reports how often a device had to be asked again."""
 
 import subprocess
 import sys

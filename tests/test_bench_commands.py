@@ -1,4 +1,4 @@
-"""Benches that measure for minutes to days, by their own commands and in a small size."""
+"""Runs benches that measure for minutes to days by their own commands, in a small size."""
 
 import re
 import subprocess
@@ -23,7 +23,7 @@ def said(*command: str) -> list[str]:
 
 
 def numbers(line: str) -> list[float]:
-    """Of a table's row, without the first cell."""
+    """The numbers of a table's row, without the first cell."""
     return [float(number) for number in re.findall(r"[\d.]+", line.split("|", 2)[-1])]
 
 

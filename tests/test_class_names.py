@@ -1,6 +1,6 @@
 """A class or type name means one thing in the whole tree, with or without an underscore before it.
 
-But in examples: each stands alone, and can share no class with the tree.
+Examples are exempt: each is independent, and can share no class with the tree.
 """
 
 import ast

@@ -43,7 +43,7 @@ def test_it_runs_as_the_service_does() -> None:
 
 
 def corrected() -> GatewayConfig:
-    """With the bounds and the slew that nobody has set."""
+    """The default bounds and slew."""
     return validate({
         "machine": {"name": "mill"},
         "nc": {"kind": "sinumerik", "url": "opc.tcp://nowhere:4840", "security": "none"},

@@ -1,4 +1,4 @@
-"""Every command that the documentation shows can be given as it is shown, and a test runs what it names."""
+"""Every command in the documentation is valid as shown, and a test runs it."""
 
 import re
 import shlex

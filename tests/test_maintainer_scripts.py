@@ -1,4 +1,4 @@
-"""What the Debian package's scripts do at upgrades that go wrong, at removal and at a purge, run by dpkg itself.
+"""What the Debian package's scripts do, run by dpkg itself, at upgrades that fail, at removal and at a purge.
 
 tests/system/test_debian_package.py tries the whole package under a real systemd, with fewer of the cases.
 """
@@ -123,5 +123,5 @@ def test_a_running_service_ends_before_it_is_removed_and_a_purge_leaves_nothing(
 
 
 def _older(file: Path) -> None:
-    """By a day."""
+    """Make a file older by a day."""
     os.utime(file, (file.stat().st_mtime - 86400.0,) * 2)

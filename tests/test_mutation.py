@@ -1,4 +1,4 @@
-"""The bench that tries mutants: it tells a killed one from a survivor, and its tables name what exists."""
+"""The bench that tries mutants distinguishes killed mutants from survivors, and its tables name what exists."""
 
 import subprocess
 import sys
@@ -133,7 +133,7 @@ def test_a_line_belongs_to_its_innermost_statement_s_head(line: int, lines: tupl
 @pytest.mark.parametrize(("hits", "tries"), [(135, 150), (10, 10), (0, 7), (1, 2)])
 def test_a_sample_says_how_sure_its_share_is(hits: int, tries: int) -> None:
     """As SciPy computes it."""
-    from scipy.stats import binomtest  # a second, which only who runs this test needs to spend
+    from scipy.stats import binomtest  # a second that only this test needs to spend
 
     expected = binomtest(hits, tries).proportion_ci(method="wilson")
     assert interval(hits, tries) == pytest.approx((expected.low, expected.high), abs=1e-6)

@@ -14,7 +14,7 @@ EARLY = 20
 """Columns that may stay free before what would have fitted."""
 CODE = re.compile(r"(?<!`)`[^`]+`(?!`)")
 BEGINS = re.compile(r"\s*(?:#|<|\[\^?[^]]+\]: |[-*] |\d+\. |$)")
-"""A line that begins something else than the one before."""
+"""A line that begins something other than a continuation of the previous one."""
 LONGEST_CODE = 60
 """Longer code may be cut in two."""
 FOLDERS = (".github", "benchmarks", "deploy", "docs", "examples", "tests")
@@ -26,7 +26,7 @@ PAGES = sorted(
 
 
 def prose(text: str) -> list[tuple[int, str]]:
-    """Numbered lines that wrap: neither in a code block nor of a table, nor a link that cannot be broken."""
+    """Numbered lines that wrap: not in a code block or a table, and not a link that cannot be broken."""
     lines, in_code = [], False
     for number, line in enumerate(text.splitlines(), start=1):
         if line.lstrip().startswith("```"):
@@ -37,7 +37,7 @@ def prose(text: str) -> list[tuple[int, str]]:
 
 
 def whole_word(line: str) -> str:
-    """What a line begins with and may not be cut: a word, with all of the code in it."""
+    """The beginning of a line that may not be cut: a word, with all of the code in it."""
     at, end = 0, re.match(r"\s*\S+", line)
     found = end[0] if end else ""
     for code in CODE.finditer(line):
@@ -58,7 +58,7 @@ def paragraphs(lines: dict[int, str]) -> Iterator[tuple[int, str]]:
 
 
 def anchors(page: Path) -> set[str]:
-    """Of the page's headings, as GitHub makes them."""
+    """The anchors of the page's headings, as GitHub makes them."""
     headings = re.findall(r"^#+ (.*)$", page.read_text(encoding="utf-8"), re.MULTILINE)
     return {re.sub(r"[^\w\- ]", "", heading.lower()).strip().replace(" ", "-") for heading in headings}
 
@@ -75,7 +75,7 @@ def test_prose_wraps(page: str) -> None:
 
 @pytest.mark.parametrize("page", PAGES)
 def test_no_line_ends_long_before_the_width(page: str) -> None:
-    """A paragraph that was changed is wrapped again, all of it."""
+    """A changed paragraph must be wrapped again as a whole."""
     lines = dict(prose((ROOT / page).read_text(encoding="utf-8")))
     early = [
         number
@@ -90,7 +90,7 @@ def test_no_line_ends_long_before_the_width(page: str) -> None:
 
 @pytest.mark.parametrize("page", PAGES)
 def test_code_is_on_one_line(page: str) -> None:
-    """Else nobody finds it by searching, or can copy it."""
+    """Otherwise nobody can find it by searching, or copy it."""
     cut = [
         (number, code)
         for number, text in paragraphs(dict(prose((ROOT / page).read_text(encoding="utf-8"))))

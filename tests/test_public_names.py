@@ -1,4 +1,4 @@
-"""Every room states what others may use, and what it states is there."""
+"""Every room states what others may use, and everything it states exists."""
 
 import ast
 import subprocess
@@ -60,7 +60,7 @@ def test_a_room_that_names_modules_names_each_that_is_for_others(room: str) -> N
 
 
 def _lazy(room: str) -> tuple[set[tuple[str, str]], set[tuple[str, str]]]:
-    """Module and name of what a room imports for the type checker, and of what it imports when it is first used."""
+    """Module and name of what a room imports for the type checker, and of what it imports on first use."""
     tree = ast.parse((ROOT / room.replace(".", "/") / "__init__.py").read_text("utf-8"))
     stated, used = set[tuple[str, str]](), set[tuple[str, str]]()
     for node in ast.walk(tree):
@@ -87,7 +87,7 @@ def test_a_room_imports_on_first_use_what_the_type_checker_sees(room: str) -> No
 
 
 def test_importing_a_room_imports_none_of_its_modules() -> None:
-    """But those that all rooms share."""
+    """Except those that all rooms share."""
     code = f"import sys; from importlib import import_module; list(map(import_module, {LAZY!r})); print(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
     own = {name for name in done.stdout.split() if name.partition(".")[0] in ("talc", "drivers", "gateway")}

@@ -16,7 +16,7 @@ MESSAGE = f"talc-gateway {VERSION}\n\nSigned-off-by: A Maintainer <maintainer@ex
 
 @pytest.fixture
 def tree(tmp_path: Path) -> Path:
-    """Of this tree what names the version, with nothing unreleased, in a repository of its own."""
+    """The files of this tree that name the version, with nothing unreleased, in a separate repository."""
     (tmp_path / "deploy/simulators").mkdir(parents=True)
     for name in NAMES:
         copy(ROOT / name, tmp_path / name)

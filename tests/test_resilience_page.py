@@ -1,4 +1,4 @@
-"""docs/cyber-resilience.md: what it says of the telemetry and of byte code holds."""
+"""What docs/cyber-resilience.md says about the telemetry and byte code is true."""
 
 import py_compile
 import re
@@ -13,7 +13,7 @@ PAGE = Path(__file__).parents[1] / "docs" / "cyber-resilience.md"
 
 
 def row(duty: str) -> str:
-    """What the page says that the project has for it."""
+    """What the page says the project has for a requirement."""
     (found,) = re.findall(rf"(?m)^\| {duty}[^|]*\| ([^|]*) \|", PAGE.read_text("utf-8"))
     return str(found)
 

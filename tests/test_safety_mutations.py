@@ -1,6 +1,6 @@
 """Breaks the code behind each promise of docs/safety.md: the test that guards it must fail.
 
-Each mutation runs its one test in a copy of the tree, in a process of its own.
+Each mutation runs its one test in a copy of the tree, in a separate process.
 """
 
 import importlib.util
@@ -55,7 +55,7 @@ def test_without_the_code_behind_a_promise_its_test_fails(mutation: Mutation, tr
 
 @pytest.mark.slow
 def test_the_copy_is_what_runs(tree: Path, forks: ForkedTests) -> None:
-    """Unbroken a test passes in the copy, and it is the copy's code that it tests, in other processes too."""
+    """A test passes in the unbroken copy, and it tests the copy's code, in other processes too."""
     test = tree / "tests" / "test_where.py"
     test.write_text(
         "import subprocess, sys\n"

@@ -1,4 +1,5 @@
-"""The list of components and the licences of the Debian package, from made environments (deploy/debian/sbom.py)."""
+"""The list of components and the licences of the Debian package, from environments made for the test
+(deploy/debian/sbom.py)."""
 
 import json
 import shutil
@@ -14,7 +15,7 @@ LICENCES = ROOT / "talc" / "licences"
 
 
 def distribution(site: Path, name: str, version: str, stated: str = "License-Expression: MIT") -> Path:
-    """As an installer leaves it."""
+    """A distribution as an installer leaves it."""
     folder = site / f"{name}-{version}.dist-info"
     folder.mkdir(parents=True)
     about = f"Metadata-Version: 2.4\nName: {name}\nVersion: {version}\n{stated}\n"

@@ -46,7 +46,7 @@ UNPUBLISHED = "\n[telemetry]\nenabled = false\n"
 
 
 def words_of(command: str) -> list[str]:
-    """The arguments of `talc-gateway`, with the folder's files for the reader's own."""
+    """The arguments of `talc-gateway`, with the folder's files in place of the reader's own."""
     words = shlex.split(command)[1:]
     file = FILES.get(words[1] if words[0] in ("db", "nc") else words[0], "made")
     return [NAMED.get(word, file if word == "FILE" else word) for word in words]
@@ -142,7 +142,7 @@ def test_make_format_mends_what_lint_refuses(tmp_path: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.peer
 def test_make_pictures_draws_those_of_the_pages(tmp_path: Path) -> None:
-    """Of an hour of the demo, and of the test that takes one picture, into another folder."""
+    """Uses an hour of the demo and the test that takes one picture, and draws into another folder."""
     docs, out = tmp_path / "docs", tmp_path / "out"
     docs.mkdir()
     shot = "tests/system/test_page_in_browser.py::test_a_gateway_that_is_killed_looks_gone_and_one_that_comes_back"
@@ -164,14 +164,14 @@ def test_make_pictures_draws_those_of_the_pages(tmp_path: Path) -> None:
 
 
 class PageReader:
-    """Gives the commands of the pages in a folder, and remembers which."""
+    """Runs the commands of the pages in a folder, and remembers which."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self.given: set[tuple[str, ...]] = set()
 
     def start(self, command: str, enough: asyncio.Event | None = None) -> "asyncio.Task[Done]":
-        """It runs to its end, or until Ctrl-C at `enough`."""
+        """Run a command to its end, or until Ctrl-C at `enough`."""
         self.given.add(tuple(words_of(command)))
         interrupt = None if enough is None else enough.wait
         return asyncio.create_task(talc_gateway(*words_of(command), folder=self.folder, interrupt=interrupt))

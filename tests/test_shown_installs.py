@@ -19,14 +19,14 @@ UV = "uv==0.13.9"
 
 
 def given(program: str) -> list[list[str]]:
-    """Those that begin with this program."""
+    """The commands that begin with this program."""
     found = [words for words in map(shlex.split, GIVEN) if words[0] == program]
     assert found
     return found
 
 
 def run(words: list[str], folder: Path, **more: str) -> str:
-    """Its output; fails with all of it."""
+    """The output of a command; fails with all of it."""
     environment = {**os.environ, **more}
     done = subprocess.run(words, cwd=folder, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, f"{shlex.join(words)}\n{done.stdout}\n{done.stderr}"
@@ -38,7 +38,7 @@ def test_each_of_them_begins_with_a_program_that_is_tested_here() -> None:
 
 
 def test_debian_has_what_the_pages_install(tmp_path: Path) -> None:
-    """apt and dpkg know this computer's packages, change a folder alone, and say what they would install."""
+    """apt and dpkg know this computer's packages, change only a folder, and say what they would install."""
     for name in ("lists/partial", "cache/archives/partial", "dpkg"):
         (tmp_path / name).mkdir(parents=True)
     shutil.copy("/var/lib/dpkg/status", tmp_path / "dpkg")
@@ -66,7 +66,7 @@ def test_debian_has_what_the_pages_install(tmp_path: Path) -> None:
 
 
 def test_the_locks_are_what_their_commands_make(tmp_path: Path) -> None:
-    """Names; where an index no longer has a version, uv takes a newer one."""
+    """Compares names only; where an index no longer has a version, uv takes a newer one."""
     run([sys.executable, "-m", "pip", "install", "--quiet", "--target", str(tmp_path / "uv"), UV], tmp_path)
     shutil.copy(ROOT / "pyproject.toml", tmp_path)
     shutil.copytree(ROOT / "requirements", tmp_path / "requirements")
@@ -82,5 +82,5 @@ def test_the_locks_are_what_their_commands_make(tmp_path: Path) -> None:
 
 
 def packages(lock: str) -> set[str]:
-    """Their names."""
+    """The names of the packages."""
     return set(re.findall(r"(?m)^([\w.-]+)==", lock))

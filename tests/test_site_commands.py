@@ -1,4 +1,4 @@
-"""The site's page of commands holds what `--help` prints."""
+"""The site's page of commands contains what `--help` prints."""
 
 import re
 

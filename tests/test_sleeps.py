@@ -1,4 +1,4 @@
-"""No test waits for a time in the hope that something happens meanwhile, or asks how long something took.
+"""No test sleeps in the hope that something happens meanwhile, or asserts how long something took.
 
 The marks `simulated_time` and `realtime` are for what is about time (tests/README.md).
 """
@@ -13,7 +13,7 @@ TESTS = Path(__file__).parent
 TIMES = ("pytest.mark.simulated_time", "pytest.mark.realtime")
 SLEEPS = ("asyncio.sleep", "time.sleep", "sleep", "threading.Event().wait", "Event().wait")
 CLOCKS = ("time.monotonic()", "monotonic()", "time.perf_counter()", "perf_counter()", "time.time()", "loop.time()")
-MEASURES = "it measures for so long what a program takes"
+MEASURES = "it measures for this long what a program takes"
 BENCHES = {
     "disturbed_line.py disturbed": "on simulated time",
     "limits_probe.py used_s": "processor time, which processes share, is measured from one moment on in all of them",
@@ -35,11 +35,11 @@ BENCHES = {
     "spoilt_answers.py read_spoilt": "on simulated time",
     "tick_latency.py run_ticks": MEASURES,
 }
-"""Functions of benches that sleep, and why that is no luck."""
+"""Functions of benches that sleep, and the reason that this does not rely on luck."""
 
 
 def sleeps(text: str) -> Iterator[tuple[int, str]]:
-    """Lines that sleep in real time, not between two looks at a condition, and the function."""
+    """Lines that sleep in real time other than between two looks at a condition, and their function."""
     for node, name, looking in walked(text) if any(sleep in text for sleep in SLEEPS) else ():
         if isinstance(node, ast.Call) and not looking and node.args and ast.unparse(node.func) in SLEEPS:
             if ast.unparse(node.args[0]) in ("0", "0.0"):
@@ -48,7 +48,8 @@ def sleeps(text: str) -> Iterator[tuple[int, str]]:
 
 
 def elapsed(text: str) -> Iterator[tuple[int, str]]:
-    """Lines that assert how much real time has passed, and the function. A deadline is none: it has no difference."""
+    """Lines that assert how much real time has passed, and their function. A deadline is not one: it has no
+    difference."""
     for node, name, _ in walked(text) if any(clock in text for clock in CLOCKS) else ():
         if isinstance(node, ast.Assert):
             compared = [one for one in ast.walk(node.test) if isinstance(one, ast.Compare)]
@@ -83,7 +84,7 @@ def walked(text: str) -> Iterator[tuple[ast.AST, str, bool]]:
 
 
 def looks(node: ast.AST) -> bool:
-    """Whether it is a loop that ends when what it waits for is there, not when a time has passed."""
+    """Whether a loop ends when what it waits for is there, not when a time has passed."""
     early = any(isinstance(inside, ast.Break | ast.Return) for inside in ast.walk(node))
     if isinstance(node, ast.While):
         return early or not is_only_a_deadline(node.test)

@@ -1,4 +1,4 @@
-"""The unit file: what systemd itself says of it, and that it fits the program and the package."""
+"""The unit file: what systemd itself says about it, and that it fits the program and the package."""
 
 import subprocess
 from configparser import ConfigParser
@@ -44,7 +44,7 @@ def test_a_reload_needs_no_program_that_a_minimal_debian_has_not() -> None:
 
 
 def test_serial_adapters_are_allowed_also_those_plugged_in_later() -> None:
-    """systemd leaves out a kind of devices that the kernel does not know when the service starts."""
+    """systemd omits a kind of device that the kernel does not know when the service starts."""
     lines = UNIT.read_text("utf-8").splitlines()
     allowed = {line.removeprefix("DeviceAllow=") for line in lines if line.startswith("DeviceAllow=")}
     assert allowed == {f"char-{kind} rw" for kind in ("ttyUSB", "ttyACM", "ttyAMA", "ttyS")}

@@ -1,6 +1,6 @@
 """Code that several test files share is in tests/benches; no test file is imported by another.
 
-Tests use what a room offers, nothing private. A bench that needs another behaviour of it changes the source
+Tests use what a room offers, nothing private. A bench that needs a different behaviour changes the source
 (tests/benches/changed_source.py).
 """
 
@@ -16,9 +16,9 @@ from tests.benches.private_names import private_of_others
 TESTS = Path(__file__).parent
 FILES = sorted(TESTS.rglob("*.py"))
 PRIVATE = re.compile(r"(?:\w*\.)*_(?!_)\w+")
-"""Of an attribute, with the places before it or without."""
+"""A private attribute's name, with the names before it or without."""
 KERNEL = "talc._kernel"
-"""A module that is loaded by this name, as it is compiled."""
+"""A module that is loaded by this name, because it is compiled."""
 CLOCK = "from tests.benches.loop_clock import LoopClock\n"
 """A class with private names, its own and those of another module."""
 OVERRIDES = "A: _now overrides another's"
@@ -37,7 +37,7 @@ def imported(file: Path) -> set[str]:
 
 
 def named_in_texts(source: str) -> list[str]:
-    """Texts that are a private name, as patch.object, setattr or getattr take it, in a table, too.
+    """Texts that are a private name, as patch.object, setattr or getattr take it, also in a table.
 
     In an f-string, those that follow a dot.
     """

@@ -1,4 +1,5 @@
-"""One can find things: README.md names every room, the tree of tests mirrors them, tests/README.md names all else."""
+"""The tree is easy to search: README.md names every room, the tests mirror the rooms, tests/README.md names the
+rest."""
 
 from pathlib import Path
 

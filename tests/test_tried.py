@@ -1,4 +1,4 @@
-"""docs/tried.md and README.md name the programs of others that the tests use, with their versions."""
+"""docs/tried.md and README.md name the third-party programs that the tests use, with their versions."""
 
 import re
 import subprocess

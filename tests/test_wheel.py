@@ -1,4 +1,4 @@
-"""What is installed: the service; and as a distribution of its own the demo's machine, which no machine needs."""
+"""What is installed: the service, and as a separate distribution the demo's machine, which no real machine needs."""
 
 import json
 import os
@@ -90,7 +90,8 @@ def test_the_wheel_contains_the_service_and_no_simulators_studies_benchmarks_or_
 
 @pytest.mark.peer
 def test_unzip_lists_it_as_contributing_shows(wheel: Path) -> None:
-    """`unzip -l dist/talc_gateway-*.whl` ends with how many files there are, and no line names a room too many."""
+    """`unzip -l dist/talc_gateway-*.whl` ends with the number of files, and no line names a room that should not be
+    there."""
     command = f"unzip -l {wheel.parent}/talc_gateway-*.whl"
     listed = subprocess.run(command, shell=True, capture_output=True, text=True, check=True).stdout
     assert listed.splitlines()[-1].split()[-2:] == [str(len(packed(wheel)[1])), "files"]
@@ -99,7 +100,7 @@ def test_unzip_lists_it_as_contributing_shows(wheel: Path) -> None:
 
 @pytest.mark.parametrize("shown", sorted({c for _, c in COMMANDS if re.match(r"pip install ['\"]?talc-gateway", c)}))
 def test_pip_finds_all_that_an_installation_shown_on_a_page_names(shown: str, wheel: Path, simulators: Path) -> None:
-    """What it would install of ours; the packages of others are there, in the versions that the wheel asks for."""
+    """What it would install of ours; the third-party packages are there, in the versions that the wheel asks for."""
     _, _, named = shlex.split(shown)
     file = named.replace("talc-gateway", str(wheel), 1)
     command = ["-m", "pip", "--disable-pip-version-check", "install", "--dry-run", "--no-index"]
@@ -201,7 +202,7 @@ def test_the_service_alone_works_and_its_demo_says_what_to_install(
 
 
 def assert_said(site: Path, arguments: tuple[str, ...], code: int, said: str) -> None:
-    """Of the program in `site` without this tree: neither the path nor the finder of its editable installation."""
+    """Run the program in `site` without this tree: neither the path nor the finder of its editable installation."""
     alone = (
         "import sys; sys.meta_path = [f for f in sys.meta_path if 'editable' not in type(f).__module__.lower()];"
         f"sys.path = [{str(site)!r}, *(p for p in sys.path if p != {str(ROOT)!r})];"

@@ -35,7 +35,7 @@ TESTS = ("test_search.py", "test_pso.py", "test_group_lasso.py", "test_kinematic
 
 
 class Arm64Debian:
-    """A folder with Debian for arm64; each command gets /proc and /dev in a namespace of its own."""
+    """A folder with Debian for arm64; each command gets /proc and /dev in its own namespace."""
 
     def __init__(self, root: Path) -> None:
         self.root = root

@@ -12,7 +12,7 @@ from drivers.base import Driver, NoAnswer, Reading
 
 LIMIT_S = 60.0
 MOST_REPEATS = 20
-"""Most repeats of one question. The waiting grows to a timeout of some seconds: about as many fit into LIMIT_S."""
+"""The most repeats of one question. The waits grow to a timeout of some seconds, so about as many fit into LIMIT_S."""
 
 Answer = TypeVar("Answer")
 

@@ -83,9 +83,9 @@ class CanKernel:
     def __init__(self, nodes: Sequence[CanNode] = (), channel: str = "can0") -> None:
         self._nodes = nodes
         self.up = {channel: True}
-        """Interfaces there are, and whether they are up."""
+        """The interfaces, and whether they are up."""
         self.refuses: int = 0
-        """Error number for whoever wants a socket."""
+        """The error number that a request for a socket gets."""
         self.refuses_to_send: int = 0
         self.sockets: list[CanSocket] = []
 

@@ -25,7 +25,7 @@ import pytest
 from tests.benches.mutated_functions import Mutant, exchanges, loaded_functions, statement_lines
 
 LEAST_CPU_S, LEAST_WAIT_S, TIMES = 5.0, 40.0, 10
-"""With a mutant that does not end, a test takes ten times what it does without, and at least so long."""
+"""A test of a mutant may take ten times as long as without it, and at least these times, s."""
 _FAILED, _BROKEN = 1, 99
 
 
@@ -75,7 +75,7 @@ class CollectedTests:
     end_s: float
     tried: Callable[[Mutant, str, bool], None]
     _tell: int | None = None
-    """In a fork: where it reports to."""
+    """Where a fork reports to."""
     _ran: list[str] = field(default_factory=list)
 
     def pytest_runtestloop(self, session: pytest.Session) -> bool:

@@ -35,7 +35,7 @@ export SYSTEMD_DEVICE_VERIFY_SYSFS=0
 for action in add bind; do udevadm test --action=$action $port 2>&1; done
 udevadm test --action=add $port/tty/ttyUSB0 2>&1
 """
-"""The files by which the kernel tells udev of an FTDI adapter; udev reads them as it would the kernel's."""
+"""The files by which the kernel reports an FTDI adapter to udev; udev reads them as it would the kernel's."""
 
 
 def placed(name: str, where: str, *changes: tuple[str, str]) -> None:

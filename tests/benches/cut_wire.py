@@ -17,7 +17,7 @@ class CutWire:
     spoil: Callable[[bytes], bytes] | None = None
     """Changes what the server answers."""
     delay: Callable[[bytes], float] | None = None
-    """How many seconds later a message of the client reaches the server, even if the client has gone meanwhile."""
+    """How many seconds later a message of the client reaches the server, even if the client has left meanwhile."""
     _writers: list[asyncio.StreamWriter] = field(default_factory=list)
     _tasks: set[asyncio.Task[None]] = field(default_factory=set)
     _server: asyncio.Server | None = None

@@ -36,7 +36,7 @@ def dealt(
 
 
 def _filled(hands: Iterable[list[Test]], quick: list[Test]) -> list[Test]:
-    """All hands in a row, each filled up with quick tests so that xdist cuts between them, as far as these suffice."""
+    """All hands in a row, each filled with quick tests up to where xdist cuts, as far as the quick tests suffice."""
     hands, made = list(hands), list[Test]()
     total, left = sum(map(len, hands)) + len(quick), list(quick)
     for at, hand in enumerate(hands):

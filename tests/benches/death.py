@@ -12,8 +12,8 @@ PROBING = "probing"
 PHASES = ("start", "rebuild", "learning", PROBING, "stop")
 _ROOT = Path(__file__).parents[2]
 _COUNTED = tuple(str(_ROOT / name) for name in ("gateway", "talc", "drivers"))
-"""Code whose calls and returns are moments of death. What a library does in between leaves nothing behind, but for what
-it does to the disk, where the phase `writing` kills."""
+"""Code whose calls and returns are moments of death. What a library does in between leaves nothing behind except on the
+disk, where the phase `writing` kills."""
 
 
 class Death:

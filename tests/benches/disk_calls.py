@@ -42,7 +42,7 @@ _HANGS = "one hangs"
 
 
 def lives(folder: Path) -> None:
-    """As a program: each line `number of the fault or -1, call` on standard input starts a life; prints verdicts as JSON.
+    """As a program: each line `number of the fault or -1, call` on standard input starts a life; its verdict is JSON.
 
     Each life is a fork of this process, in which a whole life has passed already: it loads and compiles nothing more.
     """
@@ -130,10 +130,10 @@ def _row(name: str, verdicts: Sequence[LifeVerdict]) -> str:
 
 
 @click.command()
-@click.option("--step", default=1, show_default=True, help="Each so many calls.")
+@click.option("--step", default=1, show_default=True, help="Take only every nth call.")
 @click.option("--hang-ms", default=300, show_default=True)
 @click.option("--first", default=1, show_default=True, help="Number of the first call.")
-@click.option("--only", type=click.Choice([*(fault.name for fault in FAULTS), _HANGS]), help="This fault alone.")
+@click.option("--only", type=click.Choice([*(fault.name for fault in FAULTS), _HANGS]), help="Only this fault.")
 @click.option("--planted", "defect", type=click.Choice(list(PLANTED)), help="Give the gateway this defect.")
 @click.option("--lives", "folder", type=click.Path(path_type=Path), hidden=True)
 def main(step: int, hang_ms: int, first: int, only: str | None, defect: str | None, folder: Path | None) -> None:

@@ -36,7 +36,7 @@ class LifeVerdict:
     """Calls that failed."""
     not_started: int = 0
     told_lost: int = 0
-    """Rows of which a stop said that they were not stored."""
+    """Rows that were reported as not stored at a stop."""
     unstored: int = 0
     """Steps that ended while nothing could be stored."""
     states_seen: int = 0

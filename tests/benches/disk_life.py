@@ -33,12 +33,12 @@ from tests.benches.wire_bench import assert_never_stepped
 
 _STEP_S, _PERIOD_S = 300.0, 10.0
 _SWING_UM, _SWING_S = 20.0, 1500.0
-"""Of the plant's error, so that there is always something to correct."""
+"""The swing of the plant's error, so that there is always something to correct."""
 _STEPS_A_RUN, _HEALED_AFTER_STEPS, _RUNS = 5, 2, 3
 LIMIT_S = 900
 """Real seconds of one life; it takes less than one."""
 _STARTS = 3
-"""Of one run: the fault ends with the first that is refused."""
+"""The starts of one run: the fault ends with the first that is refused."""
 
 
 def config_in(folder: Path, *, continues: bool) -> GatewayConfig:
@@ -94,7 +94,7 @@ class Life:
         self._made: list[int] = []
         """Grid indices of the steps that were decided."""
         self._lost: set[int] = set()
-        """Of those, the ones of a run that said that it could not store everything."""
+        """Those of them that belong to a run which reported that it could not store everything."""
         self._hangs = fault is not None and fault.error == HANGS_ONCE
         self._hangs_after_s = LIMIT_S if fault is None or not self._hangs else fault.hang_ms / 3e3
         if fault is None:

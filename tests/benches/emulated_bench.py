@@ -20,7 +20,7 @@ from tests.benches.manual_clock import ManualClock
 POSES = ((0, 0), (0, 90), (0, 180), (0, 270), (90, 0), (-90, 0))
 RADIUS_MM, HEIGHT_MM = 120.0, 80.0
 CUTTING_S = 1000.0
-"""The program cuts so long, with a safe point each 40 s, and stands still afterwards."""
+"""The program cuts for this long, with a safe point each 40 s, and stands still afterwards."""
 
 
 class Rigid:

@@ -26,14 +26,14 @@ class Agent:
         self.key = key
         self.greeting = json.dumps({"challenge": CHALLENGE}).encode()
         self.says: list[bytes] = []
-        """Instead of the next answers, the proof's first; sent as they are."""
+        """Sent as they are instead of the next answers, the proof's first."""
         self.answers: dict[str, object] = {}
-        """To a question, by what it asks for."""
+        """The answers, by what a question asks for."""
         self.heard: list[dict[str, object]] = []
         self.thinks_s = 0.0
-        """Before each answer."""
+        """The pause before each answer."""
         self.session, self.count = b"", 0
-        """Of the newest client."""
+        """The session's key and the number of lines of the newest client."""
 
     def signed(self, text: bytes, *, ahead: int = 0) -> bytes:
         """A line with this text, for the exchange under way or a later one."""
@@ -41,7 +41,7 @@ class Agent:
         return hmac.new(self.session, what, "sha256").hexdigest().encode() + b" " + text + b"\n"
 
     def hear(self, line: bytes) -> bytes:
-        """Take what is sent to this connection."""
+        """Take a line that was sent to the agent, and return its answer."""
         message = json.loads(line.partition(b" ")[2])
         self.heard.append(message)
         if self.count == 0:

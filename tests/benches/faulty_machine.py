@@ -41,7 +41,7 @@ WIRES = {
     "the displacement's adapter is pulled out": "growth1",
     "a wire is short-circuited": "rtu1",
 }
-"""Of each fault: the bus in the configuration that it is on, or the control."""
+"""For each fault the bus of the configuration that it affects, or the control."""
 
 
 class Cable:

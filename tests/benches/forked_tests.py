@@ -25,12 +25,12 @@ _SITE = """
 import sys
 sys.meta_path = [finder for finder in sys.meta_path if "editable" not in type(finder).__module__.lower()]
 """
-"""The environment's editable install leads every import to the tree that it was made from."""
+"""The environment's editable install directs every import to the tree that it was made from."""
 _OPTIONS = (
     "-q", "-x", "-p", "no:cacheprovider", "-p", "no:xdist", "-W", "ignore::pytest.PytestAssertRewriteWarning",
 )  # fmt: skip
 _NOT_TRIED = 99
-"""Exit code of a fork that did not come to its test."""
+"""Exit code of a fork that did not reach its test."""
 
 
 @dataclass(frozen=True, slots=True)

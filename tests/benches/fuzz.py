@@ -94,7 +94,7 @@ def fuzzed(name: str, seconds: float, most: int | None, seed: int, say: Callable
 @click.argument("surfaces", nargs=-1, type=click.Choice(list(SURFACES)))
 @click.option("--seconds", default=10.0, show_default=True, help="Processor time of each surface.")
 @click.option(
-    "--examples", type=click.IntRange(min=1), help="So many of each surface instead; one of opcua has 50 answers."
+    "--examples", type=click.IntRange(min=1), help="Try this many of each surface instead; one of opcua has 50 answers."
 )
 @click.option("--seed", default=0, show_default=True)
 def main(surfaces: Sequence[str], seconds: float, examples: int | None, seed: int) -> None:

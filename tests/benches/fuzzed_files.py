@@ -48,7 +48,7 @@ _TOKENS = (
     b"2106-02-07T06:28:15Z", b"0x7fffffffffffffff", b"-0.0", b"|", b"@", b"64|1@1-", b"(0,0)", b"_",
 )  # fmt: skip
 Example = Callable[[random.Random, Path], None]
-"""Tries one: whatever it raises is a mistake of the program."""
+"""Tries one example: whatever it raises is a bug of the program."""
 
 
 @contextmanager

@@ -11,7 +11,7 @@ GuestRow = tuple[str, bool, str]
 
 
 def run(command: str) -> str:
-    """Its output; fails with all of it."""
+    """The output of a command; fails with all of it."""
     done = subprocess.run(["sh", "-c", command], capture_output=True, text=True, check=False)
     if done.returncode != 0:
         raise RuntimeError(f"{command}: exit code {done.returncode}\n{done.stdout}{done.stderr}")

@@ -34,7 +34,7 @@ LIMIT_S = 600.0  # real time for one life; it takes a tenth of a second
 PERIOD_S = 10.0
 _STEP_S, _STEPS_A_LIFE, _STEPS_A_SNAPSHOT = 300.0, 4, 6
 _MOMENTS_OF_A_REQUEST = 10
-"""Of about 45 of a cycle, so that many die when the number has just reached the control."""
+"""Out of about 45 moments of a cycle, so that many gateways die just after the number has reached the control."""
 
 
 class SwingingPlant:
@@ -83,7 +83,7 @@ class GatewayLife:
         self._memory, self._death, self._draw = memory, death, draw
         self._left, self._clock = memory.kept(), LoopClock()
         self._first = len(self._left.decided)
-        """Of those that it decides itself; what an earlier one decided may have died with it."""
+        """The first step that it decides itself; what an earlier gateway decided may have died with it."""
         self._clock.spend(self._left.now_s)
         self._clock.started_as = "the computer was not switched off"
         KeptNck.changed = self._keep

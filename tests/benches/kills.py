@@ -210,7 +210,7 @@ def kill_gateways(wanted: dict[str, int], seed: int, folder: Path) -> tuple[dict
 @click.command()
 @click.option("--writing", default=200, show_default=True, help="Kills at a call that changes the disk.")
 @click.option("--phase", default=20, show_default=True, help="Kills in each of the other phases.")
-@click.option("--only", multiple=True, type=click.Choice((WRITING, *PHASES)), help="Kill in these phases alone.")
+@click.option("--only", multiple=True, type=click.Choice((WRITING, *PHASES)), help="Kill only in these phases.")
 @click.option("--planted", "defect", type=click.Choice(list(PLANTED)), help="Give the gateway this defect.")
 @click.option("--seed", default=0, show_default=True)
 def main(writing: int, phase: int, only: Sequence[str], defect: str | None, seed: int) -> None:

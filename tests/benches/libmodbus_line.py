@@ -13,7 +13,7 @@ from drivers.modbus.bus import ModbusBus
 from simulators.devices.pty_port import PtyPort
 
 TIMEOUT_S = 5.0
-"""A busy computer may take so long for an answer of another program."""
+"""A busy computer may need this long for another program's answer."""
 UNIT = 3
 """On the serial line."""
 SLAVE = Path(__file__).parent / "libmodbus_slave.py"

@@ -52,7 +52,7 @@ def _groups() -> Iterator[GuestRow]:
     pid = shown("MainPID")
     inside = {name: read(f"{name}/cgroup.procs").split() for name in (".", "gateway", "learning")}
     yield (
-        "the gateway is in a control group of its own",
+        "the gateway is in its own control group",
         inside == {".": [], "gateway": [pid], "learning": []},
         str(inside),
     )

@@ -12,7 +12,7 @@ from gateway.apart import WorkError, apart, divide
 
 LEARNING = 3
 READY_S, LASTS_S = 30.0, 15.0
-"""Before the beginning every interpreter has started."""
+"""Every interpreter has started before this time."""
 
 
 def used_s(begin_s: float, end_s: float) -> float:

@@ -16,7 +16,7 @@ from simulators.linuxcnc.machine import LinuxCncMachine, machine
 
 KEY = "0123456789abcdef0123456789abcdef"
 ANSWER_S = 60.0
-"""For one answer of the agent: LinuxCNC works in real time, and is slow on a busy computer."""
+"""The time for one answer of the agent: LinuxCNC works in real time, and is slow on a busy computer."""
 
 
 @dataclass

@@ -24,9 +24,9 @@ from tests.benches.nc_disturbances import KINDS, NcSite
 PACE, SLEW_UM_PER_S = 0.2, 20.0
 """The control's own slew; the gateway's is 5 µm/s."""
 _MOST_PERIODS = 2_000
-"""Of one question to LinuxCNC's operator."""
+"""The most servo periods of one request to LinuxCNC's operator."""
 _IN_FORCE_MM, _LIMIT_S = 1e-4, 300.0
-"""What must be in force before anything is disturbed: what stands at zero cannot step."""
+"""This much must be in force before anything is disturbed: an offset of zero cannot step."""
 _SIGNALS = ("talc-seconds", "talc-x-in-force", "talc-y-in-force", "talc-z-in-force")
 
 

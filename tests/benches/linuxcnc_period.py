@@ -22,7 +22,7 @@ from tests.benches.linuxcnc_motion import by_errors, in_motion, machine
 _CLOCKS = "#include <x86intrin.h>\nunsigned long long clocks(void) { return __rdtsc(); }\n"
 _CALIBRATION_S = 1.0
 _LATE_US = 4.0
-"""Above its median, a function was interrupted."""
+"""A function that takes this much more than its median was interrupted."""
 MOTION = "circle of 120 mm, C at 60°/s"
 
 

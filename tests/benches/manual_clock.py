@@ -4,7 +4,7 @@ import asyncio
 from datetime import UTC, datetime, timedelta
 
 _IDLE_TURNS = 10
-"""Rounds of the event loop in which whoever slept until now wakes and works."""
+"""Rounds of the event loop in which tasks that slept until now wake and work."""
 
 
 class ManualClock:

@@ -1,6 +1,6 @@
 """`python -m tests.benches.mutation`: which mutants of the safety-critical modules do the tests kill?
 
-cosmic-ray makes the mutants; it has an environment of its own, which `make mutation` creates. What differs within
+cosmic-ray makes the mutants; it has its own environment, which `make mutation` creates. What differs within
 functions is tried by tests.benches.collected_tests; any other mutant runs all of the module's tests in a process forked
 from this one, which has loaded the libraries already. The results are in out/mutation/MODULE.jsonl; a run that was
 stopped continues, until the module changes. Prints a Markdown table, and each survivor that
@@ -82,12 +82,12 @@ MODULES: Mapping[str, Sequence[str]] = {
     "talc.stage": _CONTROLLER,
     "talc.learner.course": ("tests/talc/learner/test_course.py", "tests/talc/learner/test_reasons.py"),
 }
-"""Of each module the tests that are to kill its mutants: quick ones, on simulated time."""
+"""For each module the tests that are to kill its mutants: quick ones, on simulated time."""
 LOADED = (
     "numpy", "scipy.linalg", "scipy.optimize", "pytest", "_pytest.assertion.rewrite", "hypothesis", "pydantic",
     "asyncua", "gateway.config", "gateway.acquisition", "simulators.nc", "tests.benches.stepped_clock",
 )  # fmt: skip
-"""What every mutant needs and none of them is part of."""
+"""Modules that every mutant needs and that are not mutated."""
 _OPTIONS = (
     "-q", "-x", "-m", "not slow and not realtime", "-p", "no:cacheprovider", "-p", "no:xdist", "--hypothesis-seed=0",
     "-W", "ignore::pytest.PytestAssertRewriteWarning",
@@ -98,7 +98,7 @@ print(*(name for name, each in vars(importlib.import_module(sys.argv[1])).items(
 """
 """Prints the names that enumerations have in a module."""
 _NOT_TRIED = 99
-"""Exit code of a process that did not come to its tests."""
+"""Exit code of a process that did not reach its tests."""
 KILLED, SURVIVED, ENDLESS = "killed", "survived", "endless"
 
 
@@ -337,7 +337,7 @@ def main() -> int:
     options.add_argument("--tool", type=Path, default=OUT / "tool" / "bin" / "python", help="Python with cosmic-ray")
     options.add_argument("--minutes", type=float, default=float("inf"), help="end after this time")
     options.add_argument(
-        "--sample", type=int, help="of each module only so many mutants, drawn at random, the same each time"
+        "--sample", type=int, help="only this many mutants of each module, drawn at random, the same each time"
     )
     given = options.parse_args()
     end_s = time.monotonic() + 60.0 * given.minutes

@@ -38,7 +38,7 @@ class NcBench(ABC):
     working: Mapping[str, float]
     """Machine states after `work`."""
     tick_s = 0.05
-    """Of the control's time, between two looks."""
+    """The control's time between two looks."""
 
     @abstractmethod
     def another(self) -> NumericalControl:
@@ -270,7 +270,7 @@ async def node_opcua(folder: Path) -> AsyncIterator[NcBench]:
 
 TRAVEL = ((-200.0, 200.0), (-200.0, 200.0), (0.0, 300.0))
 FOLLOWING = FollowingTerms(1.0, 120.0, (60.0, 60.0, 60.0), (200.0, 361.0))
-"""What the emulated control follows the nine errors with."""
+"""The terms with which the emulated control follows the nine errors."""
 BENCHES: dict[str, Callable[[Path], Opened]] = {
     "in_process": in_process,
     "sinumerik": sinumerik(OffsetRoute()),

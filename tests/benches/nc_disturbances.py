@@ -46,7 +46,7 @@ ROUTES: Final = ("errors", "k0", "k0_slope", "r")
 _PROGRAMS = Path(__file__).parents[2] / "deploy" / "nc" / "sinumerik"
 _TRAVEL = ((-200.0, 200.0), (-200.0, 200.0), (0.0, 300.0))
 _WRITE_REQUEST = b"\x01\x00\xa1\x02"
-"""How OPC UA's binary encoding begins a WriteRequest (i=673)."""
+"""The beginning of a WriteRequest (i=673) in OPC UA's binary encoding."""
 _OFFSETS = (b"/R[u1,100]", b"TEMP_COMP_ABS_VALUE[u1]", b"/R[u1,90]")
 _TABLES = {name: CEC_TABLES.index(pair) for name, pair in PAIRS.items()}
 _TARGETS_UM = np.array([8.0, 12.0, 10.0, 6.0, 8.0, 5.0, 20.0, 20.0, 20.0])
@@ -61,7 +61,7 @@ class Disturbed:
     counts: Counter[str]
     disarmed: int
     moved_um: float
-    """The largest offset in force at any time: what stands at zero cannot step."""
+    """The largest offset in force at any time: an offset of zero cannot step."""
     seconds: float
 
 
@@ -79,7 +79,7 @@ class NcSite:
     draw: random.Random
     late_s: tuple[float, float]
     pace: float = 1.0
-    """Of every time and, inverse, of the slew."""
+    """A factor on every time and, inversely, on the slew."""
     notices: list[Notice] = field(default_factory=list)
     owner: int = 1
     disarmed: int = 0

@@ -48,7 +48,7 @@ class ScriptedControl:
     slow: asyncio.Event | None = None
     """A write lasts until it is set."""
     in_write: bool = False
-    """One has been asked for whose answer has not come."""
+    """A write has been sent whose answer has not come."""
     late: asyncio.Event | None = None
     """A write acts at once, and is answered when it is set."""
     swallows: bool = False
@@ -57,9 +57,9 @@ class ScriptedControl:
     """Takes no write in time: the next one is lost, without an answer, and kept in `lost`."""
     lost: Offsets | None = None
     halts_s: float = 0.0
-    """For so long this process stands still before its next write acts."""
+    """How long this process stands still before its next write acts."""
     late_write_s: float = 0.0
-    """What the control says: for so long a write without an answer may take effect."""
+    """The control's statement: how long after it was sent an unanswered write may take effect."""
     closed: int = 0
     looks: int = 0
     hangs: str = ""
@@ -240,7 +240,7 @@ class LinkBench:
 
 
 def answer_wrongly(bench: LinkBench, operation: str, wrong: Callable[[Any], object]) -> Callable[[], None]:
-    """From now on what the operation answers is changed; call what is returned to repair it."""
+    """Change the operation's answers from now on; call what is returned to repair it."""
     genuine: Callable[..., Awaitable[object]] = getattr(bench.control, operation)
 
     async def answers(*given: object) -> object:

@@ -32,7 +32,7 @@ class LineControl(EmulatedControl):
     """An emulated control that the tests can spoil."""
 
     frozen: MachineState | None = None
-    """Shown instead of what the machine does."""
+    """Shown instead of the machine's real state."""
     clock_wrong_by = timedelta()
     looks = 0
 

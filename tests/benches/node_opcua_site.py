@@ -11,7 +11,7 @@ from cryptography.x509.oid import ExtendedKeyUsageOID
 from drivers.sinumerik import SinumerikSettings
 
 TIMEOUT_S = 60.0
-"""A busy computer may take so long for an answer of another program."""
+"""A busy computer may need this long for another program's answer."""
 
 
 @dataclass(frozen=True)

@@ -60,7 +60,7 @@ class _Taken:
     def __init__(self) -> None:
         self.many, self.expected = 0, -1
         self.every = asyncio.Event()
-        """Set when as many have come as there are values."""
+        """Set when as many notifications have come as there are values."""
 
     def datachange_notification(self, node: Node, value: object, data: object) -> None:
         self.many += 1

@@ -22,9 +22,9 @@ class WhatOutlives:
     decided: list[int] = field(default_factory=list)
     """Grid indices of the steps that were decided."""
     stored: list[int] = field(default_factory=list)
-    """Those of which the store said that they are on the disk."""
+    """The steps that the store reported to be on the disk."""
     requests: list[int] = field(default_factory=list)
-    """Numbers of the cycles that the control was asked for."""
+    """Numbers of the requested cycles."""
 
 
 class SharedMemory:

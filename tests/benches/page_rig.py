@@ -15,7 +15,7 @@ from tests.benches.free_port import free_port
 
 _CHROMIUM = Path("/usr/bin/chromium")
 LIMIT_MS = 120_000.0
-"""For what takes a second; on a busy computer more."""
+"""The limit for what takes a second, and more on a busy computer."""
 SCREENS = ((1400, 900), (1024, 600), (390, 844))
 """Width and height: a desktop, a 10-inch panel, a phone."""
 MILL_SETTINGS = "[machine.mill]\ntolerance_um = 8.0\nsphere_radius_mm = 200.0\n"

@@ -11,7 +11,7 @@ _NOTE = """() => {
   window.watcher.observe({ type: "layout-shift", buffered: true });
   window.takeShifts = () => { take(window.watcher.takeRecords()); return window.shifts.splice(0); };
 }"""
-"""Notes what is seen at another place than in the frame before, since the page was opened."""
+"""Notes what is displayed at another place than in the previous frame, since the page was opened."""
 TWO_FRAMES = "() => new Promise((drawn) => requestAnimationFrame(() => requestAnimationFrame(() => setTimeout(drawn))))"
 
 

@@ -14,7 +14,7 @@ _SHEET = re.compile(r'<page width="([\d.]+)" height="([\d.]+)">(.*?)</page>', re
 _WORD = re.compile(r'<word xMin="([-\d.]+)" yMin="([-\d.]+)" xMax="([-\d.]+)" yMax="([-\d.]+)">(.*?)</word>')
 
 MARGIN = 12.0 / 25.4 * 72.0 - 1.0
-"""Points; the least margin that the pages ask for, less what a letter may protrude."""
+"""The least margin that the pages ask for, less what a letter may protrude; points."""
 
 
 @dataclass(frozen=True, slots=True)

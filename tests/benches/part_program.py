@@ -20,9 +20,9 @@ _EXPRESSION = (
 )  # fmt: skip
 _AXIS_WORD = re.compile(r"\b([XYZAC]|F)=(.+?)(?= [XYZAC]=| F=|$)")
 _LENGTH_MM = 150.0
-"""Of every tool."""
+"""The length of every tool."""
 _STEP = 1.0
-"""Of a look at a moving axis, mm or degrees."""
+"""The distance between two looks at a moving axis, mm or degrees."""
 
 
 class Collision(Exception):

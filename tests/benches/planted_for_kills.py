@@ -130,4 +130,4 @@ PLANTED: Mapping[str, tuple[str, Sequence[SourceChange]]] = {
         ),
     ),
 }
-"""Each with the phase in which it is found."""
+"""Each defect with the phase in which it is found."""

@@ -17,7 +17,7 @@ UNITS = (1, 2, 3)
 PERIOD_S, TIMEOUT_S = 1.0, 0.5
 """The defaults."""
 BAUD = 9600
-"""The default of a serial line; its emulator takes the time that its bytes take."""
+"""The default of a serial line; its emulator takes as long as its bytes would."""
 MODBUS = ("modbus_rtu", "modbus_rtu_tcp", "modbus_tcp")
 
 PolledLine = RtuLine | DeviceServer | TcpHost

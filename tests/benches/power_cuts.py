@@ -36,7 +36,7 @@ _SOURCE = Path(__file__).with_name("power_cut.cc")
 _HEAD = struct.Struct("=QQqQd")
 PAGE, SECTOR = 4096, 512
 COMMIT_S = 0.1
-"""Of the session."""
+"""The session's commit interval."""
 _STEPS_A_RUN, _READINGS_A_STEP, _PAUSE_S = 150, 4, 0.002
 _HANDED, _TOLD = 1, 2
 _NAME = "g.sqlite"
@@ -206,7 +206,7 @@ class StartVerdict:
 
     wrong: list[str] = field(default_factory=list)
     lost_s: float = 0.0
-    """For how long what was handed in last is lost."""
+    """The time span of what was handed in last and lost, s."""
     pending: bool = False
     """Whether anything was written and not synchronised."""
 
@@ -230,7 +230,7 @@ def cut_and_start(acts: Sequence[DiskAct], seed: int, folder: Path) -> StartVerd
     if mended or list(folder.glob("*damaged*")):
         verdict.wrong.append(f"torn: {mended}")
     if last < told:
-        verdict.wrong.append(f"step {told} was told to be stored, and {last} is the last one")
+        verdict.wrong.append(f"step {told} was reported as stored, and {last} is the last one")
     verdict.wrong += damage_found(config.storage.path)
     with History(config.storage.path) as history:
         known = {int(sequence) for *_, run, sequence in history.readings() if run <= 2}
@@ -239,7 +239,7 @@ def cut_and_start(acts: Sequence[DiskAct], seed: int, folder: Path) -> StartVerd
         verdict.wrong.append(f"replay: {result.first}")
     missing = [number for number in handed if number not in known]
     if any(number < (told + 1) * _READINGS_A_STEP for number in missing):
-        verdict.wrong.append(f"reading {min(missing)} is lost, and step {told} after it was told to be stored")
+        verdict.wrong.append(f"reading {min(missing)} is lost, and step {told} after it was reported as stored")
     if missing:
         verdict.lost_s = passed[-1].seconds - handed[min(missing)]
     return verdict

@@ -3,8 +3,8 @@
 The service of the demo's machine as `run` sets it up: 29 channels and a displacement on four buses, the control,
 learning, the store, Zenoh. The emulated machine is a separate process and does not count, nor does a view. The clock
 is the demo's. Prints a Markdown table: in the middle of each simulated day the memory of this process (PSS: its own,
-and its share of libraries that others use, too), and the most that it had of its own since the line before, looked at
-each 5 ms: at the end of a day a snapshot is made.
+and its share of libraries that others use, too), and the most private memory that it had since the previous line,
+looked at each 5 ms: at the end of a day a snapshot is made.
 """
 
 import argparse

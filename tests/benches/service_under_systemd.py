@@ -39,7 +39,7 @@ fcntl.ioctl(socket.socket(), 0x8916, address)
 """
 """SIOCSIFADDR."""
 SHORT_STOP_S = 10
-"""Of a unit that would not wait for the ramp."""
+"""The stop timeout of a unit that would not wait for the ramp."""
 ALLOWED = ("write to its own folder", "read its credential", "send to its own computer")
 
 

@@ -23,7 +23,7 @@ OURS = re.compile(r"(?:\.venv/bin/)?(talc-gateway|make|python)\b")
 OTHERS = re.compile(
     r"(apt|apt-get|certificates\.sh|chmod|dpkg|git|ip|journalctl|nano|openssl|pip|systemctl|unzip|uv) [^|=]+$"
 )
-"""Programs of others, as a line of a shell block or a span of a sentence begins with them."""
+"""Third-party programs, as they begin a line of a shell block or a span of a sentence."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -227,7 +227,7 @@ TABLE: dict[str, HowShown] = {
         "tests/benches/service_under_systemd.py", '"journalctl -u talc-gateway( -p warning)?"'
     ),
 }
-"""Pattern of a whole command, without `talc-gateway`, to what runs it; the first pattern that fits is meant."""
+"""From the pattern of a whole command, without `talc-gateway`, to what runs it; the first pattern that fits counts."""
 
 
 def commands_in(page: Path) -> Iterator[str]:

@@ -48,7 +48,7 @@ class SiteRun:
     """From publication to a subscriber of one key of each gateway, while nothing is killed."""
     live_p99_s: float
     collector_share: float
-    """Of one core."""
+    """The share of one core."""
     router_share: float
     collector_mb: float
     """The most at any time."""
@@ -57,7 +57,7 @@ class SiteRun:
     caught_up_s: float
     """From the end until the last row was kept."""
     late_s: float
-    """How much later than due a gateway was fed at most: the computer was too slow for its gateways."""
+    """The longest delay in feeding a gateway: the computer was too slow for its gateways."""
 
 
 @dataclass(slots=True)

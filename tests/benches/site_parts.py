@@ -27,7 +27,7 @@ from talc.frame import Event, EventKind, Frame
 from tests.benches import telemetry_examples as example
 
 _SWITCH_S = 0.0002
-"""For which a thread keeps the interpreter when others want it. With Python's 5 ms a gateway that answers a query holds
+"""How long a thread keeps the interpreter when others want it. With Python's 5 ms a gateway that answers a query holds
 up the messages of the fifty in its process, each at every message; real gateways do not share a process."""
 _STEP_EVERY = 10
 """Reads of a gateway between two steps."""

@@ -38,7 +38,7 @@ start | restart)
 stop | disable) rm -f /state/active ;;
 esac
 """
-"""Writes down what it is asked for, and of which version."""
+"""Records what it is asked for, and by which version."""
 PROGRAM = """#!/bin/sh
 case "$1" in
 check) test ! -e /opt/talc-gateway/refuses ;;

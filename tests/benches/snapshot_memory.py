@@ -1,4 +1,4 @@
-"""`python -m tests.benches.snapshot_memory CONFIG COUNT`: a part of `run`: only a store that takes snapshots.
+"""`python -m tests.benches.snapshot_memory CONFIG COUNT`: runs only the store of `run`, which takes snapshots.
 
 A day passes between two of them. Prints the process's memory in MB, once the learner has learnt and after each one, and
 the most since the line before.

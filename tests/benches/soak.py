@@ -48,7 +48,7 @@ from tests.benches.simulated_time import held_time, jump_wall_clock, real_monoto
 from tests.benches.soak_judged import HeldNow, SoakResult, SoakRun, SoakSeen, judged
 
 SLEW_UM_PER_S = 0.3
-"""On simulated time, of the gateway and of the control's program alike."""
+"""The slew of both the gateway and the control's program on simulated time."""
 AS_ON_A_MACHINE = (("= 100.0", "= 1.0"), ("= 30.0 ", "= 1.0 "), ("watchdog_s = 3600.0", "watchdog_s = 10.0"))
 """The periods of the bench's configuration, and those of a machine."""
 ON_SIMULATED_TIME = (
@@ -59,7 +59,7 @@ ON_SIMULATED_TIME = (
 )
 SHORTEST_RUN_S = 1800.0
 LOOK_S = 600.0
-"""How often the computer's own time is looked at, simulated s."""
+"""How often the computer's real time is checked, simulated s."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +73,7 @@ class SoakPlan:
     run_s: float = 8 * 3600.0
     """Between two restarts on average."""
     most_real_s: float = float("inf")
-    """The computer's own time after which it ends, however many days that were."""
+    """The real time after which it ends, however many days have passed."""
 
 
 class SoakClock(RealClock):

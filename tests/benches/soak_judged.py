@@ -19,7 +19,8 @@ SURPRISE = "a second cycle must give the same result"
 """Ends the text of a rejection that awaits confirmation (gateway/probing/checks.py)."""
 ALARMS = (EventKind.PROBLEM, EventKind.MEASUREMENT_REJECTED, EventKind.SENSOR_SUSPECT, EventKind.MODEL_REJECTED)
 LEAST_GROWTH = 2
-"""Descriptors, threads or tasks by which two medians may differ: a commit or a closing line moves each for a moment."""
+"""Descriptors, threads or tasks by which two medians may differ: a commit or a closing connection changes each for a
+moment."""
 LEARNT_MB, RECORDED_MB_PER_DAY = 40.0, 0.5
 """Memory by which they may differ: what the service takes in its first days until it has learnt (27 MB between the
 thirds of four days), and what the emulators write down of what they do (84 MB between those of a year)."""
@@ -100,7 +101,7 @@ class SoakResult:
     missed: Sequence[SoakFault]
     false: Sequence[Alarm]
     asked_again: Sequence[Alarm]
-    """Surprising results of probing that the next cycle explained: each cost two minutes, and nobody had to act."""
+    """Surprising probing results that the next cycle explained: each cost two minutes, and nobody had to act."""
     leaks: Sequence[str]
     """What grew by more than it may."""
     stepped: bool

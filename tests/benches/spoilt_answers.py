@@ -11,9 +11,9 @@ from drivers.build import make_bus
 from tests.benches.rigs import Rig
 
 _LATEST_S = 0.3
-"""Within which a late answer comes."""
+"""The latest time of a late answer."""
 _BETWEEN_S = 0.1
-"""For devices that send by themselves."""
+"""The pause for devices that send by themselves."""
 
 Sent = Sequence[tuple[float, bytes]]
 """When, in seconds from now, and what."""

@@ -14,7 +14,7 @@ from tests.benches.cut_wire import wire_to
 from tests.benches.emulated_bench import sinumerik_bench
 
 TIMEOUT_S = 0.2
-"""A spoilt answer is often none at all: each costs this long."""
+"""A spoilt answer is often no answer at all, and each costs this long."""
 
 
 @asynccontextmanager

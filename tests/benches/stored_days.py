@@ -17,7 +17,7 @@ from tests.benches.stepped_clock import SteppedClock
 DAY = date(2026, 3, 2)
 STEP_S = 300
 EACH = 12
-"""A step is stored of each hour."""
+"""One step of each hour is stored."""
 
 
 def two_days(path: Path, first: datetime = datetime(2026, 3, 1, 22, tzinfo=UTC), hours: int = 30) -> Path:

@@ -11,7 +11,7 @@ Serve = Callable[[asyncio.StreamReader, asyncio.StreamWriter], Awaitable[None]]
 async def stream_server(serve: Serve, limit: int = 2**16, host: str = "127.0.0.1") -> AsyncIterator[int]:
     """Yields its port; at the end `serve` is cancelled in every connection, and the connection is closed.
 
-    serve: has each connection; an error of its own goes to asyncio's log
+    serve: has each connection; an error that it raises goes to asyncio's log
     limit: of the reader, in bytes
     """
     clients: dict[asyncio.Task[None], asyncio.StreamWriter] = {}

@@ -47,7 +47,7 @@ _PACE = {
     "timeout_s = 900.0": "timeout_s = 30.0",
     "stale_after_s = 900.0": "stale_after_s = 10.0",
 }
-"""From the bench's configuration, whose gateway lives in the machine's time, to one that lives in ours."""
+"""From the bench's configuration, whose gateway runs in the machine's time, to one that runs in real time."""
 WAYS = {
     "learner": """
 [talc.learner]
@@ -86,7 +86,7 @@ class TickRun:
     trained_share: float
     """Share of the time in which a training ran: on a fast computer a training ends long before the next one."""
     waited_s: float
-    """For which threads of the gateway and of the subscriber were ready, but others had the cores; all together."""
+    """How long threads of the gateway and the subscriber were ready while others had the cores; in sum."""
 
     def percentile_ms(self, share: float) -> float:
         return float(np.percentile(self.latencies_s, share)) * 1e3
@@ -171,7 +171,7 @@ def _waited_s(process: int) -> float:
 
 
 def run_ticks(way: str, seconds: float) -> TickRun:
-    """Run a gateway that learns in one of the ways, and hear its decisions for so long after the first."""
+    """Run a gateway that learns in one of the ways, and hear its decisions for this long after the first."""
     heard, trained, here = _HeardDecisions(), list[bool](), f"tcp/127.0.0.1:{free_port()}"
     with TemporaryDirectory() as name, _machine(Path(name)) as addresses, zenoh.open(_listening(here)) as session:
         path = _configured(Path(name), addresses, here, WAYS[way])

@@ -23,11 +23,11 @@ class Tried:
     """Package, and where it comes from: `npm`, `PyPI` or `Debian`."""
     package: str
     what: str
-    """What it is to the gateway, and what was tried with it."""
+    """Its role for the gateway, and what was tried with it."""
     trace: str
     """How a test file shows that it uses it, as a regular expression."""
     wire: str
-    """What it speaks: its line in README.md."""
+    """The protocol that it speaks: its row in README.md."""
     debian_version: str = ""
     """The upstream version in Debian 12."""
 

@@ -23,7 +23,7 @@ DOCUMENT = Path("docs/wiring.md")
 _BLOCK = re.compile(r"(<!-- shown (\w+) -->\n```text\n)(.*?)(```\n)", re.DOTALL)
 
 ROOM = [21.3, 21.4, 21.2, 21.3, 21.5, 21.2]
-"""A machine that stood over night: everything has the hall's temperature."""
+"""A machine that stood overnight: everything has the hall's temperature."""
 
 RTU = """[machine]
 name = "mill"

@@ -1,6 +1,6 @@
 """`python -m benchmarks SUBJECT`, which `make bench` runs, with few machines and few hours.
 
-It makes the rows that docs/results.md shows, and renews that table alone.
+It makes the rows that docs/results.md shows, and renews only that table.
 """
 
 import importlib
@@ -31,7 +31,7 @@ SMALL: dict[str, dict[str, object]] = {
     "sparse_expert": {"MACHINES": TWO[:1], "HOURS": 28},
     "unseen_days": {"KINDS": ("day",), "SEEDS": (0,), "HOURS": 26, "REPEATS": 2},
 }
-"""What of a subject's module is made smaller."""
+"""What is made smaller in a subject's module."""
 
 
 def shorter(kind: str, seed: int, hours: int) -> Days:
@@ -48,7 +48,7 @@ def table(page: str, subject: str) -> str:
 
 
 def work(rows: str) -> list[str]:
-    """First cells, without numbers: of how many machines they are."""
+    """First cells, without the numbers of machines."""
     return [re.sub(r"\d+(\.\d+)?", "N", line.split("|")[1]) for line in rows.splitlines()]
 
 

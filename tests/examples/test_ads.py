@@ -1,4 +1,4 @@
-"""The package of examples/ads, installed: it reads a PLC that the library's own test server plays."""
+"""The installed package of examples/ads reads a PLC that the library's own test server plays."""
 
 import asyncio
 import math

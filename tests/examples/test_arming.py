@@ -1,4 +1,4 @@
-"""docs/arming.md shows what `check` says at each step from nothing armed to everything."""
+"""docs/arming.md shows what `check` says at each step, from nothing armed to everything armed."""
 
 import re
 from pathlib import Path

@@ -1,6 +1,6 @@
 """The bench's clock: scaled, stopped while held, the same for a second process's view of it.
 
-What it scales here is simulated time: a sleep passes exactly what it says.
+Here it scales simulated time: a sleep lasts exactly as long as stated.
 """
 
 import asyncio
@@ -17,7 +17,7 @@ pytestmark = pytest.mark.simulated_time
 
 EPOCH = datetime(2026, 1, 5, 6, tzinfo=UTC)
 READ_S = 0.01
-"""Each look at the computer's clock takes a little of simulated time, here a thousandfold."""
+"""Each look at the computer's clock takes a little simulated time, here a thousandfold."""
 
 
 @pytest.fixture

@@ -1,4 +1,5 @@
-"""The study frame resumes where it was stopped; the small comparison against a regression done here by hand."""
+"""The study frame resumes where it was stopped; the small comparison is checked against a regression computed by
+hand."""
 
 import csv
 import json
@@ -36,7 +37,7 @@ LIMIT_S = 300.0
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A finished small study by the command line, two processes."""
+    """A finished small study, run by the command line with two processes."""
     studied = study_by_command(STUDY.name, tmp_path_factory.mktemp("study") / "made")
     assert len(studied.runs) == 8
     return studied.folder
@@ -119,7 +120,7 @@ def test_the_table_on_the_page_is_renewed_between_its_marks(folder: Path, tmp_pa
 
 
 def results(folder: Path) -> dict[str, Any]:
-    """By file; how long a run took differs from time to time."""
+    """Results by file, without how long each run took, which varies."""
     kept = {file.name: json.loads(file.read_text(encoding="utf-8")) for file in (folder / "runs").iterdir()}
     return {name: (one["parameters"], one["result"]) for name, one in kept.items()}
 
@@ -131,7 +132,7 @@ def copied(folder: Path, tmp_path: Path) -> Path:
 
 
 def undrawn(runs: list[Run]) -> Report:
-    """A report without pictures, for tests of what is not about them."""
+    """A report without pictures, for tests that are not about them."""
     return Report("?", Table(("pair",), ()), (), (), [["pair"], *([r.parameters["pair"]] for r in runs)])
 
 

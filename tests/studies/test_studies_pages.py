@@ -1,4 +1,4 @@
-"""The built pages of the studies: the run that they show, and whose learner it was."""
+"""The built pages of the studies: the run that they show, and the version of its learner."""
 
 import re
 from pathlib import Path

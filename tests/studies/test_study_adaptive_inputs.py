@@ -27,7 +27,7 @@ def studied(tmp_path_factory: pytest.TempPathFactory) -> Studied:
 
 @pytest.fixture(scope="module")
 def small(studied: Studied) -> list[Run]:
-    """Those of the default selector."""
+    """The small study's runs of the default selector."""
     return [run for run in studied.runs if run.parameters["selector"] == "search"]
 
 

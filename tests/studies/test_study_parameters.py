@@ -80,7 +80,7 @@ def test_a_sparse_calibration_takes_half_the_measurements_and_its_models_compens
         assert point["policy"].endswith("calibrated each 20 min")
         assert point["P99"] < 0.6 * result["none"]["P99"]
         assert point["P99"] < point["hold P99"]
-    (fixed,) = result["sparse_fixed"]  # measured each 4 h afterwards; without an update so often:
+    (fixed,) = result["sparse_fixed"]  # measured each 4 h afterwards; without an update this often:
     assert 24 + (96 - 8) / 4 * 0.9 <= fixed["measurements"] < dense["measurements"]
 
 

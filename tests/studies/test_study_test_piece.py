@@ -39,7 +39,7 @@ def studied(tmp_path_factory: pytest.TempPathFactory) -> Studied:
 
 @pytest.fixture(scope="module")
 def small(studied: Studied) -> Mapping[str, Any]:
-    """With whole sensors."""
+    """The small study's runs with whole sensors."""
     return next(run.result for run in studied.runs if not run.parameters["failing"])
 
 

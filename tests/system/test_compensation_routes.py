@@ -1,6 +1,6 @@
 """The residual thermal error at the tool, for each route by which offsets reach the control.
 
-A warm machine of the simulators, moving; the errors are known exactly, so that only the routes differ.
+The machine is a warm, moving one of the simulators; the errors are known exactly, so that only the routes differ.
 """
 
 import asyncio
@@ -28,7 +28,7 @@ WARM_S = 6 * 3600.0
 SETTLED_S, END_S, SAMPLE_S = 90.0, 240.0, 0.5
 BOUND_UM, SLEW_UM_PER_S = 300.0, 5.0
 TRAVEL = ((-150.0, 150.0), (-150.0, 150.0), (50.0, 250.0))
-"""What the emulated control's program drives through."""
+"""The travel that the emulated control's program covers."""
 NAMES = {pair: name for name, pair in PAIRS.items()}
 TABLES = {NAMES[pair]: number for number, pair in enumerate(CEC_TABLES)}
 PLAIN = OffsetRoute()
@@ -38,7 +38,7 @@ EVERY_PAIR = OffsetRoute(route="k0_slope", travel_mm=TRAVEL, tables=TABLES)
 
 
 class WarmMachine:
-    """The plant after a long day, standing still in time; `ideal` while it shall have no errors."""
+    """The plant after a long day, at a fixed time; `ideal` while it is to have no errors."""
 
     def __init__(self) -> None:
         self.ideal = False
@@ -80,10 +80,10 @@ def perfect(machine: WarmMachine) -> Decision:
 
 
 class ShiftRecorder(EmulatedControl):
-    """Notes the shift in every corner of the travel whenever it is asked, told or looks; it can hang who asks."""
+    """Notes the shift in every corner of the travel at each read, write and look; it can make the caller hang."""
 
     hang_in: int | None = None
-    """The asking gateway stands still for 14 s within so many reads from now; its watchdog_s is 10."""
+    """The gateway stands still for 14 s within the read that comes after this many; its watchdog_s is 10."""
     hung = 0
 
     def __init__(
@@ -121,7 +121,7 @@ class ShiftRecorder(EmulatedControl):
         self.corners.append((self._stepped.monotonic(), shifts))
 
     def largest_step_um(self) -> float:
-        """What changed anywhere within one moment: between moments only the control's own ramp moves."""
+        """The largest change anywhere within one moment: between moments only the control's own ramp moves."""
         moments = itertools.groupby(self.corners, key=lambda noted: noted[0])
         found = [[shifts for _, shifts in moment] for _, moment in moments]
         return max(float(np.abs(shifts[-1] - shifts[0]).max()) for shifts in found)
@@ -148,7 +148,7 @@ async def moving(
 async def linked(
     machine: WarmMachine, clock: WireClock, url: str, compensation: OffsetRoute
 ) -> AsyncIterator[tuple[NcLink, list[str]]]:
-    """The gateway's link at work, knowing the machine's errors; and the problems that it tells."""
+    """The gateway's link at work with the machine's errors known; and the problems that it reports."""
     config = validate(
         {
             "machine": {"name": "mill"},
@@ -250,7 +250,7 @@ async def test_a_process_that_stands_still_within_any_request_leaves_no_step_beh
         assert control.hung == reads_of_a_cycle
         assert link.armed, problems
         assert control.largest_step_um() <= SLEW_UM_PER_S * 1.0 + 1e-6
-        assert np.abs(control.corners[-1][1]).max() > 10.0, "what stands at zero cannot step"
+        assert np.abs(control.corners[-1][1]).max() > 10.0, "an offset of zero cannot step"
 
 
 @pytest.mark.parametrize("what", ["slope", "table_weight", "k0_mm"])

@@ -1,6 +1,6 @@
 """The Debian package: built from the locks, installed in a Debian without a network, run, upgraded, removed, purged.
 
-Then its service, under a systemd that has booted, in a container and on a kernel of its own.
+Then its service, under a systemd that has booted, in a container and on its own kernel.
 """
 
 import json
@@ -47,7 +47,7 @@ stat -c %U:%G:%a /{CONFIG}
 
 
 def run(*command: str | Path, folder: Path = ROOT) -> str:
-    """Its output; fails with all of it."""
+    """The output of a command; fails with all of it."""
     done = subprocess.run(list(map(str, command)), cwd=folder, capture_output=True, text=True, timeout=LIMIT_S)
     assert done.returncode == 0, f"{' '.join(map(str, command))}\n{done.stdout}\n{done.stderr}"
     return done.stdout
@@ -55,7 +55,7 @@ def run(*command: str | Path, folder: Path = ROOT) -> str:
 
 @pytest.fixture
 def package(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Built by the one command."""
+    """The package, built by the one command."""
     assert which("dpkg-deb"), "Debian's package dpkg"
     folder = tmp_path_factory.mktemp("package")
     run("env", f"PYTHON={sys.executable}", ROOT / "deploy" / "debian" / "build.sh", folder)
@@ -72,7 +72,7 @@ def debian() -> Iterator[Path]:
 
 
 class InstalledHost:
-    """A computer on which the package is installed: no network but loopback, and processes of its own."""
+    """A computer on which the package is installed: no network but loopback, and its own processes."""
 
     def __init__(self, root: Path) -> None:
         self.root = root
@@ -129,7 +129,7 @@ def check_contents(contents: Path) -> None:
 
 
 def check_rehearsal(machine: InstalledHost) -> None:
-    """The emulated control of docs/arming.md, started by the package's own Python, and read as the page says."""
+    """The emulated control of docs/arming.md, started by the package's own Python, and read as that page says."""
     start = f"/{OWN}/bin/python -m simulators.nc --port 4841 --cycle-s 10 --warm-s 120 >nc & control=$!"
     ready = "until grep -q ^#.ready nc; do kill -0 $control; sleep 0.1; done"
     read = f"(cat /{CONFIG}; echo; cat nc) >r.toml; talc-gateway check r.toml; talc-gateway probe r.toml || true"
@@ -140,7 +140,7 @@ def check_rehearsal(machine: InstalledHost) -> None:
 
 
 def scripts_alone(contents: Path, folder: Path) -> Path:
-    """A package of the whole one's scripts, with little to unpack."""
+    """A package with the scripts of the whole one and little to unpack."""
     for name in (f"{OWN}/bin", f"{OWN}/lib", "usr/share"):
         rmtree(contents / name)
     run("dpkg-deb", "--root-owner-group", "-Znone", "--build", contents, folder / "scripts.deb")
@@ -148,7 +148,8 @@ def scripts_alone(contents: Path, folder: Path) -> Path:
 
 
 def check_init(machine: InstalledHost) -> None:
-    """As docs/install-pi.md begins: the untouched example becomes what the wires have, for the service to read."""
+    """The beginning of docs/install-pi.md: from the untouched example to what is on the wires, readable by the
+    service."""
     (machine.root / "tmp" / "init.sh").write_text(INIT, encoding="utf-8")
     out = machine.run("sh -e /tmp/init.sh")
     assert f"/{CONFIG}: good. 1 bus, 1 device, 7 channels" in out
@@ -158,7 +159,7 @@ def check_init(machine: InstalledHost) -> None:
 
 
 def check_partition(machine: InstalledHost, install: str) -> None:
-    """The data folder as a partition of its own: purged, it is empty, and the mount is where it was."""
+    """The data folder as a separate partition: after a purge it is empty, and the mount is where it was."""
     inside = f"mkdir -p /{DATA} && mount -t tmpfs data /{DATA}"
     left = machine.run(
         f"{inside}; {install}; chown talc-gateway: /{DATA}; echo 1 >/{DATA}/gateway.sqlite; mkdir /{DATA}/reports; "
@@ -170,7 +171,7 @@ def check_partition(machine: InstalledHost, install: str) -> None:
 
 
 def test_it_installs_runs_upgrades_and_leaves_without_a_network(package: Path, debian: Path, tmp_path: Path) -> None:
-    """One test, because several would each build the package on a worker of their own."""
+    """One test, because several tests would each build the package on their own worker."""
     assert os.geteuid() == 0, "a chroot needs root"
     contents, packages = tmp_path / "contents", debian / PACKAGES
     run("dpkg-deb", "--raw-extract", package, contents)

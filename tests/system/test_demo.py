@@ -1,4 +1,4 @@
-"""The whole loop in short: emulated machine, drivers, TALC, NC, Zenoh; then the files that it left."""
+"""The whole loop in a short run: emulated machine, drivers, TALC, NC, Zenoh; then the files that it left."""
 
 import csv
 import os
@@ -45,7 +45,7 @@ def demo_command(folder: Path, port: int, hours: float = HOURS, *more: str) -> l
 
 
 def finished(process: "subprocess.Popen[str]", folder: Path) -> str:
-    """What it said until it ended. Raises subprocess.TimeoutExpired when it stores nothing new for the limit."""
+    """What it printed until it ended. Raises subprocess.TimeoutExpired when it stores nothing new within the limit."""
     stored = -1
     while True:
         try:
@@ -57,7 +57,7 @@ def finished(process: "subprocess.Popen[str]", folder: Path) -> str:
 
 
 def stored_rows(database: Path) -> int:
-    """How many frames there are by now; none before the database is made."""
+    """How many frames there are so far; none before the database is made."""
     try:
         with closing(sqlite3.connect(f"file:{database}?mode=ro", uri=True)) as connection:
             return int(connection.execute("SELECT count(*) FROM frame").fetchone()[0])

@@ -1,4 +1,4 @@
-"""The demo serves the page of its machine itself, and takes it along when it ends."""
+"""The demo serves the page of its machine itself, until it ends."""
 
 import json
 import signal
@@ -23,7 +23,7 @@ JUDGED = {"word.ready", "word.unsure", "word.not_ready"}
 
 @contextmanager
 def demo(folder: Path) -> Iterator[tuple["subprocess.Popen[str]", str]]:
-    """One that does not end by itself, and the address that it says before anything else."""
+    """A demo that does not end by itself, and the address that it prints before anything else."""
     command = (sys.executable, "-m", "gateway", "demo", "--hours", "1000", "--folder", str(folder))
     with subprocess.Popen(
         [*command, "--zenoh-port", str(free_port()), "--plain"],
@@ -39,7 +39,7 @@ def demo(folder: Path) -> Iterator[tuple["subprocess.Popen[str]", str]]:
 
 
 def states(address: str) -> Iterator[dict[str, Any]]:
-    """What a browser is told of the demo's machine."""
+    """What a browser is sent about the demo's machine."""
     with urllib.request.urlopen(f"{address}stream/bench", timeout=LIMIT_S) as stream:
         kind = ""
         for line in stream:

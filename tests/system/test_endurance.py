@@ -40,7 +40,7 @@ FRAME_BYTES = 3_000
 
 @dataclass(frozen=True)
 class HeldByProcess:
-    """What the process holds at one moment."""
+    """What the process has open at one moment."""
 
     hour: float
     descriptors: int
@@ -121,7 +121,7 @@ async def test_a_day_of_faults_leaves_nothing_behind(tmp_path: Path, caplog: pyt
 
     early = [h for h in found if SETTLED_HOURS + 0.5 <= h.hour < SETTLED_HOURS + COMPARED_HOURS]
     late = [h for h in found if h.hour >= HOURS - COMPARED_HOURS]
-    # Nearly the most: a bus that is shut has fewer, and on a busy computer is so half of the time.
+    # Nearly the most: a closed bus has fewer, and on a busy computer it is closed half of the time.
     for what in ("descriptors", "threads", "tasks"):
         usual = [float(np.percentile([getattr(h, what) for h in some], 90)) for some in (early, late)]
         assert usual[1] <= usual[0] + 2, f"{what}: {usual}"

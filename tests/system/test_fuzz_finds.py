@@ -1,4 +1,4 @@
-"""The fuzz bench finds nothing for a while, and a guard that is missing: one on each surface is taken away."""
+"""The fuzz bench finds nothing for a while, and finds a missing guard: one on each surface is removed."""
 
 import logging
 from collections.abc import Iterator, Mapping, Sequence
@@ -63,19 +63,19 @@ GUARDS: Mapping[str, Sequence[SourceChange]] = {
     "queries": (SourceChange(command_door, "if operator is None or not signed:", "if operator is None:"),),
     "web": (SourceChange(older, "except (ValueError, OverflowError) as error:", "except OverflowError as error:"),),
 }
-"""Without each of them. `except ()` catches nothing."""
+"""Guards that are removed one at a time. `except ()` catches nothing."""
 EXAMPLES = {"prior": 400, "dbc": 100, "answers": 400, "web": 1500}
-"""If not 40."""
+"""The number of examples, if not 40."""
 TEN_SECONDS = {
     "opcua": 15, "agent": 350, "modbus": 220, "can": 55,
     "wire_log": 6_000, "recordings": 7_000, "toml": 9_000, "dbc": 7_000,
 }  # fmt: skip
-"""Examples of which a recent computer tries so many in about ten seconds of processor time."""
+"""As many examples as a recent computer tries in about ten seconds of processor time."""
 
 
 @pytest.fixture(autouse=True)
 def _unlogged() -> Iterator[None]:
-    """What is logged of damaged answers may be no text."""
+    """What is logged about damaged answers may not be text."""
     logging.disable(logging.CRITICAL)
     yield
     logging.disable(logging.NOTSET)

@@ -32,7 +32,7 @@ def hanging(tmp_path: Path) -> Iterator[Path]:
 
 
 def said_by(hanging: Path, command: tuple[str, ...], code: int, *, stopped: bool = False) -> str:
-    """What it writes to standard error until it ends with this code, while the disk hangs."""
+    """What a command writes to standard error until it ends with this code, while the disk hangs."""
     folder = hanging.parent
     done = subprocess.run(
         [sys.executable, "-m", "gateway", *command],

@@ -1,7 +1,7 @@
 """The whole gateway, killed at any moment while it compensates, judged by the control's own record.
 
-Real processes and the real wires; only faster than on a machine: ten cycles a second, 20 µm/s. A gateway dies at a
-message on one of its wires that is drawn beforehand: how fast the computer is decides nothing.
+The processes and wires are real, only faster than on a machine: ten cycles a second, 20 µm/s. A gateway dies at a
+message on one of its wires that is drawn beforehand, so the speed of the computer decides nothing.
 """
 
 import asyncio
@@ -37,7 +37,7 @@ BOUND_UM = (6.0, 6.0, 8.0)
 CALIBRATION = 200
 READY_S = 300.0
 MOST_MESSAGES = 80
-"""Between the moment from which a gateway may die and its death: some eight cycles."""
+"""The most messages between the moment from which a gateway may die and its death: some eight cycles."""
 TEXT = """
 [machine]
 name = "mill"
@@ -83,7 +83,7 @@ calibration_steps = {calibration}
 
 
 def temperatures(k: float) -> tuple[float, float]:
-    """Quick enough that every gateway has something to follow."""
+    """Temperatures that change quickly enough for every gateway to have something to follow."""
     return 22.0 + 8.0 * math.sin(k / 4.0), 22.0 + 6.0 * math.sin(k / 5.5 + 1.0)
 
 
@@ -159,7 +159,7 @@ class Wires:
             wire.delay, wire.spoil = self._ask, self._answer
 
     async def kill(self, pid: int, messages: int) -> None:
-        """At the message after so many."""
+        """Kill at the message after this many."""
         self._pid, self._left = pid, messages
         self._killed.clear()
         async with asyncio.timeout(READY_S):
@@ -179,7 +179,7 @@ class Wires:
 
 
 async def killed(kills: int, control: EmulatedControl, wires: Wires, start: Callable[[], Awaitable[int]]) -> int:
-    """Kill so many gateways, one after another; returns how many had moved the offsets when they died."""
+    """Kill this many gateways one after another; returns how many had moved the offsets when they died."""
     draw, nck, moved = np.random.default_rng(kills), control.nck, 0
     for number in range(kills):
         beat, entries = nck.r[R_BEAT], len(nck.log)
@@ -205,7 +205,7 @@ def largest_mm(control: EmulatedControl) -> float:
 
 @asynccontextmanager
 async def gateways(config: Path, log: Path) -> AsyncIterator[Callable[[], Awaitable[int]]]:
-    """Starts one and gives its process id, each after the one before was killed."""
+    """Starts a gateway after the previous one was killed, and gives its process id."""
     with log.open("wb") as errors:
         zygote = await asyncio.create_subprocess_exec(
             *(sys.executable, "-m", "tests.benches.gateways_to_kill", str(config)),

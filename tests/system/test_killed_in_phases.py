@@ -1,4 +1,5 @@
-"""Killed while it starts, rebuilds, learns, probes, writes or stops: no step on the control, nothing lost or torn."""
+"""A gateway killed while it starts, rebuilds, learns, probes, writes or stops: no step on the control, nothing lost or
+torn."""
 
 import subprocess
 import sys

@@ -1,4 +1,4 @@
-"""The memory of `run` does not grow with the snapshots that it takes each day, and one needs little of it meanwhile."""
+"""The memory of `run` does not grow with the snapshots that it takes each day, and taking one needs little memory."""
 
 import os
 import subprocess

@@ -24,7 +24,7 @@ MOST_SHEETS = 16
 
 
 def full_run() -> ReportData:
-    """Three days with all that a page can hold: shifts, many inputs and events, reasons with long texts."""
+    """Three days with everything that a page can contain: shifts, many inputs and events, reasons with long texts."""
     run = small_run(3 * 288)
     names = tuple(f"input_{i}_of_the_machine" for i in range(20))
     waves = 20.0 + np.sin(np.arange(3 * 288)[:, None] / 40.0 + np.arange(20)) * 10.0 ** (np.arange(20) % 4)
@@ -53,7 +53,7 @@ def browser() -> Iterator[Browser]:
 
 @pytest.fixture(scope="module", params=PAGES)
 def file(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A page as a file."""
+    """The file of a page."""
     if request.param != "report":
         return STUDIES / f"{request.param}.html"
     report = tmp_path_factory.mktemp("report") / "report.html"
@@ -63,7 +63,7 @@ def file(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
 
 @pytest.fixture
 def page(browser: Browser, file: Path) -> Iterator[Page]:
-    """It, as a person sees it before printing: in the dark, which paper is not."""
+    """The page as a person sees it before printing: in dark mode, which paper is not."""
     with browser.new_context(color_scheme="dark") as context:
         context.set_default_timeout(LIMIT_MS)
         shown = context.new_page()

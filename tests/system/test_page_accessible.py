@@ -1,4 +1,4 @@
-"""The page for operators is one that everybody can use: axe finds no violation, whatever the page shows."""
+"""Everybody can use the page for operators: axe finds no violation, whatever the page shows."""
 
 import json
 import os

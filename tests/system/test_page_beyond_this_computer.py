@@ -47,7 +47,7 @@ def served(folder: Path) -> Iterator[tuple[int, Path]]:
 
 
 def asked(browser: HTTPConnection, path: str, password: str | None = None, method: str = "GET") -> HTTPResponse:
-    """What is answered to anna, or to somebody without a name."""
+    """The answer to anna, or to somebody without a name."""
     basic = "Basic " + b64encode(f"anna:{password}".encode()).decode()
     browser.request(method, path, headers={} if password is None else {"authorization": basic})
     return browser.getresponse()

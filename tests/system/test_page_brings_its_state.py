@@ -17,7 +17,7 @@ expect.set_options(timeout=LIMIT_MS)
 
 
 def drive_its_clock(page: Page) -> None:
-    """From the next load on; no stream is answered any more."""
+    """Drive the page's clock from the next load on; no stream is answered any more."""
     page.route(re.compile(r"/stream[/?]"), lambda _: None)
     page.clock.install()
     page.clock.pause_at(page.evaluate("Date.now()") / 1e3 + 1.0)

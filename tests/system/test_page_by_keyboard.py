@@ -1,4 +1,4 @@
-"""The charts of the page for operators, by keyboard alone."""
+"""The charts of the page for operators, used only by keyboard."""
 
 from pathlib import Path
 from urllib.parse import parse_qs, urlsplit
@@ -16,7 +16,7 @@ expect.set_options(timeout=LIMIT_MS)
 
 
 def asked(answer: Response) -> tuple[float, float]:
-    """Of which past, UTC seconds; the same twice: of none."""
+    """Which past was asked for, UTC seconds; twice the same: none."""
     address = urlsplit(answer.url)
     if address.path != "/past/mill":
         return 0.0, 0.0
@@ -30,7 +30,7 @@ def asked_s(answer: Response) -> float:
 
 
 def times(readings: Locator) -> set[str]:
-    """At which the charts tell their values."""
+    """The times at which the charts show their values."""
     return {told.partition(": ")[0] for told in readings.all_inner_texts()}
 
 

@@ -1,6 +1,6 @@
 """The page for operators as a browser shows it: live telemetry of the demo's machine, and gateways that go and come.
 
-The pictures go to out/page, or where PAGE_PICTURES says: `make pictures` has them in docs.
+The pictures go to out/page or to the folder PAGE_PICTURES: `make pictures` puts them in docs.
 """
 
 import json
@@ -87,7 +87,7 @@ def past_days(answer: Response) -> float:
 
 
 def asked_span(answer: Response) -> tuple[float, float]:
-    """Of the past, UTC seconds."""
+    """The past that was asked for, UTC seconds."""
     asked = parse_qs(urlsplit(answer.url).query)
     return float(asked["from"][0]), float(asked["to"][0])
 
@@ -249,7 +249,7 @@ def right_end(page: Page) -> str:
 
 
 def expect_forecast(page: Page, shown: bool) -> None:
-    """The curves come after the words."""
+    """Expect the forecast; the curves come after the words."""
     end_s = time.monotonic() + LIMIT_MS / 1000.0
     while ("forecast" in right_end(page)) is not shown:
         assert time.monotonic() < end_s

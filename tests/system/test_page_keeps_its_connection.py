@@ -37,7 +37,7 @@ expect.set_options(timeout=LIMIT_MS)
 
 
 def expect_fresh(page: Page, gateway_says: str) -> None:
-    """It has heard this event."""
+    """Expect that the page has heard this event."""
     expect(page.locator("#word")).to_have_text(VERDICT)
     expect(page.locator("#events")).to_contain_text(gateway_says)
     expect(page.locator("#lost")).to_be_hidden()
@@ -65,7 +65,8 @@ def test_a_proxy_that_ends_long_answers_is_not_seen(settings: Path) -> None:
 
 
 def test_a_connection_that_broke_silently_is_made_again(settings: Path) -> None:
-    """As when a panel was out of reach while its access point was exchanged: nobody tells it that nothing will come."""
+    """For instance, a panel was out of reach while its access point was replaced: nothing tells it that no more data
+    will come."""
     with page_rig() as rig:
         gateway = played_mill(rig, settings)
         with page_wire(rig.address) as wire:
@@ -91,7 +92,7 @@ def test_more_tabs_than_a_browser_has_connections(settings: Path) -> None:
             expect(tabs[-1].locator("#word")).to_have_text(VERDICT)
             gateway.say(event("heard by those that are seen"))
             expect_fresh(tabs[-1], "heard by those that are seen")
-            # Two of those that nobody sees still listen; the others do not say what they do not know.
+            # Two of the hidden tabs still listen; the others do not show what they do not know.
             told = [tab.title() for tab in tabs[:-1]]
             assert sum(title != "mill" for title in told) == 2
             resting = tabs[told.index("mill")]
@@ -124,7 +125,7 @@ def test_a_screen_whose_clock_is_wrong_says_so_and_takes_no_other_day_for_today(
 
 @contextmanager
 def open_streams(address: str, n: int) -> Iterator[list[socket.socket]]:
-    """As so many browsers have them; each has been sent something."""
+    """Open streams, as this many browsers have them; each has been sent something."""
     found = urlsplit(address)
     with ExitStack() as stack:
         streams = list[socket.socket]()

@@ -1,4 +1,4 @@
-"""The first page of a site: what has the keyboard keeps it while machines change and change places."""
+"""The first page of a site: the focused link keeps the focus while machines change and move."""
 
 import json
 import re

@@ -10,7 +10,7 @@ from tests.benches.page_rig import LIMIT_MS, MILL_SETTINGS, page_rig, played_mil
 pytestmark = [pytest.mark.peer, pytest.mark.slow]
 
 STORED_HOURS = 7 * 24
-"""The played gateway has given its reasons at each hour of the last seven days."""
+"""The played gateway has published its reasons at each hour of the last seven days."""
 
 expect.set_options(timeout=LIMIT_MS)
 

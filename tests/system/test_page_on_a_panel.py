@@ -18,7 +18,7 @@ AWAY_MM = 2000.0
 LEGIBLE = 16.0
 """Minutes of arc: the least height of a capital letter that ISO 9241-303 allows."""
 ACUITY = 5.0
-"""Minutes of arc: the height of a letter that somebody of normal sight (6/6, ISO 8596) just reads."""
+"""Minutes of arc: the height of a letter that a person with normal sight (6/6, ISO 8596) can just read."""
 
 _CAPITAL = """(element) => {
   const canvas = document.createElement("canvas").getContext("2d"), style = getComputedStyle(element);

@@ -21,7 +21,7 @@ expect.set_options(timeout=LIMIT_MS)
 
 
 def zone_at(hour: int) -> str:
-    """Where it is that hour now."""
+    """A time zone in which it is this hour now."""
     east = (hour - datetime.now(UTC).hour + 12) % 24 - 12
     return f"Etc/GMT{-east:+d}" if east else "Etc/GMT"
 

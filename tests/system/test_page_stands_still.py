@@ -71,7 +71,7 @@ def test_what_comes_and_goes_with_a_measurement_moves_nothing_below_it(settings:
 
 @pytest.mark.parametrize(("width", "height"), SCREENS)
 def test_the_first_forecast_moves_nothing(settings: Path, width: int, height: int) -> None:
-    """Nor do the lines that it says of planned loads: the status has named them."""
+    """Nor do the lines about planned loads: the status has named the loads before."""
     with page_rig() as rig:
         gateway = played_mill(rig, settings)
         gateway.say("status " + json.dumps({"planned_loads": ["warm-up", "roughing of a housing"]}))
@@ -143,15 +143,15 @@ class Occurrence:
     """What happens to a gateway or its machine."""
 
     what: str
-    """An event says it."""
+    """What the event says."""
     changes: dict[str, dict[str, object]]
-    """By key, in its last message."""
+    """The changes by key, in its last message."""
     orders: int = 0
-    """That then stand."""
+    """The orders that then stand."""
 
 
 def stands(**orders: object) -> dict[str, object]:
-    """Of the status, with what the gateway then waits for."""
+    """The status, with what the gateway then waits for."""
     return orders | {"waits_for": [f"somebody to end it: {each} by maintenance" for each, by in orders.items() if by]}
 
 

@@ -17,7 +17,7 @@ expect.set_options(timeout=LIMIT_MS)
 
 
 def typed(page: Page, text: str) -> None:
-    """By the keyboard, as a person does it, who then goes on to the next field."""
+    """Type by the keyboard, as a person does who then goes on to the next field."""
     expect(page.locator(TOLERANCE)).to_be_visible()
     page.focus(TOLERANCE)
     page.keyboard.press("Control+A")

@@ -1,4 +1,4 @@
-"""The report as a browser shows it: mouse and fingers on a chart, hours without dates, a phone no wider than it is."""
+"""The report as a browser shows it: mouse and fingers on a chart, hours without dates, nothing wider than a phone."""
 
 import re
 from collections.abc import Iterator
@@ -27,7 +27,7 @@ def run() -> ReportData:
 
 @contextmanager
 def opened(file: Path, run: ReportData, width: int, *, fingers: bool) -> Iterator[Page]:
-    """The report of a run in a browser, which said nothing in its console."""
+    """The report of a run in a browser, whose console stays empty."""
     file.write_text(build(run), encoding="utf-8")
     with chromium() as browser:
         screen = browser.new_context(

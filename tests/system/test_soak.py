@@ -1,6 +1,6 @@
 """Hours of random faults and restarts; what takes no simulated time; and what the soak does not excuse.
 
-More of it by `python -m tests.benches.soak`.
+`python -m tests.benches.soak` runs for longer.
 """
 
 import asyncio
@@ -42,7 +42,7 @@ def ended(at_s: float, text: str = "device rtd1: answers again") -> Alarm:
 
 @pytest.mark.slow(minutes=5)
 def test_days_of_faults_and_restarts() -> None:
-    """Three minutes of processor time, in a process of its own: what other tests hold is not counted."""
+    """Three minutes of processor time, in a separate process, so that what other tests keep open is not counted."""
     told = ["--days", "5", "--seed", "3", "--pause", "3600", "--run", "10800"]
     command = [sys.executable, "-m", "tests.benches.soak", *told, "--begin", str(int(START))]
     ran = subprocess.run(command, cwd=Path(__file__).parents[2], capture_output=True, text=True)
@@ -131,7 +131,7 @@ def test_a_fault_explains_alarms_of_its_wire(
 
 
 def test_the_control_explains_alarms_until_the_gateway_is_connected_again() -> None:
-    """Meanwhile a measurement may be wanted no more, and wanted again."""
+    """Meanwhile a measurement may no longer be wanted, and then be wanted again."""
     off = SoakFault("the control is off", 1000.0, 2000.0)
     blocked = "probing: the control cannot be reached"
     alarms = [

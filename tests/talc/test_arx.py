@@ -29,7 +29,7 @@ BOTH = Structure(1, (0, 1), (0, 0))
 
 
 def test_coefficients_and_intervals_are_those_of_textbook_least_squares() -> None:
-    from scipy.stats import t as student  # a second, which only who runs this test needs to spend
+    from scipy.stats import t as student  # a second that only this test needs to spend
 
     w, _ = lagging(1, 0.02)
     found = least_squares_fit(Regression(w, 2, 1), Structure(2, (0, 1), (1, 0)))

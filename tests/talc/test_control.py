@@ -219,7 +219,7 @@ def policy(name: str) -> Controller:
 
 
 def drifting(limit: float = 3.0) -> ModelSet:
-    """Models that know how fast they drift, and what training saw: leverage (warm - 0)² up to 4."""
+    """Models with a known drift and known training inputs: leverage (warm - 0)² up to 4."""
     d = Disturbance(0.1, np.array([1.0]), np.array([0.3]), np.zeros(1))
     one = [
         replace(model(e, limit), disturbance=d, leverage=np.eye(2), leverage_limit=32.0, novelty_std=0.1)
@@ -383,7 +383,7 @@ def test_after_a_pause_of_unknown_length_a_measurement_is_due_by_the_first_step(
 
 @pytest.mark.parametrize(("acl", "limits"), [("fixed", (7.0, 8.0)), ("training", (4.0, 4.0)), ("adaptive", (3.0, 3.0))])
 def test_the_limits_are_those_of_the_setting(acl: str, limits: tuple[float, float]) -> None:
-    """limits: of an error in µm, and of one in µm/m"""
+    """limits: that of an error in µm, and that of one in µm/m"""
     control = replace(whole_settings().control, acl=acl, acl_fixed_um=7.0, acl_fixed_um_per_m=8.0)  # type: ignore[arg-type]
     c = Controller(INPUTS, replace(whole_settings(), control=control))
     calibrate(c)

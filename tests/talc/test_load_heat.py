@@ -93,7 +93,7 @@ def test_a_bearing_that_runs_hot_is_found_only_with_the_load(seed: int) -> None:
 
 @pytest.mark.parametrize("seed", range(4))
 def test_heat_of_a_higher_load_than_ever_accuses_no_sensor(seed: int) -> None:
-    """Its neighbours cannot know that the bearing's heat is that of its speed."""
+    """Its neighbours cannot know that the bearing's heat comes from its speed."""
     speed = work(seed, 9)
     speed[8 * DAY :] = np.repeat([12000.0, 9000.0] * 6, 24)
     x = bodies(speed, seed)

@@ -1,4 +1,4 @@
-"""Planned loads: what becomes of inputs and errors.
+"""Planned loads: the forecast inputs and errors.
 
 They are compared with the closed form of a lag and with a matrix exponential of the bodies
 (tests/benches/hot_bearing.py).
@@ -64,7 +64,7 @@ def test_the_lags_along_a_path_are_those_of_the_closed_forms() -> None:
 
 @pytest.mark.parametrize("planned", [6000.0, 8000.0])
 def test_the_bearing_follows_a_planned_speed_as_its_equations_say(planned: float) -> None:
-    """Beside no load at all, in the same weather: the difference is the load's."""
+    """Compared with no load at all in the same weather: the difference comes from the load."""
     found, truth = changes(planned) - changes(0.0), (future(planned) - future(0.0))[LEARNT:]
     off = found[:, BEARING] - truth[:, BEARING]
     assert np.sqrt(np.mean(off**2)) < 0.12 * np.sqrt(np.mean(truth[:, BEARING] ** 2))
@@ -94,7 +94,7 @@ def test_what_follows_no_load_stays_as_it_is_and_nothing_unknown_is_foreseen() -
 
 
 def test_the_errors_are_foreseen_under_a_planned_load() -> None:
-    """EZ0A is 3 µm/K of the bearing and 5 µm/K of the column; the learner is told so by a measurement each hour."""
+    """EZ0A is 3 µm/K of the bearing and 5 µm/K of the column; the learner learns this from hourly measurements."""
     x, column = future(0.0), THERMAL_ERRORS.index("EZ0A")
     truth = {planned: future(planned)[:, [BEARING, COLUMN]] @ [3.0, 5.0] for planned in (0.0, 8000.0)}
     controller = Controller(NAMES, TalcSettings())

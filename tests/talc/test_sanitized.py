@@ -29,7 +29,7 @@ def test_no_address_or_undefined_behaviour_error(tmp_path: Path) -> None:
     subprocess.run([*build, str(ROOT)], check=True, timeout=300)
     (kernel,) = (target / "talc").glob("_kernel*.so")
     (tmp_path / "sanitized.py").write_text(_PLUGIN.format(path=str(kernel)), encoding="utf-8")
-    # The C++ runtime too, or the sanitizer does not find the function that throws.
+    # The C++ runtime too, or the sanitizer would not find the function that throws.
     libraries = [
         subprocess.run(["g++", f"-print-file-name={name}"], check=True, capture_output=True, text=True).stdout.strip()
         for name in ("libasan.so", "libstdc++.so")

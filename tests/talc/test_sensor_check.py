@@ -67,7 +67,7 @@ def test_leverage_is_that_of_the_other_inputs_alone() -> None:
 
 
 def test_thresholds_are_students_quantile_and_markovs_bound() -> None:
-    from scipy.stats import t as student  # a second, which only who runs this test needs to spend
+    from scipy.stats import t as student  # a second that only this test needs to spend
 
     model = learnt(11)
     windows = 365.25 * 24 / 8
@@ -153,7 +153,7 @@ def test_too_little_is_not_learnt_from_and_not_judged() -> None:
 
 
 def test_a_machine_at_rest_is_not_judged() -> None:
-    """Switched off for longer than was ever learnt, coolant and hall settle in a way that nothing taught."""
+    """When it is off for longer than was ever learnt, coolant and hall settle in a way that was never learnt."""
     still = np.tile(plant_days(11)[-1], (WINDOW, 1))
     still[:, 5] += 10.0
     assert judged(11, still) == Judgement()

@@ -73,7 +73,7 @@ def test_a_mirrored_series_is_found() -> None:
 
 @pytest.mark.parametrize("column", [2, 9])
 def test_a_model_with_memory_finds_the_input_that_drives_it(column: int) -> None:
-    """What its one-step fit leaves without any input is nearly white: like no input at all."""
+    """Without any input its one-step fit leaves nearly white residuals, which resemble no input at all."""
     s = series(300, seed=4, sensors=12)
     u = (s.inputs - s.inputs.mean(0)) / s.inputs.std(0)
     y = lfilter([0.1], [1.0, -0.9], u[:, column]) + 0.02 * np.random.default_rng(1).normal(size=300)

@@ -38,7 +38,7 @@ def test_95_percent_intervals_hold_the_truth_on_90_to_99_percent_of_rows(outcome
 
 
 def test_measuring_by_uncertainty_trades_measurements_for_error() -> None:
-    """Wider limits on uncertainty: fewer measurements, larger errors; both ends of the same front."""
+    """Wider limits on uncertainty give fewer measurements and larger errors: both ends of the same front."""
     often, seldom = (
         unseen_outcome(Way("", control=ControlSettings(policy="uncertainty", uncertainty_share=share)), "day", 0)
         for share in (0.5, 2.0)

@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Piece:
-    """What one column does from a step on."""
+    """What a column does from a step on."""
 
     kind: str
     begin: int

@@ -17,7 +17,7 @@ LONG_TIMEOUT_S = PERIOD_S / 2
 
 Do = Callable[[FaultyPlant], Awaitable[None] | None]
 OnWire = Sequence[tuple[float, bytes]]
-"""Bytes on the wire, each after so many seconds."""
+"""Bytes on the wire, each after a number of seconds."""
 
 
 def unplug(plant: FaultyPlant) -> Awaitable[None]:

@@ -21,7 +21,7 @@ from tests.benches.faults.plant import FaultyPlant
 FAULT_PERIODS = 6
 RETRY_MAX_PERIODS = 2
 RESOLUTION = 0.06
-"""Half of what any of the devices can tell, degC or µm."""
+"""Half of the devices' resolution, degC or µm."""
 
 
 @dataclass

@@ -67,9 +67,9 @@ class Case:
     whole_bus: bool = False
     """The fault affects the wire, so the neighbour on it is lost too; only the other bus must keep its period."""
     whole_device: bool = False
-    """All channels of the victim turn, not the first alone."""
+    """All channels of the victim change, not only the first."""
     timeout_s: float = TIMEOUT_S
-    """Of the bus."""
+    """The bus's timeout."""
     then: str = ""
     """What the reading says later, when one problem turns into another; each is reported once."""
     in_part: bool = False
@@ -79,7 +79,7 @@ class Case:
 EVERY = tuple(name for name in PLANTS if name != "heartbeat")
 TYPED = ("rtu", "tcp", *CANOPEN, "multicast")
 ASKED = ("rtu", "tcp", "slcan", "me_rs485")
-"""One of each kind whose devices speak only when they are asked: a silent one takes the time of others."""
+"""One of each kind whose devices answer only when asked: a silent one takes the time of others."""
 
 ABSENT = {
     "tcp": "closed the connection|cannot connect to",
@@ -346,7 +346,7 @@ class Harmless:
     disturbance: str
     plant: str
     disturb: Do
-    """Done once a period."""
+    """Called once a period."""
 
 
 HARMLESS: Sequence[Harmless] = [

@@ -44,7 +44,8 @@ class FaultyPlant:
     """Another type code at the victim's channel 0; 0 is the right one again."""
     stop: Sequence[FaultStep] = ()
     last_word: bool = True
-    """A reading comes of one request: it shows what the device said last, not just what it said since the last one."""
+    """A reading comes from one request: it shows the last value that the device sent, not only one sent since the last
+    reading."""
 
 
 def pair(bus: Bus, profiles: tuple[str, str], options: Mapping[str, object]) -> tuple[Driver, Driver]:

@@ -139,7 +139,7 @@ async def wago(_: Path, timeout_s: float = TIMEOUT_S) -> FaultyPlant:
 
 
 async def other() -> FaultyPlant:
-    """A healthy bus of its own."""
+    """A separate healthy bus."""
     said, _ = temperatures(7)
     device = Adam6015(said)
     host = TcpHost({1: device})

@@ -20,7 +20,7 @@ class Said:
         self._count = 0
         self._said: deque[tuple[float, float]] = deque(maxlen=KEPT)
         self.steady = False
-        """It says the same from now on, and remembers nothing."""
+        """From now on it returns the same value, and remembers nothing."""
 
     def __call__(self) -> Sequence[float]:
         if not self.steady:

@@ -46,7 +46,7 @@ def series_of(
 
 
 def ramp(rows: int = 288, errors: int = 2, **more: float) -> Series:
-    """Each error rises by its number plus one each step; the input rises by one."""
+    """In each step error n rises by n plus one, and the input by one."""
     steps = np.arange(rows, dtype=np.float64)[:, None]
     return series_of(steps * (1.0 + np.arange(errors)), steps, **more)  # type: ignore[arg-type]
 
@@ -161,7 +161,7 @@ class Peeping:
 
 @dataclass(frozen=True)
 class Informed:
-    """States an uncertainty that rests on the row's own measurement."""
+    """States an uncertainty that is based on the row's own measurement."""
 
     name: str = "informed"
 
@@ -213,7 +213,7 @@ def test_the_learner_estimates_from_the_first_measurements_on() -> None:
 
 
 def test_errors_beyond_nine_are_learnt_as_well_as_the_first_ones() -> None:
-    """The same error in every place: what a place is called changes nothing."""
+    """The same error in every place: the name of a place changes nothing."""
     one = wavy(errors=1, probing=0.0)
     many = series_of(np.repeat(one.truth, 11, axis=1), one.inputs)
     used = rows_to_measure(many, 0.0, 60.0)
@@ -316,7 +316,7 @@ def test_what_a_denser_interval_left_by_chance_does_not_help_the_policy() -> Non
 
 
 def test_replaced_measurements_change_nothing_before_them() -> None:
-    """The check itself: what it alters is the chosen row and all after it."""
+    """The check itself: it alters the chosen row and all after it."""
     series = ramp()
     given = given_of(series, rows_to_measure(series, 0.0, 60.0), 0, 0, 12)
     check_causal(HoldLast(), replace(given, sigma=np.ones(2)))

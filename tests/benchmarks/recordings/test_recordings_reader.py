@@ -30,7 +30,7 @@ HEAD = "time,t1,drift"
 def test_faster_rows_are_averaged_over_the_step_that_they_end_in(tmp_path: Path) -> None:
     path = written(tmp_path, 'errors = ["drift"]\nreference = "recorded"', [HEAD, *rows_each(60, 200)])
     _, series = read_series(path)
-    # The first step holds 0 s alone, the next one 60 to 300 s: minutes 1 to 5.
+    # The first step contains only 0 s, the next one 60 to 300 s: minutes 1 to 5.
     assert series.inputs[:3, 0].tolist() == [0.0, 3.0, 8.0]
     assert series.truth[:3, 0].tolist() == [0.0, 1.5, 4.0]
     assert series.k[:3].tolist() == [0, 1, 2]
@@ -71,7 +71,7 @@ def test_a_silence_begins_a_run_and_counts_in_full(tmp_path: Path) -> None:
     _, series = read_series(written(tmp_path, 'errors = ["drift"]', [HEAD, *day, *next_day]))
     assert series.run.tolist() == [0] * 30 + [1] * 30
     assert int(series.k[30] - series.k[29]) == night_s // 300
-    # Hours recorded pass over the night.
+    # Recorded hours do not count the night.
     assert series.on_h[-1] == pytest.approx(59 * 300 / 3600)
 
 

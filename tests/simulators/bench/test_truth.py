@@ -1,4 +1,4 @@
-"""What the emulated machine writes down for the report."""
+"""What the emulated machine records for the report."""
 
 import asyncio
 import csv

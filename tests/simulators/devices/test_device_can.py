@@ -70,7 +70,7 @@ def test_stopped_node_answers_no_sdo(node: Cia404Node) -> None:
 
 @pytest.fixture
 async def adapter(node: Cia404Node) -> AsyncIterator[int]:
-    """Descriptor of the adapter's serial port, as a client has it."""
+    """A client's descriptor of the adapter's serial port."""
     adapter = SlcanAdapter([node])
     descriptor = os.open(Path(await adapter.start()), os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
     yield descriptor

@@ -1,4 +1,4 @@
-"""A device driven by a scenario: its values and faults over time, as seen in its answers."""
+"""A device driven by a scenario: its values and faults over time, seen in its answers."""
 
 import asyncio
 

@@ -71,7 +71,7 @@ class LatestRead:
         self._came.set()
 
     async def until(self, quality: Quality, says: str = "") -> Reading:
-        """The first reading from now on with this quality that says this."""
+        """The first reading from now on with this quality and this text."""
         self._readings.clear()
         try:
             async with asyncio.timeout(60.0):

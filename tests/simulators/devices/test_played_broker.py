@@ -29,7 +29,7 @@ NORTH, SOUTH, OTHER = ("hall/north", b"20.5", True), ("hall/south", b"21.5", Fal
 
 
 def recorded(*messages: tuple[str, bytes, bool]) -> list[WireEvent]:
-    """A tenth of a second apart."""
+    """A recording of messages a tenth of a second apart."""
     packets = [publish_packet(topic, payload, retained=kept) for topic, payload, kept in messages]
     return [
         WireEvent(0.0, "hall", "note", note="open"),
@@ -80,7 +80,7 @@ def given(one: Played) -> dict[str, object]:
 
 @pytest.mark.peer
 async def test_another_makers_client_hears_the_played_messages_again_and_again(tmp_path: Path) -> None:
-    """Those of its topics, and what the broker had kept only once."""
+    """The messages of its topics; those that the broker had kept come only once."""
     one = await played(recorded(NORTH, SOUTH, OTHER), tmp_path)
     _, _, port = str(one.place["url"]).rpartition(":")
     command = ["mosquitto_sub", "-h", "127.0.0.1", "-p", port, "-t", "hall/+", "-C", "3", "-F", "%t %p %r"]

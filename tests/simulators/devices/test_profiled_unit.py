@@ -1,4 +1,5 @@
-"""Units that are as a profile says: read by the driver with that profile, and beside the emulators of real devices."""
+"""Units emulated from a profile: read by the driver with that profile, and compared with the emulators of real
+devices."""
 
 import asyncio
 import tomllib
@@ -159,7 +160,7 @@ def told(readings: Sequence[Reading]) -> dict[str, str]:
 def test_it_holds_what_the_real_device_holds(
     name: str, device: Callable[[ValueSource], ModbusUnit], values: list[float]
 ) -> None:
-    """The emulators of these devices were written from their manuals, the profile's unit from the profile alone."""
+    """The emulators of these devices were written from their manuals, the profile's unit only from the profile."""
     text = (files("drivers") / "profiles" / f"{name}.toml").read_text(encoding="utf-8")
     unit, real = ProfiledUnit(tomllib.loads(text), lambda: values), device(lambda: values)
     for function in (1, 2, 3, 4):

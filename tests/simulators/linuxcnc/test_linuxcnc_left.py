@@ -1,4 +1,4 @@
-"""LinuxCNC ends with the program that started it, however that one ended."""
+"""LinuxCNC ends with the program that started it, however that program ended."""
 
 import os
 import select

@@ -1,4 +1,4 @@
-"""The emulated control as a program, and the rehearsal that docs/arming.md describes: a real gateway beside it."""
+"""The emulated control as a program, and the rehearsal of docs/arming.md with a real gateway beside it."""
 
 import asyncio
 import logging
@@ -87,7 +87,7 @@ class Program:
         return self._out.read_text("utf-8").splitlines()
 
     def until(self, holds: Callable[[list[str]], bool]) -> list[str]:
-        """What it has printed once this holds."""
+        """What it has printed, once this condition holds."""
         end = time.monotonic() + LIMIT_S
         while not holds(lines := self.lines()):
             assert self.process.poll() is None, "\n".join(lines)
@@ -129,13 +129,13 @@ def printed_and_chosen() -> tuple[str, str]:
 
 
 def hears_nothing(lines: list[str]) -> bool:
-    """The last that the watchdog said."""
+    """The last line that the watchdog printed."""
     return "hears nothing" in [line for line in lines if "the watchdog hears" in line][-1]
 
 
 @pytest.mark.slow
 def test_the_rehearsal_of_the_page(tmp_path: Path) -> None:
-    """The table moves in Y and Z: the tool follows, and is taken back when the gateway was killed."""
+    """The table moves in Y and Z: the tool follows, and goes back after the gateway was killed."""
     file, port = tmp_path / "rehearsal.toml", free_port()
     command = ("simulators.nc", "--port", str(port), "--cycle-s", "0.5", "--warm-s", "5")
     with beside(adam()) as modbus, program(tmp_path / "nc", *command) as control:
@@ -164,7 +164,7 @@ def test_the_rehearsal_of_the_page(tmp_path: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.simulated_time
 async def test_monitor_and_advise_learn_what_compensate_corrects(tmp_path: Path) -> None:
-    """With the page's own settings, one database and one control; nothing is written before the last mode."""
+    """With the page's own settings, one database and one control; nothing is written before the third mode."""
     page = re.search(r"simulators.nc --port 4841 --cycle-s (\d+) --warm-s (\d+)", PAGE.read_text("utf-8"))
     assert page is not None
     cycle_s, warm_s = map(float, page.groups())

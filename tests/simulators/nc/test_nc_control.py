@@ -63,7 +63,7 @@ async def test_the_cycle_goes_on_while_nobody_reads(
         await clock.pass_to(float(now))
         seen.append(len(machine.at_s))
     assert seen[-1] == 6
-    assert seen.index(1) + 6 - machine.at_s[0] < 1.0, "a touch is worked off when it is due, not when somebody reads"
+    assert seen.index(1) + 6 - machine.at_s[0] < 1.0, "a touch is processed when it is due, not when somebody reads"
 
 
 async def test_names_values_and_types_as_a_client_sees_them(control: EmulatedControl, clock: ManualClock) -> None:

@@ -1,4 +1,4 @@
-"""What the emulated control makes of nine errors, beside the generated program as an interpreter runs it."""
+"""What the emulated control does with nine errors, compared with the generated program in an interpreter."""
 
 from collections.abc import Callable
 
@@ -22,11 +22,11 @@ CYCLE = CycleSettings(noise_um=0.0, duration_s=40.05, approach_s=2.05)
 """Its states begin and end between the moments at which the two are compared."""
 DAY = LoadCase([DayPart(0.0, 1e6, Activity.PAUSE, MeanLoads(x=900.0, y=700.0, z=500.0, a=0.5, c=3.0))])
 CLOSE_UM = 5 * SLEW_UM_PER_S * IPO_S
-"""The program sees a write in its next cycle, and what a cycle ends in the one after."""
+"""The program sees a write in its next cycle, and the end of a probing cycle in the one after."""
 
 
 def interpreted() -> Nck:
-    """With the program as `talc-gateway nc sinumerik-files` writes it."""
+    """A control that runs the program of `talc-gateway nc sinumerik-files`."""
     settings = SinumerikSettings(
         security="none", url="opc.tcp://nc", compensation=OffsetRoute(route="errors", travel_mm=TRAVEL)
     )
@@ -51,7 +51,8 @@ def want(nck: Nck, errors: np.ndarray[tuple[int], np.dtype[np.float64]], now_s: 
 
 @pytest.mark.parametrize("ramp_um_per_s", [1.0, 0.0], ids=["zero", "hold"])
 def test_the_emulated_control_does_what_the_program_does(ramp_um_per_s: float) -> None:
-    """Targets beyond the bound, a cycle with a gateway, one without, a withdrawn one, what is no number, silence."""
+    """Targets beyond the bound, a cycle with a gateway, one without, a withdrawn one, a value that is not a number,
+    silence."""
     both = real, as_meant = interpreted(), meant()
     assert as_meant.r[99:] == pytest.approx(real.r[99:]), "version and terms"
     wanted = {

@@ -1,4 +1,5 @@
-"""The interpreter of synchronised actions, and the supplied watchdog run by it against what it is meant to do."""
+"""The interpreter of synchronised actions; it runs the supplied watchdog, which is compared with its intended
+behaviour."""
 
 import itertools
 from pathlib import Path

@@ -34,7 +34,7 @@ NEW = Ageing(friction_sigma=0, sensor_K_per_100h=0)
 
 @pytest.mark.parametrize("name", ["machine.toml", "shape.toml", "variants.toml"])
 def test_every_number_has_a_reason_in_its_own_line(name: str) -> None:
-    """A `why`, or behind a bare number a comment. Faces and points are places and need none; joints take lines."""
+    """A `why`, or a comment after a bare number. Faces and points are places and need none; joints take lines."""
     text = (HERE / name).read_text(encoding="utf-8")
     section, without = "", []
     for number, line in enumerate(text.splitlines(), start=1):
@@ -74,10 +74,10 @@ def any_machine(request: pytest.FixtureRequest) -> PlantParameters:
 
 
 def shut(machine: PlantParameters) -> PlantParameters:
-    """The same without any way for heat to the hall."""
+    """The same machine without any path for heat to the hall."""
     given = machine.outside.sum(axis=1)
     drain = np.zeros_like(machine.conductance)
-    # What goes out at a coordinate is drawn from an evenly warm machine: rank one, so that even still means even.
+    # What leaves at a coordinate is taken from an evenly warm machine: rank one, so that even stays even.
     for column in machine.outside.T:
         if column.any():
             drain += np.outer(column, column) / (column @ machine.even)
@@ -361,7 +361,7 @@ def test_sensors_fail_as_specified(machine: PlantParameters) -> None:
 
 
 def test_another_plant_counts_from_the_same_state(machine: PlantParameters) -> None:
-    """What one says after its reference measurement, its twin says that takes the reference from it."""
+    """After its reference measurement a plant gives the same values as its twin that takes the reference from it."""
     drive = MachineDrive(speed_c=900.0)
     plant, twin = Plant(machine, CALM, 1), Plant(machine, CALM, 1)
     for one in (plant, twin):

@@ -139,7 +139,7 @@ def follow(joined: Joined, name: str = "base") -> FloatArray:
 
 @pytest.fixture(scope="module")
 def exact() -> FloatArray:
-    """What the whole model does."""
+    """The result of the whole model."""
     return follow(join(machine_tables().machine, assemble_bodies(read_shape()), SparseSum))
 
 

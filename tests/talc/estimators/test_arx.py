@@ -1,4 +1,4 @@
-"""The papers' estimators: what they find of a system that is known, and how they run on."""
+"""The papers' estimators: what they find in a known system, and how they run on."""
 
 import numpy as np
 import pandas as pd
@@ -51,7 +51,7 @@ def test_more_errors_than_nine_have_a_model_each() -> None:
 def test_a_gap_before_the_predicted_rows_is_run_through() -> None:
     X, y = machine(400, 1)
     X = X.copy()
-    X.iloc[300:330] = X.iloc[299]  # what a model believes of rows that it does not get
+    X.iloc[300:330] = X.iloc[299]  # what a model assumes about rows that it does not get
     model = talc.SparseOutputError(max_nb=1).fit(X[:300], y[:300])
     whole = model.predict(X[300:])
     np.testing.assert_allclose(model.predict(X[330:]), whole[30:], rtol=1e-12)

@@ -1,4 +1,4 @@
-"""scikit-learn's own checks of estimators, and those of them that do not apply."""
+"""scikit-learn's own checks of estimators, and which of them do not apply."""
 
 import pickle
 import subprocess
@@ -25,7 +25,7 @@ ESTIMATORS: list[Any] = [
 @pytest.mark.filterwarnings("ignore:y.*no model:UserWarning", "ignore:.*does not inherit from:UserWarning")
 @pytest.mark.parametrize("estimator", ESTIMATORS, ids=lambda e: type(e).__name__)
 def test_the_checks_that_apply_pass(estimator: Any) -> None:
-    from sklearn.utils.estimator_checks import check_estimator  # two seconds, which `make test` need not spend
+    from sklearn.utils.estimator_checks import check_estimator  # two seconds that `make test` need not spend
 
     expected = NOT_OF_SERIES if isinstance(estimator, talc.Learner) else {}
     done = check_estimator(estimator, expected_failed_checks=expected, on_skip=None)
@@ -36,7 +36,7 @@ def test_the_checks_that_apply_pass(estimator: Any) -> None:
 
 @pytest.mark.parametrize("estimator", ESTIMATORS, ids=lambda e: type(e).__name__)
 def test_parameters_are_read_set_and_cloned(estimator: talc.Learner) -> None:
-    from sklearn.base import clone  # two seconds, which only who runs these tests needs to spend
+    from sklearn.base import clone  # two seconds that only this test needs to spend
 
     twin = clone(estimator)
     assert twin is not estimator

@@ -20,7 +20,7 @@ EVERY = 9
 
 @pytest.fixture(scope="module")
 def days() -> ThermalSeries:
-    """Six of its inputs, which explain three of its errors."""
+    """Days of a machine: six of its inputs, which explain three of its errors."""
     made = series(280, 3)
     return replace(made, names=made.names[:6], inputs=made.inputs[:, :6])
 
@@ -149,7 +149,7 @@ def test_a_noise_in_another_unit_than_the_errors_is_reported(
 ) -> None:
     mm = sparse(days)[:200, :3] / 1000.0
     talc.Learner(unit_um=1000.0, noise=[0.001, 0.001, 100.0]).fit(days.inputs[:200], mm)
-    assert not recwarn.list, "an error below the noise is none of the unit"
+    assert not recwarn.list, "an error below the noise is not a matter of its unit"
     with pytest.warns(UserWarning, match=r"y is at most 0\.\d+, noise 1: too little .*; noise is in the unit of y"):
         talc.Learner(unit_um=1000.0, noise=1.0).fit(days.inputs[:200], mm)
 

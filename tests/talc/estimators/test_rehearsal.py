@@ -130,7 +130,7 @@ def test_an_array_has_no_columns_to_name() -> None:
 
 @pytest.mark.parametrize("as_index", [True, False])
 def test_times_since_the_start_are_times_too(recorded: pd.DataFrame, as_index: bool) -> None:
-    """With a gap, and rows 10 min apart: as rows without times they would follow each other each 5 min."""
+    """With a gap, and rows 10 min apart: rows without times would follow each other every 5 min."""
     dated = recorded.iloc[::2].drop(recorded.index[100:200:2])[["EZ0A", *recorded.columns[:3]]]
     since = dated.index - dated.index[0]
     counted = dated.set_axis(since) if as_index else dated.reset_index(drop=True)

@@ -200,7 +200,7 @@ def test_the_policy_asks_by_its_limits(days: ThermalSeries) -> None:
             asked = decision.measure is not None
         counts.append(count)
         apart = np.diff(since)
-        assert limit > 3.0 or apart[0] < 4, "from the reference alone nothing has been learnt"
+        assert limit > 3.0 or apart[0] < 4, "nothing has been learnt from only the reference"
         assert apart[1:].min() >= 4
         assert np.diff(since).max() <= 48
     assert counts[0] > counts[1]

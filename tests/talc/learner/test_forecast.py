@@ -18,7 +18,7 @@ AHEAD = (6, 24, 96)
 
 @pytest.fixture(scope="module")
 def taught() -> tuple[Controller, np.ndarray]:
-    """After a day, with the inputs of its last row."""
+    """A controller after a day, and the inputs of the last row."""
     days = without_ninth(series(288, 3))
     controller = Controller(days.names, TalcSettings(method="learner"))
     for k, row in enumerate(days.inputs):
@@ -73,7 +73,8 @@ def test_a_measurement_now_narrows_the_hours_ahead_and_the_less_the_farther(
     gain = 1.0 - (said.measured_sigma / said.sigma)[:, :8] ** 2
     assert (gain[0] > gain[-1]).all()
     _, sigma = continued(controller, row, measured=True)
-    # One that finds what was expected also makes the learner surer of itself, which the forecast must not promise.
+    # A measurement that finds what was expected also makes the learner surer of itself, which the forecast must not
+    # promise.
     assert (said.measured_sigma[0, :8] >= 0.95 * sigma[0, :8]).all()
 
 

@@ -151,7 +151,7 @@ def test_prior_variances_are_renewed_by_the_fixed_point_of_mackay() -> None:
 
 def test_one_filter_agrees_with_statsmodels() -> None:
     """The same model in the state-space form of another program, with missing measurements between."""
-    from statsmodels.tsa.statespace.mlemodel import MLEModel  # a second, which only who runs this test needs to spend
+    from statsmodels.tsa.statespace.mlemodel import MLEModel  # a second that only this test needs to spend
 
     count, expert = 60, Expert(0.5, 0.02, drift=0.02)
     x, draw = features(count, 7), np.random.default_rng(8)
@@ -260,7 +260,7 @@ def test_one_far_measurement_is_hardly_learnt_from_and_two_are_a_new_level() -> 
 
 
 def test_a_surprise_that_a_machine_could_bring_about_in_the_time_is_learnt_at_once() -> None:
-    """28 um in an hour, where the prediction was sure of itself: the machine behaves in another way now."""
+    """28 µm in an hour, although the prediction was certain: the machine now behaves differently."""
     mixture = Mixture(INPUTS, LAGS, 300.0)
     x = np.append(np.zeros(INPUTS * LAGS), 1.0)
     y = np.random.default_rng(4).normal(3.0, NOISE, 40)
@@ -276,7 +276,7 @@ def test_a_surprise_that_a_machine_could_bring_about_in_the_time_is_learnt_at_on
 
 
 def test_the_hypothesis_of_zero_knows_the_noise_of_the_reference() -> None:
-    """What it allows is the mean of a normal distribution given the measurements, a priori a mean of five."""
+    """It allows the mean of a normal distribution given the measurements, a priori a mean of five."""
     y = np.random.default_rng(3).normal(0.4, NOISE, 12)
     mixture = Mixture(INPUTS, LAGS, 300.0)
     fed(mixture, features(12), np.arange(12.0), y)
@@ -298,7 +298,8 @@ def test_what_only_the_reference_adds_is_not_believed_and_what_follows_an_input_
 
 @pytest.mark.parametrize("size_um", [10.0, 40.0])
 def test_one_measurement_that_an_input_explains_ends_a_long_rest_at_zero(size_um: float) -> None:
-    """A machine stood cold for days and is switched on: the farther its first measurement, the less it is zero."""
+    """A machine stood cold for days and is switched on: the larger its first measurement, the less likely it is
+    zero."""
     rest, mixture = 80, Mixture(INPUTS, LAGS, 300.0)
     x = np.zeros((rest + 1, INPUTS * LAGS + 1))
     x[:, -1] = 1.0
@@ -322,7 +323,8 @@ def test_one_measurement_that_nothing_explains_does_not_end_a_rest_at_zero() -> 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_what_the_reference_adds_to_an_error_that_stays_zero_is_not_corrected(seed: int) -> None:
-    """Five measurements may be off by a standard deviation of one: all later ones then show that, and the error not."""
+    """Five measurements may be off by a standard deviation of one: then all later ones show that, but the error does
+    not."""
     draw = np.random.default_rng(seed)
     mixture, x = Mixture(INPUTS, LAGS, 300.0), features(60, seed)
     fed(mixture, x, 12 * np.arange(60.0), draw.normal(NOISE, NOISE, 60))

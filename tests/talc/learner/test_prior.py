@@ -16,13 +16,13 @@ SETTINGS = TalcSettings(method="learner")
 
 
 def machine(seed: int) -> ThermalSeries:
-    """Of one kind: the same physics under other loads."""
+    """A machine of one kind: the same physics under other loads."""
     made = series(288, seed)
     return replace(made, truth=made.truth - made.truth[0], measured=made.measured - made.truth[0])
 
 
 def run(days: ThermalSeries, prior: Prior | None = None) -> tuple[Controller, FloatArray]:
-    """What it leaves, with a measurement each 55 min."""
+    """The error that it leaves, with a measurement every 55 min."""
     controller, left = Controller(days.names, SETTINGS, prior=prior), []
     for k, row in enumerate(days.inputs):
         measurement = Measurement(days.measured[k], np.full(9, 0.5)) if k % 11 == 0 else None

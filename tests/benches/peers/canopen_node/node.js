@@ -1,6 +1,6 @@
 // A CiA 404 node on another maker's CANopen stack (canopen of node-canopen). Frames come and go as lines, "<identifier>
 // <data>" in hex, on standard input and output; the other end is an emulated CAN adapter. Runs until its input ends.
-// With an argument it sends its TPDOs every so many ms instead of after SYNC.
+// With an argument it sends its TPDOs at this interval, ms, instead of after SYNC.
 // Further lines it obeys: "stop heartbeat", "start heartbeat" and "emergency <code> <register>".
 "use strict";
 const Module = require("node:module");
