@@ -16,7 +16,7 @@ async def test_nothing_of_the_last_connection_is_read_on_the_next() -> None:
         await inbox.take(0.0)
 
 
-def test_of_a_line_that_never_stops_sending_the_newest_bytes_are_kept() -> None:
+def test_the_newest_bytes_of_a_line_that_never_stops_sending_are_kept() -> None:
     inbox = Inbox("rtu1", None)
     inbox.opened()
     for number in range(100):

@@ -37,7 +37,7 @@ def learnt(took_s: float, count: int = 20) -> Patience:
     return patience
 
 
-def test_who_is_not_known_yet_gets_all_the_time() -> None:
+def test_an_unknown_unit_gets_all_the_time() -> None:
     patience = Patience(LONGEST_S)
     assert patience.wait_s(1, "values") == LONGEST_S
     for _ in range(3):
@@ -94,7 +94,7 @@ def test_where_a_request_is_repeated_one_answer_is_enough_and_an_outlier_costs_h
     assert patience.wait_s(1, "values") == LONGEST_S / 2
 
 
-def test_who_has_turned_slow_is_given_the_time_after_one_answer() -> None:
+def test_a_unit_that_has_become_slow_is_given_the_time_after_one_answer() -> None:
     patience = learnt(0.01)
     patience.missed(1)
     patience.answered(1, "values", 0.2)

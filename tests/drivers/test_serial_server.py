@@ -163,7 +163,7 @@ async def test_another_server_than_one_of_rfc_2217_is_refused() -> None:
     assert [text for text in said if "cannot open serial port" not in text] == []
 
 
-async def test_who_no_longer_waits_for_the_server_leaves_no_connection() -> None:
+async def test_a_client_that_no_longer_waits_for_the_server_leaves_no_connection() -> None:
     connected, ended = asyncio.Event(), asyncio.Event()
 
     async def silent(reader: asyncio.StreamReader, _: asyncio.StreamWriter) -> None:

@@ -195,7 +195,7 @@ def test_the_page_lists_every_figure_and_its_labels() -> None:
     assert listed == {sample.name: set(sample.labels) for family in served(whole()) for sample in family.samples}
 
 
-async def test_a_gateway_that_is_told_to_serves_them_and_ends_with_them(tmp_path: Path) -> None:
+async def test_a_gateway_that_is_configured_to_serves_them_and_stops_with_them(tmp_path: Path) -> None:
     port, stop, texts = free_port(), asyncio.Event(), list[str]()
     text = f'{UNPUBLISHED}[metrics]\nlisten = "127.0.0.1:{port}"\n' + rtu_bus() + m7015()
     config = parse(text, tmp_path / "gateway.toml")

@@ -173,7 +173,7 @@ async def test_object_without_end_or_content_is_refused_at_once(empty: bool, say
             await bus.upload("node", NODE, [VALUE])
 
 
-async def test_identifier_of_29_bits_is_no_nodes_answer() -> None:
+async def test_identifier_of_29_bits_is_not_a_nodes_answer() -> None:
     async with talking(Cia404Node(NODE, lambda: TEMPERATURES, inputs=2)) as (bus, adapter):
         foreign = line(0x580 + NODE, b"\x43" + PLACE + bytes((99, 0, 0, 0)), extended=True) + b"\r"
         adapter.spoil = lambda _, text: ((0.0, foreign), (0.0, text))

@@ -112,9 +112,7 @@ def test_unit_of_the_node_goes_with_its_process_value(tmp_path: Path, text: str,
 
 @pytest.mark.parametrize(("index", "size"), [("7100", 2), ("9100", 4)])
 @pytest.mark.parametrize("low", [True, False], ids=["lowest", "highest"])
-async def test_the_ends_of_what_an_object_can_hold_are_no_values(
-    tmp_path: Path, index: str, size: int, low: bool
-) -> None:
+async def test_the_ends_of_an_objects_range_are_not_values(tmp_path: Path, index: str, size: int, low: bool) -> None:
     raw = -(1 << 8 * size - 1) if low else (1 << 8 * size - 1) - 1
     temperatures = [(raw - 4000) / 20.0, (raw + (1 if low else -1) - 4000) / 20.0]
     node = Cia404Node(NODE, lambda: temperatures, inputs=2, digits=0, mapped=int(index, 16))
@@ -137,7 +135,7 @@ class WideNode(Cia404Node):
         return super().on_frame(identifier, data)
 
 
-async def test_of_a_value_with_more_bytes_than_its_object_has_no_part_is_taken(tmp_path: Path) -> None:
+async def test_no_part_of_a_value_with_more_bytes_than_its_object_is_taken(tmp_path: Path) -> None:
     (tmp_path / "wide.toml").write_text(SUPPLIED.replace('object = "9130"', 'object = "7130"'), encoding="utf-8")
     node = WideNode(NODE, lambda: TEMPERATURES, inputs=2, digits=3)
     async with bench(node, str(tmp_path / "wide.toml"), "sdo") as driver:

@@ -192,7 +192,7 @@ async def test_answers_that_come_twice(tmp_path: Path, what: str) -> None:
 
 
 @pytest.mark.parametrize("length", [0, 3, 5, 7])
-async def test_of_an_answer_that_is_cut_no_byte_is_taken(tmp_path: Path, length: int) -> None:
+async def test_no_byte_of_an_answer_that_is_cut_is_taken(tmp_path: Path, length: int) -> None:
     """CiA 301: every answer has eight bytes."""
     async with bench(tmp_path) as (node, odd, neighbour, _):
         await neighbour.connect()

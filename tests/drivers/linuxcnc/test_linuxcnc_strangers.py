@@ -121,7 +121,7 @@ def test_an_unauthenticated_client_that_is_silent_or_slow_is_disconnected(agent:
         assert silent.recv(4096) == b""
 
 
-def test_of_many_unauthenticated_clients_those_that_waited_longest_make_room_before_their_time(agent: Serving) -> None:
+def test_those_unauthenticated_clients_that_waited_longest_make_room_before_their_time(agent: Serving) -> None:
     began, more = time.monotonic(), 4
     with strangers(agent, agent.module.MOST_STRANGERS + more) as connections:
         for connection in connections:

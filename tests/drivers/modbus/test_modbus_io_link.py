@@ -159,7 +159,7 @@ async def test_comtrol_no_port_is_good_unless_it_communicates_and_is_valid(tmp_p
                     assert (reading.quality is Quality.GOOD) == is_good, (status, value, reading)
 
 
-async def test_a_status_that_is_absent_is_no_good_one(tmp_path: Path) -> None:
+async def test_an_absent_status_is_not_a_good_one(tmp_path: Path) -> None:
     """The map of another master, or one port fewer: an absent status cannot say that a value is valid."""
     words = {1000 * port + place: 234 for port in (1, 2) for place in (2,)}
     words |= {1001: 0x01}

@@ -96,7 +96,7 @@ async def test_nothing_else_does(between: list[bytes], reply: Callable[[bytes], 
     assert await told(between, reply, periods=8) == ""
 
 
-async def test_one_frame_is_no_master_and_what_is_over_is_forgotten() -> None:
+async def test_one_frame_is_not_a_master_and_what_is_over_is_forgotten() -> None:
     async with line() as (bus, peer):
         peer.reply = honest
         await _periods(bus, peer, [ANSWER], 2)

@@ -121,7 +121,7 @@ async def test_the_echo_of_the_servers_line_is_skipped() -> None:
             assert await bus.read("d", 1, TWO) == whole
 
 
-async def test_modbus_tcp_answers_are_no_rtu_answers() -> None:
+async def test_modbus_tcp_answers_are_not_rtu_answers() -> None:
     """The server translates: kind = "modbus_tcp" would be right, so its answers are refused."""
     async with served(module(5.0, 250.0)) as (bus, server):
         server.spoil = lambda _, frame: [(0.0, bytes((0, 1, 0, 0, 0, len(frame) - 2)) + frame[:-2])]

@@ -142,7 +142,7 @@ async def test_the_next_unit_has_its_full_time_while_a_gateway_may_wait_for_a_si
         assert await bus.read("d", 2, TWO) == (100, 101)
 
 
-async def test_of_a_host_that_says_nothing_at_all_only_one_unit_has_its_full_time() -> None:
+async def test_only_one_unit_of_a_silent_host_has_its_full_time() -> None:
     async with slow_host(lambda _n, _unit: []) as bus:
         for unit, waited in ((1, "0.05"), (2, "0.5"), (3, "0.05")):
             with pytest.raises(NoAnswer, match=f"unit {unit} did not answer within {waited} s"):

@@ -219,7 +219,7 @@ async def test_one_status_register_of_all_channels(tmp_path: Path) -> None:
         assert told(await driver.read()) == [("sensor_fault", "short")] * 2
 
 
-async def test_sentinel_that_is_no_whole_number(tmp_path: Path) -> None:
+async def test_sentinel_that_is_not_a_whole_number(tmp_path: Path) -> None:
     """As the device sends it: the nearest number that its four bytes can hold."""
     module = Packed()
     async with reading(module, tmp_path, CHANNELS, PACKED) as driver:

@@ -160,7 +160,7 @@ async def test_a_broker_that_goes_ends_the_read_and_the_next_connect_finds_it_ag
         broker.stop()
 
 
-async def test_of_a_payload_that_is_too_long_to_be_read_the_rest_is_not_kept(tmp_path: Path) -> None:
+async def test_the_rest_of_a_payload_that_is_too_long_is_not_kept(tmp_path: Path) -> None:
     with mosquitto(tmp_path) as broker:
         bus, driver = site(broker, tmp_path, {"plain": 1}, LIMIT_S)
         try:

@@ -259,7 +259,7 @@ async def test_what_nobody_asked_for_is_not_kept(tmp_path: Path) -> None:
         assert (await bus.heard(0.0, 2)).keys() == {"a", "b"}
 
 
-async def test_of_a_wildcard_only_a_limited_number_of_topics_is_kept(
+async def test_only_a_limited_number_of_topics_of_a_wildcard_is_kept(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(mqtt_bus, "MOST_TOPICS", 20)

@@ -65,7 +65,7 @@ def test_a_number_is_found(fields: dict[str, object], payload: bytes, value: flo
         ({"number": "t", "time": "at"}, b'{"t": 1, "at": true}', Quality.STALE, "holds no time at at"),
     ],
 )
-def test_what_is_no_value_is_a_fault_that_says_why(
+def test_a_payload_without_a_value_is_a_fault_that_says_why(
     fields: dict[str, object], payload: bytes, quality: Quality, detail: str
 ) -> None:
     found, _ = topic(**fields).read(payload)

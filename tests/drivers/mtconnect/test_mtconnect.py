@@ -232,7 +232,7 @@ CHUNKED = b"HTTP/1.1 200 OK\r\nTransfer-Encoding: chunked\r\n\r\n"
 @pytest.mark.parametrize(
     "answer", [b"SSH-2.0-OpenSSH_9.2\r\n", CHUNKED + b"-5\r\n", CHUNKED + b"7fffffffffffffffffff\r\n"]
 )
-async def test_a_server_that_does_not_speak_http_is_no_connection(answer: bytes) -> None:
+async def test_a_server_that_does_not_speak_http_is_not_a_connection(answer: bytes) -> None:
     async with answering(answer) as url:
         with pytest.raises(ConnectError, match=url):
             await control(url).connect()
@@ -291,7 +291,7 @@ ITEMS = "".join(
 
 
 @pytest.mark.parametrize("item", ["Srpm", "Cpos"])
-async def test_a_word_is_no_speed_and_no_position(item: str) -> None:
+async def test_a_word_is_not_a_speed_or_a_position(item: str) -> None:
     told = dict.fromkeys(POSITIONS.values(), "1.5") | {"Srpm": "6000"} | {item: "ACTIVE"}
     text = "".join(f'<P dataItemId="{one}">{value}</P>' for one, value in told.items())
     async with answering(http_answer(f"<MTConnect>{ITEMS}{text}</MTConnect>".encode())) as url:

@@ -64,7 +64,7 @@ def test_the_position_that_does_not_move_with_the_workpiece_is_taken_and_the_act
     assert found.states == {"speed_X": "Xfrt"}
 
 
-def test_a_spindle_that_is_called_c_is_no_axis() -> None:
+def test_a_spindle_that_is_called_c_is_not_an_axis() -> None:
     document = described(
         linear("X1"),
         axis("Rotary", "C", item("S1speed", "SPINDLE_SPEED", "REVOLUTION/MINUTE", subType="ACTUAL"), native="S1"),
@@ -82,7 +82,7 @@ def test_the_controls_own_name_of_an_axis_counts_before_a_number_behind_it() -> 
     assert found.positions == {"X": "Qabs"}
 
 
-def test_of_several_machines_it_is_the_first_and_its_items_only() -> None:
+def test_only_the_first_of_several_machines_and_its_items_count() -> None:
     first = described(linear("X"), controller=item("m1", "CONTROLLER_MODE"))
     second = described(linear("Y"), device='uuid="m2"', controller=item("e2", "EXECUTION"))
     found = suggested_items(b"<Both>" + first + second + b"</Both>")

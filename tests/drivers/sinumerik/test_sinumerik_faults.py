@@ -96,7 +96,7 @@ async def test_a_server_that_accepts_and_says_nothing() -> None:
     [b"", b"HTTP/1.1 400 Bad Request\r\n\r\n", b"ACKF\x08\x00\x00\x00", b"\x00" * 64, b"MSGF\xff\xff\xff\x7f"],
     ids=["hangs_up", "http", "short_ack", "zeros", "huge"],
 )
-async def test_something_that_is_no_opc_ua_server(answer: bytes) -> None:
+async def test_something_that_is_not_an_opc_ua_server(answer: bytes) -> None:
     ended = asyncio.Event()
 
     async def speak(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
@@ -211,7 +211,7 @@ async def test_what_is_written_is_in_force_after_reconnecting() -> None:
         await nc.close()
 
 
-async def test_a_server_that_is_no_sinumerik() -> None:
+async def test_a_server_that_is_not_a_sinumerik() -> None:
     async with running(emulated()) as url:
         nc = Sinumerik(SinumerikSettings(security="none", url=url, namespace_uri="urn:some:lathe"), SystemClock())
         with pytest.raises(WrongDevice, match=r"no namespace 'urn:some:lathe' \(it has .*SinumerikVarProvider"):
@@ -321,7 +321,7 @@ async def test_the_tool_moves_the_way_it_was_asked_to(route: str, machine_sign: 
 
 
 @pytest.mark.parametrize("state", [3.0, 4.0, 5.0])
-async def test_what_changes_between_two_looks_at_the_same_answer_is_no_answer_yet(state: float) -> None:
+async def test_an_answer_that_changes_between_two_looks_is_not_used_yet(state: float) -> None:
     control = of_kind(NextCycle)
     async with running(control) as url:
         nc = Sinumerik(SinumerikSettings(security="none", url=url), SystemClock())
@@ -336,7 +336,7 @@ async def test_what_changes_between_two_looks_at_the_same_answer_is_no_answer_ye
 
 
 @pytest.mark.parametrize("what", ["a position", "a state", "the mode", "an alarm", "a result"])
-async def test_a_value_that_the_control_itself_calls_bad_is_no_value(what: str) -> None:
+async def test_a_value_that_the_control_itself_calls_bad_is_not_used(what: str) -> None:
     control = of_kind(FrozenProgram)
     async with running(control) as url:
         nc = Sinumerik(SinumerikSettings(security="none", url=url), SystemClock())

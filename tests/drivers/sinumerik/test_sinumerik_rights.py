@@ -93,7 +93,7 @@ async def test_a_parameter_of_a_request_that_the_control_lacks_is_named_when_con
 
 
 @pytest.mark.parametrize("name", ["withdraw", "valid_for"])
-async def test_who_requests_no_cycle_needs_no_parameter_to_withdraw_one(name: str) -> None:
+async def test_a_gateway_that_requests_no_cycle_needs_no_parameter_to_withdraw_one(name: str) -> None:
     async with control() as (_, url):
         lacking = Handshake(**{name: ABSENT})
         nc = await connected(SinumerikSettings(security="none", url=url, handshake=lacking, asks=False))

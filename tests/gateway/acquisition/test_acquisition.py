@@ -100,7 +100,7 @@ async def test_a_dead_device_that_never_fits_is_asked_at_last_and_rarely() -> No
     assert len(b.asked) >= 201 - 2 * len(dead.asked)
 
 
-async def test_of_many_dead_devices_one_is_tried_per_period() -> None:
+async def test_one_of_many_dead_devices_is_tried_per_period() -> None:
     plant = ScriptedPlant("b", *(f"dead{i}" for i in range(6)))
     for name, device in plant.devices.items():
         if name != "b":
@@ -112,7 +112,7 @@ async def test_of_many_dead_devices_one_is_tried_per_period() -> None:
     assert min(len(d.asked) for d in plant.devices.values()) >= 8, "each has its turn"
 
 
-async def test_of_many_dead_devices_the_longest_waiting_is_tried_first() -> None:
+async def test_the_longest_waiting_of_many_dead_devices_is_tried_first() -> None:
     plant = ScriptedPlant("b", *(f"dead{i}" for i in range(7)))
     for name, device in plant.devices.items():
         if name != "b":
@@ -279,7 +279,7 @@ async def test_a_device_that_returns_is_connected_again_so_that_its_type_is_chec
     assert plant.told() == [("device a", False), ("device a", False), ("device a", True)]
 
 
-async def test_an_error_that_is_no_driver_s_stays_with_its_device_and_shows_its_traceback_once(
+async def test_an_unexpected_error_stays_with_its_device_and_shows_its_traceback_once(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     plant = ScriptedPlant("a", "b")

@@ -92,7 +92,7 @@ async def test_few_readings_are_lost_by_other_seeds(case: str, timeout_s: float 
         await judge(case, seed, timeout_s)
 
 
-def test_whoever_asks_for_two_blocks_loses_the_periods_in_which_both_answers_are_late() -> None:
+def test_a_master_that_asks_for_two_blocks_loses_the_periods_in_which_both_answers_are_late() -> None:
     """0.2 x 0.2 of them, by the binomial distribution; so a goal of 3 of 60 cannot be reached in every run."""
     runs, share = 20_000, 0.2**2
     found = [least_lost(seed, 0.2, 0.6, requests=2) for seed in range(runs)]

@@ -69,7 +69,7 @@ async def test_a_device_that_is_heard_is_asked_in_every_period_however_long_it_c
         assert {r.quality for r in plant.of(name)} == {Quality.GOOD}
 
 
-async def test_who_only_suffered_from_a_silent_one_is_asked_again_before_it() -> None:
+async def test_a_device_that_only_suffered_from_a_silent_one_is_asked_again_before_it() -> None:
     plant = five()
     async with plant.running():
         await plant.clock.run_until(9.5)
@@ -115,7 +115,7 @@ async def test_all_five_fall_silent_within_a_period_and_come_back_on_a_new_conne
     assert [plant.of(name)[-1].quality for name in FIVE] == [Quality.GOOD] * 5
 
 
-async def test_who_wavers_often_is_asked_again_only_where_it_fits_into_the_period() -> None:
+async def test_an_intermittent_device_is_asked_again_only_where_it_fits_into_the_period() -> None:
     plant = five()
     for device in plant.devices.values():
         device.takes_s, device.first_fault_takes_s = 0.1, 0.15

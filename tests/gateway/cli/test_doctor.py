@@ -197,7 +197,7 @@ def test_a_user_who_does_not_see_other_users_programs_is_told_so(
 
 
 @pytest.mark.parametrize(("other", "seen"), [("/dev/ptmx", False), ("/dev/null", True)])
-def test_who_plays_the_devices_of_a_line_is_no_second_program(
+def test_a_program_that_plays_the_devices_of_a_line_is_not_a_second_program(
     other: str, seen: bool, config: GatewayConfig, root: Path, tmp_path: Path
 ) -> None:
     (tmp_path / "line").symlink_to("/dev/pts/4711")
@@ -264,7 +264,7 @@ def test_an_authority_of_the_telemetry_that_ends_soon_is_found(tmp_path: Path, r
     ],
     ids=["control", "telemetry", "operator", "bus"],
 )  # fmt: skip
-def test_of_a_missing_key_it_says_which_file_of_which_setting_and_what_to_do(
+def test_for_a_missing_key_it_names_the_file_the_setting_and_what_to_do(
     section: str, field: str, name: str, why: str, page: str, tmp_path: Path, root: Path
 ) -> None:
     write(tmp_path / "gateway.toml", f"{TEXT}{section}\n")
@@ -305,7 +305,7 @@ def test_root_asks_for_the_user_who_owns_the_database(root: Path) -> None:
     assert ailment.remedy.startswith(f"chown nobody {folder}/talc.key")
 
 
-def test_of_a_certificate_that_no_key_opens_it_says_only_what_cannot_be_read(tmp_path: Path, root: Path) -> None:
+def test_if_no_key_opens_a_certificate_it_says_only_what_cannot_be_read(tmp_path: Path, root: Path) -> None:
     (tmp_path / "gw.key").mkdir()
     certificate, _ = PlantAuthority(tmp_path / "plant").issue("mill")
     write(tmp_path / "gateway.toml", f'{TEXT}[telemetry.tls]\ncertificate = "{certificate}"\nkey = "gw.key"\n')

@@ -155,7 +155,7 @@ column = 1
 """
 
 
-async def test_lines_tell_values_and_problems_where_there_is_no_terminal(tmp_path: Path) -> None:
+async def test_lines_show_values_and_problems_where_there_is_no_terminal(tmp_path: Path) -> None:
     file = tmp_path / "gateway.toml"
     source = CountedSource([20.0, 30.0, *[0.0] * 5])
     adam = Adam6015(source)

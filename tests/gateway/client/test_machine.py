@@ -93,7 +93,7 @@ async def test_silence_longer_than_its_limit_ends_a_follower() -> None:
             next(machine.follow(quiet_s=0.1))
 
 
-async def test_who_is_not_there_is_named() -> None:
+async def test_an_absent_machine_is_named() -> None:
     port = free_port()
     with pytest.raises(MachineError, match=f"no answer at tcp/127.0.0.1:{port}. Is the gateway running"):
         Machine(connect=here(port)).__enter__()

@@ -58,7 +58,7 @@ LATER = bytes((7,)) + SET[1:]
 
 
 @pytest.mark.parametrize("answer", [b"", SET[:20], REFUSED, LATER])
-def test_what_is_no_answer_tells_nothing(answer: bytes) -> None:
+def test_an_invalid_answer_says_nothing(answer: bytes) -> None:
     with chronyd(answer) as place:
         assert chrony_synchronised(place) is None
 

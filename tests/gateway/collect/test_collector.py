@@ -175,7 +175,7 @@ def test_a_database_that_is_moved_away_and_comes_back_is_not_collected_twice(
     assert kept(tmp_path / "site")["steps"] == [*range(15), *range(100, 105), *range(15, 20)]
 
 
-def test_of_a_table_the_ends_of_the_last_hundred_epochs_are_remembered() -> None:
+def test_the_ends_of_a_tables_last_hundred_epochs_are_remembered() -> None:
     progress = CollectProgress()
     for n in range(101):
         progress = progress.moved_on("events", f"boot-{n}", 5)

@@ -139,7 +139,7 @@ class EarlierSite(StoredSite):
         return super().ask(machine, after, limit)
 
 
-def test_of_a_gateway_of_an_earlier_program_the_tables_that_it_has_and_the_others_after_its_next_start(
+def test_a_gateway_of_an_earlier_program_gives_its_tables_and_the_others_after_its_next_start(
     stored_site: StoredSite, tmp_path: Path
 ) -> None:
     write(stored_site, "mill", range(20))

@@ -215,7 +215,7 @@ def test_a_backup_that_is_put_back_meanwhile_is_noticed(
 
 
 @pytest.mark.parametrize("places", ['{"steps": 5}', "[]", "null", '{"steps": [["e", "1"]]}', '{"steps": [["e", 1.5]]}'])
-def test_what_is_no_progress_is_named_and_holds_up_only_its_machine(
+def test_invalid_progress_is_named_and_holds_up_only_its_machine(
     places: str, server: Postgres, database: str, stored_site: StoredSite, caplog: pytest.LogCaptureFixture
 ) -> None:
     write(stored_site, "mill", range(3))

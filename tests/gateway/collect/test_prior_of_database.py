@@ -63,7 +63,7 @@ def test_values_without_a_column_of_their_own_are_found(server: Postgres, url: s
     assert [steps(machine) for machine in machines_in_database(url)] == [steps(m) for m in machines_in(site)]
 
 
-def test_of_steps_that_are_there_twice_the_first_that_came_counts(server: Postgres, url: str, site: Path) -> None:
+def test_the_first_copy_of_a_step_that_occurs_twice_counts(server: Postgres, url: str, site: Path) -> None:
     """For instance after a backup of a gateway's database was put back: the rows have a later epoch."""
     name, first = database(url), "SELECT epoch FROM talc.steps WHERE machine = 'mill10' ORDER BY time LIMIT 1"
     later = "'zz' || epoch"

@@ -41,7 +41,7 @@ def test_each_certificate_of_the_configuration_is_named_and_one_that_cannot_be_r
     assert list(certificate_ends(config)) == ["[telemetry.tls] certificate"], "the other one is not used"
 
 
-def test_of_several_in_a_file_it_is_the_one_that_ends_first_and_der_is_read_too(tmp_path: Path) -> None:
+def test_of_several_certificates_in_a_file_the_first_to_expire_counts_and_der_is_read_too(tmp_path: Path) -> None:
     authority = PlantAuthority(tmp_path)
     (late, _), (early, _) = authority.issue("late", 50 * DAY), authority.issue("early", 3 * DAY)
     both = tmp_path / "both.pem"

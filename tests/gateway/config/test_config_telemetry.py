@@ -151,7 +151,7 @@ def test_a_file_of_users_has_a_password_for_each(tmp_path: Path, users: str | No
 
 
 @pytest.mark.parametrize("users", ["", ".", "/"])
-def test_what_is_no_file_of_users_is_refused(tmp_path: Path, users: str) -> None:
+def test_an_invalid_file_of_users_is_refused(tmp_path: Path, users: str) -> None:
     code, output = checked(tmp_path, f'[telemetry]\nusers_file = "{users}"\n')
     assert code == 2
     assert f"[telemetry] users_file: {str(Path(users))!r}: expected the path of a file" in output
@@ -181,5 +181,5 @@ def test_what_is_less_safe_than_it_could_be_is_a_warning(tmp_path: Path) -> None
         ("tcp/mill.plant.example:7447", "tcp/mill.plant.example:7447"),
     ],
 )
-def test_who_listens_on_every_address_is_reached_by_loopback(listens: str, reached: str) -> None:
+def test_a_gateway_that_listens_on_every_address_is_reached_by_loopback(listens: str, reached: str) -> None:
     assert endpoint(listens).from_here == reached

@@ -177,7 +177,7 @@ async def test_a_weekend_at_rest_ends_no_finding() -> None:
     assert ear.judgements[-1][0] == Judgement()
 
 
-async def test_a_gap_is_no_window() -> None:
+async def test_a_gap_is_not_a_window() -> None:
     ear, teacher, x = Ear(), Teacher(), days()
     watching = watch(ear, teacher)
     await run(watching, x[: 2 * DAY], K0)

@@ -106,7 +106,7 @@ async def test_offsets_stand_still_also_while_another_client_has_the_control_pro
         np.testing.assert_allclose(at.shift(), [0.0, 0.0, 35.0 if mode == "compensate" else 0.0], atol=1e-9)
 
 
-async def test_who_is_displaced_by_a_request_of_the_same_moment_does_not_wait_for_it() -> None:
+async def test_a_gateway_displaced_by_a_request_of_the_same_moment_does_not_wait_for_it() -> None:
     async with bench() as at:
         await at.clock.run_until(2.0)
         cycle = asyncio.create_task(at.link.measure(Why.INTERVAL))

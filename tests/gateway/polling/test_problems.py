@@ -61,7 +61,7 @@ async def test_what_is_intermittent_is_reported_so_and_then_only_when_it_is_stea
     assert seen.bad("a", "silent", 900.0) == Notice("a", "a: silent")
 
 
-async def test_what_came_and_went_and_is_bad_for_good_is_no_longer_silent_about_new_kinds() -> None:
+async def test_an_intermittent_problem_that_becomes_permanent_reports_new_kinds_again() -> None:
     seen = Seen(most=1)
     for t in (0.0, 2.0):
         seen.bad("a", "silent", t)

@@ -210,7 +210,7 @@ def test_hourly_rows_repeat_an_hour_when_summer_time_ends(tmp_path: Path) -> Non
     assert (np.diff(read(path, Columns(clock=TimeFormat(zone=ZoneInfo("Europe/Zurich")))).k) == 1).all()
 
 
-def test_rows_out_of_order_are_no_matter_of_summer_time(tmp_path: Path) -> None:
+def test_rows_out_of_order_are_not_taken_for_summer_time(tmp_path: Path) -> None:
     text = lines("time,t1,EZ0T")
     text[7], text[8] = text[8], text[7]
     said = refusal(written(tmp_path, text))

@@ -216,7 +216,7 @@ def test_invalid_group_is_refused(group: str) -> None:
     assert f"--multicast {group}: expected GROUP:PORT, such as 239.74.163.2:43113" in done.err
 
 
-def test_a_recording_in_which_nothing_could_be_read_is_no_success(tmp_path: Path) -> None:
+def test_a_recording_in_which_nothing_could_be_read_is_not_a_success(tmp_path: Path) -> None:
     """It is kept nevertheless: it shows that nobody answers."""
     config, wire = tmp_path / "gateway.toml", tmp_path / "field.wire"
     config.write_text(CONFIG.format(rtu="absent1", can="absent2", gone="absent3"), encoding="utf-8")

@@ -76,7 +76,7 @@ def test_what_contradicts_itself_is_refused(tmp_path: Path, options: list[str], 
     assert message in answer.together
 
 
-def test_the_row_numbers_of_pandas_are_no_input(tmp_path: Path) -> None:
+def test_the_row_numbers_of_pandas_are_not_an_input(tmp_path: Path) -> None:
     path = tmp_path / "indexed.csv"
     rows = [f"{i},{300 * i},{20 + i % 3},{i}" for i in range(1, 30)]
     path.write_text("\n".join([",time,t1,EX0C", *rows]), encoding="utf-8")

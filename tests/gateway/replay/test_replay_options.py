@@ -71,7 +71,7 @@ def test_more_errors_than_the_controller_has_places_for_are_refused(tmp_path: Pa
 @pytest.mark.parametrize(
     ("error", "other"), [("drift1", "drift2"), ("dev_x", "dev_y"), ("Z drift", "thermal error Y"), ("z", "x")]
 )
-def test_the_neighbour_of_an_error_is_no_input_in_silence(tmp_path: Path, error: str, other: str) -> None:
+def test_the_neighbour_of_an_error_is_not_silently_an_input(tmp_path: Path, error: str, other: str) -> None:
     path = table(tmp_path, f"time,t1,t2,{error},{other}")
     given = {"EZ0T": error}
     with pytest.raises(RecordingError, match=f"column '{other}': resembles '{error}', which is an error"):
@@ -98,7 +98,7 @@ def test_an_error_that_is_hardly_in_micrometres_is_reported(tmp_path: Path) -> N
     "head",
     ["time,t1,t2,growth,Drift X", "time,t1,t2,EX0C,Z deviation", "time,t1,t2,EX0C,Spindelverlagerung Z [µm]"],
 )
-def test_what_is_called_an_error_is_no_input_in_silence(tmp_path: Path, head: str) -> None:
+def test_what_is_called_an_error_is_not_silently_an_input(tmp_path: Path, head: str) -> None:
     path, other = table(tmp_path, head), head.split(",")[-1]
     given = {"Z": "growth"} if "growth" in head else None
     with pytest.raises(
@@ -108,7 +108,7 @@ def test_what_is_called_an_error_is_no_input_in_silence(tmp_path: Path, head: st
     assert other in read_recording(path, Columns(errors=given, inputs=(other,)), 300.0).input_names
 
 
-def test_what_was_measured_with_an_error_is_no_input_in_silence(tmp_path: Path) -> None:
+def test_what_was_measured_with_an_error_is_not_silently_an_input(tmp_path: Path) -> None:
     path = table(tmp_path, "time,t1,t2,growth,bending")
     heading, *lines = path.read_text(encoding="utf-8").splitlines()
     rows = [line if i % 6 == 0 else ",".join([*line.split(",")[:3], "", ""]) for i, line in enumerate(lines)]

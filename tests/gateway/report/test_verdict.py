@@ -22,7 +22,7 @@ def test_the_first_line_is_the_worst_axis_and_what_it_cost() -> None:
     assert told(small_run()) == "Z at the tool: 40 → 4.0 µm RMS, 90 % less, 90 % productive"
 
 
-def test_of_an_error_at_a_radius_the_tool_sees_what_its_lever_makes_of_it() -> None:
+def test_the_tool_sees_an_error_at_a_radius_through_its_lever() -> None:
     run = small_run()
     tilted = np.zeros_like(run.measured)
     tilted[:, 7] = 100.0  # EB0C, µm/m: 12 µm along Z at 120 mm, 8 µm along X at 80 mm
@@ -62,7 +62,7 @@ def test_what_got_worse_is_a_loss_too() -> None:
     assert said["worse with compensation, RMS"] == "tool X 0.0 → 3.0 µm, EX0C 0.0 → 3.0 µm"
 
 
-def test_of_a_recording_it_says_where_holding_the_last_measurement_would_have_left_less() -> None:
+def test_for_a_recording_it_says_where_holding_the_last_measurement_would_have_left_less() -> None:
     run = small_run()  # EZ0A: 40 µm, of which 4 are left
     for held, said in (
         (0.95, {"worse than holding the last measurement, RMS": "EZ0A 4.0 instead of 2.0 µm"}),

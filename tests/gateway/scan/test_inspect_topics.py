@@ -63,7 +63,7 @@ def test_what_a_payload_is_and_how_often_it_comes() -> None:
     assert math.isnan(seen({"a": b"1"})[0].every_s)
 
 
-def test_of_several_times_the_nearest_is_the_payloads_own() -> None:
+def test_the_nearest_of_several_times_is_the_payloads_own() -> None:
     (topic,) = seen({"t": b'{"started": 1772000000, "ts": 1772431190, "next": 1772434800, "v": 3}'})
     assert [time.place for time in topic.times] == ["started", "ts", "next"]
     assert topic.time is not None

@@ -92,7 +92,7 @@ async def test_a_device_that_answers_to_every_id_is_one(wire: str) -> None:
 
 
 @pytest.mark.parametrize("wire", WIRES)
-async def test_who_answers_to_every_id_may_have_others_behind_it(wire: str) -> None:
+async def test_a_device_that_answers_to_every_id_may_have_others_behind_it(wire: str) -> None:
     served: dict[int, ModbusUnit] = dict.fromkeys(range(1, 248), FilledRegisters(100, live=True))
     units, told = await found(wire, {**served, 1: FilledRegisters(700), 5: FilledRegisters(700)}, range(1, 8))
     assert units == [1, 2, 5]
@@ -119,7 +119,7 @@ async def test_devices_that_hold_the_same_are_not_taken_for_one(
     assert "one device" not in told
 
 
-async def test_who_refuses_every_id_alike_is_asked_with_more() -> None:
+async def test_a_host_that_refuses_every_id_alike_is_asked_with_more() -> None:
     """The ids that were asked may not be its own."""
     units, told = await found("tcp", {u: FilledRegisters(0, 9 if u < 247 else 3) for u in range(256)}, range(1, 33))
     assert units == [1]

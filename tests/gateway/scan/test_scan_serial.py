@@ -117,7 +117,7 @@ async def test_module_in_another_data_format_is_reported() -> None:
 
 
 @pytest.mark.simulated_time
-async def test_resistances_that_do_not_agree_are_no_pta8d08() -> None:
+async def test_resistances_that_do_not_agree_are_not_a_pta8d08() -> None:
     class Meter(Pta8d08):
         def memory(self, function: int) -> dict[int, int]:
             return {**super().memory(function), 34: 1234} if function == 3 else {}
@@ -152,7 +152,7 @@ async def test_displacement_sensor_is_recognised_by_its_answer(payload: str, pro
 
 
 @pytest.mark.simulated_time
-async def test_answers_that_collide_are_reported_and_are_no_device() -> None:
+async def test_answers_that_collide_are_reported_and_are_not_a_device() -> None:
     """Two units with one id: their bits mix, here by AND as on an RS-485 pair pulled down by both."""
     wire = RtuLine({1: M7015(lambda: SIX)})
     wire.spoil = lambda _, frame: [(0.0, bytes(a & b for a, b in zip(frame, frame[1:] + b"\x12", strict=True)))]
@@ -361,7 +361,7 @@ def test_invalid_units_are_refused(units: str, says: str) -> None:
 
 @pytest.mark.parametrize("path", ["/dev/null", "/etc/passwd", "/tmp"])
 @pytest.mark.parametrize("what", [("serial",), ("can", "--interface", "slcan", "--bitrate", "125000")])
-def test_what_is_no_serial_port_is_called_so(what: tuple[str, ...], path: str) -> None:
+def test_a_file_that_is_not_a_serial_port_is_reported(what: tuple[str, ...], path: str) -> None:
     done = here("scan", what[0], path, *what[1:])
     assert done.code == 3
     assert f"{path}: " in done.err

@@ -132,7 +132,7 @@ def test_a_database_of_an_earlier_program_is_packed_as_it_is_read(stored: Path) 
     assert in_blocks(stored, *ALWAYS, None, 1000) == whole
 
 
-def test_what_is_no_block_is_refused_by_the_column_that_is_wrong(stored: Path) -> None:
+def test_an_invalid_block_is_refused_and_its_wrong_column_named(stored: Path) -> None:
     block = blocks_page(stored, *ALWAYS, None, 50_000).blocks[0]
     longer = pack(np.ones(2000, [("channel", "i8"), ("time", "f8"), ("value", "f8"), ("quality", "i8")]))
     for spoilt, said in (

@@ -87,7 +87,7 @@ def _refused(path: Path, answers: "multiprocessing.Queue[str]") -> None:
         answers.put(str(error))
 
 
-def test_who_deletes_all_that_is_there_does_not_delete_the_lock(tmp_path: Path) -> None:
+def test_deleting_everything_that_is_there_does_not_delete_the_lock(tmp_path: Path) -> None:
     path = tmp_path / "g.sqlite"
     with store_at(path) as store:
         make(store, 1)
@@ -150,7 +150,7 @@ def test_a_file_that_another_program_makes_smaller_in_order_stays(tmp_path: Path
         assert [found.frame.k for found in history.steps()] == list(range(90, 120))
 
 
-def test_a_reader_that_keeps_a_checkpoint_from_the_last_page_is_no_cut(tmp_path: Path) -> None:
+def test_a_reader_that_keeps_a_checkpoint_from_the_last_page_is_not_a_cut(tmp_path: Path) -> None:
     """The header then counts a page that is only in the log, and the file is shorter."""
     path = tmp_path / "g.sqlite"
     with closing(connect(path)) as writer, closing(sqlite3.connect(path)) as reader:

@@ -49,7 +49,7 @@ def test_what_must_arrive_is_bounded_in_number_and_size_and_the_newest_stay(most
     assert drained(backlog) == [f"firm{number}" for number in range(996, 1000)]
 
 
-def test_who_takes_waits_for_the_next_and_ends_with_the_last() -> None:
+def test_a_taker_waits_for_the_next_message_and_ends_with_the_last() -> None:
     backlog, found = Backlog(3, 3, 100, 0.0), list[str]()
 
     def take() -> None:

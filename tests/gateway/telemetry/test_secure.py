@@ -102,7 +102,7 @@ async def test_a_reader_whose_certificate_ends_while_it_is_connected_is_shut_out
             assert time.monotonic() > ends_s - 2.0
 
 
-async def test_by_tls_alone_who_believes_the_authority_gets_in(tmp_path: Path) -> None:
+async def test_by_tls_alone_a_reader_that_trusts_the_authority_gets_in(tmp_path: Path) -> None:
     site, other = SecureSite(tmp_path), PlantAuthority(tmp_path / "other")
     tls = TelemetryTls(certificate=site.tls.certificate, key=site.tls.key)
     async with publisher(Telemetry(listen=(site.here,), tls=tls)):
@@ -114,7 +114,7 @@ async def test_by_tls_alone_who_believes_the_authority_gets_in(tmp_path: Path) -
             assert "no answer" in refused(site.here, access)
 
 
-async def test_of_those_that_connect_only_the_readers_read(tmp_path: Path) -> None:
+async def test_only_named_readers_of_those_that_connect_may_read(tmp_path: Path) -> None:
     site = SecureSite(tmp_path)
     async with publisher(site.settings("alice")) as gateway:
         gateway.publish(problem("for alice"))

@@ -49,7 +49,7 @@ def test_after_five_wrong_passwords_even_the_right_one_waits_longer_each_time(do
     assert door.opens("anna", "right"), "the right one has ended it"
 
 
-def test_who_was_let_in_before_is_not_held_up_by_who_guesses(door: Door) -> None:
+def test_a_reader_that_was_let_in_before_is_not_held_up_by_one_that_guesses(door: Door) -> None:
     assert door.opens("anna", "right")
     for _ in range(50):
         assert not door.opens("anna", "wrong")
@@ -57,7 +57,7 @@ def test_who_was_let_in_before_is_not_held_up_by_who_guesses(door: Door) -> None
     assert not door.opens("ben", "right"), "one name's password opens for no other"
 
 
-def test_of_all_names_together_twenty_a_minute_are_checked(door: Door) -> None:
+def test_twenty_passwords_a_minute_are_checked_of_all_names_together(door: Door) -> None:
     for n in range(20):
         assert not door.opens(f"user{n % 10}", "wrong")
     assert not door.opens("ben", "also right")

@@ -56,7 +56,7 @@ def test_a_gateway_that_says_nothing_for_a_minute_has_no_good_value() -> None:
     assert shown(machine, ("Channels", "bed")) == NodeShown(21.5, "UncertainLastUsableValue", BEGAN + STEP)
 
 
-def test_of_a_gateway_that_is_gone_nothing_has_a_value() -> None:
+def test_nothing_of_a_gateway_that_is_gone_has_a_value() -> None:
     machine = decided()
     machine.reading("bed")
     machine.seen.disappear(machine.now)

@@ -82,7 +82,7 @@ def test_a_good_value_that_grows_old_is_not_good_any_more() -> None:
     assert "channel t0: stale: no new value for 3.0 s" in health.waits_for
 
 
-def test_of_many_bad_channels_some_are_named_and_the_others_counted() -> None:
+def test_some_of_many_bad_channels_are_named_and_the_others_counted() -> None:
     waits = WatchedHealth(29).watch.health().waits_for
     assert len(waits) == 7
     assert waits[-2:] == ("channel t4: no reading yet", "24 more channels")

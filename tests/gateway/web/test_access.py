@@ -120,7 +120,7 @@ def test_each_hash_has_its_own_salt_and_another_password_does_not_fit() -> None:
 @pytest.mark.parametrize(
     "text", ["", "a", "scrypt$16384$8$1$AAAA$AAAA", "scrypt$1073741824$8$1$AAAA$" + "A" * 43 + "=", "md5$1$1$1$A$A"]
 )
-def test_what_is_no_hash_never_matches(text: str) -> None:
+def test_an_invalid_hash_never_matches(text: str) -> None:
     assert not is_hash(text)
     assert not matches("", text)
 

@@ -57,7 +57,7 @@ def test_it_is_passed_on_in_a_sandbox_that_loads_nothing() -> None:
         "/machine/mill/report/2026-03-02?zone=" + "a" * 65,
     ],
 )
-def test_what_is_no_day_machine_or_zone_is_not_asked_for(address: str) -> None:
+def test_an_invalid_day_machine_or_zone_is_not_asked_for(address: str) -> None:
     source = Reporting(lambda: gzip.compress(HTML))
     assert mill_page(source).get(address).status_code == 404
     assert source.asked == []

@@ -95,7 +95,7 @@ def test_a_control_that_does_not_follow_the_estimate_is_said(
     assert view(heard.seen, WITHIN, heard.now_s).tool_notes == (), "nothing is known of a gateway that is gone"
 
 
-def test_of_a_gateway_that_was_never_heard_nothing_is_said_of_its_control() -> None:
+def test_nothing_is_said_about_the_control_of_a_gateway_that_was_never_heard() -> None:
     assert view(HeardMachine(alive=False).seen, WITHIN, 0.0).tool_notes == ()
 
 

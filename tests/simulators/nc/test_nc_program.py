@@ -69,6 +69,6 @@ def test_safe_points_lie_between_operations_and_at_standstill() -> None:
         [DayPart(0.0, 10.0, Activity.PAUSE, MeanLoads()), DayPart(10.0, 10.0, Activity.PAUSE, MeanLoads())],
     ],
 )
-def test_blocks_that_leave_gaps_are_no_day(blocks: list[DayPart]) -> None:
+def test_blocks_that_leave_gaps_are_not_a_day(blocks: list[DayPart]) -> None:
     with pytest.raises(ValueError, match="blocks"):
         LoadCase(blocks)

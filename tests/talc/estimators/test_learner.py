@@ -261,7 +261,7 @@ def test_an_hour_that_repeats_is_distinguished_from_rows_in_disorder() -> None:
         ({}, [[]], [], ValueError, "y has no rows"),
     ],
 )
-def test_what_is_no_number_or_no_row_is_named(
+def test_what_is_not_a_number_or_a_row_is_named(
     arguments: dict[str, Any], X: list[list[float]], y: list[float], error: type[Exception], text: str
 ) -> None:
     with pytest.raises(error, match=text):

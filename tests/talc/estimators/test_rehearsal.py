@@ -143,7 +143,7 @@ def test_times_since_the_start_are_times_too(recorded: pd.DataFrame, as_index: b
 
 
 @pytest.mark.parametrize(("error", "other"), [("drift1", "drift2"), ("dev_x", "dev_y"), ("Z drift", "thermal error Y")])
-def test_the_neighbour_of_an_error_is_no_input_in_silence(recorded: pd.DataFrame, error: str, other: str) -> None:
+def test_the_neighbour_of_an_error_is_not_silently_an_input(recorded: pd.DataFrame, error: str, other: str) -> None:
     table = recorded.rename(columns={"EY0A": error, "EZ0A": other}).drop(columns=list(THERMAL_ERRORS)[2:])[:30]
     with pytest.raises(ValueError, match=f"column '{other}' resembles '{error}', which is an error: as an input"):
         talc.rehearse(table, errors=[error])
@@ -166,7 +166,7 @@ def test_letters_and_numbers_alone_are_names_of_inputs(recorded: pd.DataFrame) -
     assert len(talc.rehearse(table, errors=["y"])) == 30
 
 
-def test_what_is_called_an_error_or_was_measured_with_one_is_no_input_in_silence(recorded: pd.DataFrame) -> None:
+def test_what_is_called_an_error_or_was_measured_with_one_is_not_silently_an_input(recorded: pd.DataFrame) -> None:
     table = recorded.iloc[:60, :3].assign(growth=recorded["EZ0A"][:60], other=recorded["EX0C"][:60])
     with pytest.raises(ValueError, match="column 'Drift X' is an error by its name: as an input"):
         talc.rehearse(table.rename(columns={"other": "Drift X"}), errors=["growth"])

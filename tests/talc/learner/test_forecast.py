@@ -111,7 +111,7 @@ def test_sigma_is_judged_only_where_no_measurement_came_meanwhile() -> None:
     assert np.isnan(misses.sigma[1]).all()
 
 
-def test_what_was_not_known_then_or_now_is_no_miss() -> None:
+def test_a_value_that_was_not_known_then_or_now_is_not_a_miss() -> None:
     record = ForecastRecord((2, 4), 300.0)
     unknown = replace(plain(0, np.nan), k=0)
     for k in range(12):
