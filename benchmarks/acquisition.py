@@ -51,9 +51,9 @@ class Cost:
     """What a service used. Medians of the windows, except where stated otherwise."""
 
     share: float
-    """Of one core."""
+    """Share of one core."""
     resident_mb: float
-    """At the end."""
+    """Resident memory at the end."""
     jitter_p99_ms: float
     """p99 over all channels of |interval - period|."""
     worst_p99_ms: float
@@ -142,13 +142,13 @@ class Windows:
     """What a program used in successive windows of time."""
 
     shares: Sequence[float]
-    """Of one core."""
+    """Share of one core."""
     waits: Sequence[float]
     """Share of the time in which its main thread was ready but other programs had the cores."""
     ends: Sequence[tuple[float, float]]
     """Begin and end of each, s since 1970."""
     resident_mb: float
-    """At the end."""
+    """Resident memory at the end."""
 
 
 def _windows(pid: int, window_s: float) -> Windows:

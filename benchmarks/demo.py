@@ -273,7 +273,7 @@ def _cost(found: Sequence[Summary], before: str = "") -> Iterator[BenchRow]:
 
 
 def _figures(found: Sequence[Sequence[SummaryRow]], before: str = "") -> Iterator[BenchRow]:
-    """Of one error or direction after the other; found: of each run."""
+    """The figures of one error or direction after the other; found: those of each run."""
     for same in zip(*found, strict=True):
         name, unit = same[0].name, same[0].unit
         for kind, figures in (
@@ -303,7 +303,7 @@ def _states(state: MachineState) -> list[float]:
 
 
 def _snapshot(state: MachineState, utc: datetime) -> NcSnapshot:
-    """As the driver would read it, as far as the time of probing depends on it."""
+    """The snapshot as the driver would read it, as far as the time of probing depends on it."""
     loads = state.loads
     speeds = {"spindle_speed": loads.spindle} | {f"speed_{axis}": getattr(loads, axis.lower()) for axis in "XYZAC"}
     program = {1: ProgramState.INTERRUPTED, 2: ProgramState.STOPPED, 3: ProgramState.RUNNING}[state.program_status]

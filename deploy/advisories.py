@@ -23,9 +23,9 @@ from urllib.request import urlopen
 
 INDEX = "https://pypi.org/pypi"
 TIMEOUT_S, LONGEST_S = 20.0, 100.0
-"""Of one question, and of all."""
+"""The time limits of one question, and of all together."""
 PAUSES_S = (1.0, 4.0)
-"""Before the second and the third time that a question is asked."""
+"""The pauses before the second and the third attempt at a question."""
 AT_ONCE = 8
 FOUND, UNCHECKED = 1, 3
 """Exit codes."""

@@ -132,7 +132,7 @@ def test_a_line_belongs_to_its_innermost_statement_s_head(line: int, lines: tupl
 
 @pytest.mark.parametrize(("hits", "tries"), [(135, 150), (10, 10), (0, 7), (1, 2)])
 def test_a_sample_says_how_sure_its_share_is(hits: int, tries: int) -> None:
-    """As SciPy computes it."""
+    """The interval is the one that SciPy computes."""
     from scipy.stats import binomtest  # a second that only this test needs to spend
 
     expected = binomtest(hits, tries).proportion_ci(method="wilson")

@@ -195,7 +195,7 @@ class PageReader:
 
     @asynccontextmanager
     async def playing(self, command: str, file: str) -> AsyncIterator[None]:
-        """Until Ctrl-C at the end, from when its configuration is there."""
+        """The command plays from when its configuration is there until Ctrl-C at the end."""
         enough = asyncio.Event()
         playing = self.start(command, enough)
         try:

@@ -61,7 +61,7 @@ def test_a_page_opened_as_a_file_finds_words_and_options(site: Path, browser: Br
 
 @pytest.fixture
 def paper(browser: Browser) -> Iterator[Page]:
-    """As wide as what is between the margins of A4."""
+    """A page as wide as the area between the margins of A4."""
     with browser.new_context(offline=True, viewport={"width": 680, "height": 1000}) as context:
         page = context.new_page()
         page.set_default_timeout(LIMIT_MS)

@@ -12,7 +12,7 @@ from studies import filled
 from talc.frame import BoolArray, FloatArray, IntArray
 
 _STRENGTHS = (1e-3, 1e-2, 1e-1, 1.0, 10.0, 100.0, 1000.0)
-"""Of the ridge, in rows' worth of a standardised input."""
+"""Strengths of the ridge, in rows' worth of a standardised input."""
 _LEAST_SPREAD = 1e-9
 
 

@@ -39,7 +39,7 @@ class Result:
     series: Series
     cells: Sequence[Cell]
     savings: dict[tuple[str, float], Sequence[Saving]]
-    """Of the policy, by unit and hours of dense beginning."""
+    """Savings of the policy, by unit and hours of dense beginning."""
 
     @property
     def units(self) -> list[str]:

@@ -130,7 +130,7 @@ class ControlScreen:
         os.kill(int(listed[1]), signal.SIGKILL)
 
     def deform(self, errors: list[float]) -> None:
-        """From now on the sphere is displaced by these nine thermal errors."""
+        """Displace the sphere by these nine thermal errors from now on."""
         if self.sphere is None:
             raise RuntimeError("this machine has no sphere")
         self.sphere.deform(errors)

@@ -35,7 +35,7 @@ class Sphere:
         self._pins.ready()
 
     def start(self) -> None:
-        """Once its pins are connected."""
+        """Start the sphere, once its pins are connected."""
         self._thread.start()
 
     def stop(self) -> None:

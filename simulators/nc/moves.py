@@ -40,8 +40,8 @@ def tool_at(block: DayPart, time_s: float, program: LoadCase) -> int:
 
 
 def probing_positions(settings: CycleSettings, since_s: float) -> dict[str, float]:
-    """So long after a cycle's start. Each pose is held from a third of its slot until its touches are done; after the
-    last one the axes go back to the first, where the cycle ends."""
+    """Positions this long after a cycle's start. Each pose is held from a third of its slot until its touches are done;
+    after the last one the axes go back to the first, where the cycle ends."""
     slot = (settings.duration_s - 2 * settings.approach_s) / len(settings.poses_deg)
     progress = (since_s - settings.approach_s) / slot
     pose = min(max(math.floor(progress), 0), len(settings.poses_deg) - 1)

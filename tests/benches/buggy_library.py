@@ -6,7 +6,7 @@ from pymodbus.pdu.bit_message import ReadCoilsResponse
 from pymodbus.pdu.register_message import ReadHoldingRegistersResponse
 
 _RESPONSES = (ReadCoilsResponse, ReadHoldingRegistersResponse, ExceptionResponse)
-"""To functions 1 and 2, to 3 and 4, and to any."""
+"""Answers to functions 1 and 2, to 3 and 4, and to any function."""
 
 
 class BuggyDecoder:

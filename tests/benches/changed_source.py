@@ -48,7 +48,7 @@ def _file(module: ModuleType) -> Path:
 
 
 def _function(module: ModuleType, name: str) -> FunctionType:
-    """By its qualified name; the one inside of a property or a decorator."""
+    """The function of this qualified name; the one inside a property or decorator."""
     found: Any = module
     for part in name.split("."):
         found = inspect.getattr_static(found, part)

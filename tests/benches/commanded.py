@@ -38,7 +38,7 @@ class Commanded:
             raise StoreError(self.disk_fails)
 
     def largest_step_um(self, begins: float = 0.0) -> float:
-        """Of all that was written to the control, one after the other, a second apart."""
+        """The largest step in everything that was written to the control, one write after the other, a second apart."""
         z = [offsets[2] for _, offsets in self.bench.control.writes]
         return max(abs(b - a) for a, b in zip([begins, *z], z, strict=False))
 

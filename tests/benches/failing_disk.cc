@@ -21,7 +21,7 @@ namespace {
 std::atomic<int> fault{0}, refused{0}, calls{0}, begins{0}, kind{0}, lasts{0}, hang_ms{0}, paused{0}, only{0};
 constexpr int hangs = -1, hangs_once = -2, kills = -3;
 constexpr size_t most_names = 1 << 16;
-char names[most_names];  // of the calls so far, first letters
+char names[most_names];  // first letters of the calls so far
 
 bool below(const char* path) {
   static const char* folder = getenv("FAILING_DISK");
@@ -45,7 +45,7 @@ void wait_while_it_hangs() {
   while (access(hanging, F_OK) == 0) usleep(1000);
 }
 
-// Of calls that change nothing.
+// For calls that change nothing.
 void wait_to_read() {
   static const bool reads = getenv("HANGING_READS") != nullptr;
   if (reads) wait_while_it_hangs();
@@ -85,14 +85,14 @@ Function genuine(const char* name) {
 }  // namespace
 
 extern "C" {
-// Of all calls, or of those of one kind, which a letter names.
+// The fault of all calls, or of those of one kind, which a letter names.
 void set_disk_fault(int number, int kind_of_call) {
   only = kind_of_call;
   fault = number;
 }
 int disk_faults() { return refused; }
-// From the n-th call from now on, or at it alone; the error's number, or -2: the next synchronisation lasts that long
-// (with lasting = 1), or -3: the process is killed before it.
+// Fails from the n-th call on, or only at that call. error: its number, or -2: the next synchronisation lasts that long
+// (with lasting = 1), or -3: the process is killed before the call.
 void fail_from(int number, int error, int lasting, int milliseconds) {
   calls = refused = 0;
   kind = error, lasts = lasting, hang_ms = milliseconds;

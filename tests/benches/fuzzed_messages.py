@@ -152,7 +152,7 @@ def _answering(answer: bytes) -> Iterator[int]:
 
 
 def _http(draw: random.Random, _: Path) -> None:
-    """Of an MTConnect agent, and of a server that takes line protocol."""
+    """HTTP answers of an MTConnect agent, and of a server that accepts line protocol."""
     kind = draw.randrange(3)
     body = draw.choice((_documents()[1], b'{"code":"invalid","message":"field type conflict"}', b""))
     status = draw.choice((b"200 OK", b"204 No Content", b"400 Bad Request", b"503 Busy"))

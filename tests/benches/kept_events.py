@@ -35,7 +35,7 @@ class KeptEvents:
 
     @property
     def readings(self) -> list[Sample]:
-        """Of all ReadingsTaken, in order."""
+        """The readings of all ReadingsTaken, in order."""
         return [reading for event in self.of(ReadingsTaken) for reading in event.readings]
 
     @property
@@ -64,5 +64,5 @@ class KeptEvents:
         return [event.event for event in self.of(EventReported)]
 
     def texts(self, *kinds: EventKind) -> list[str]:
-        """Of the reported events of these kinds, in order."""
+        """The texts of the reported events of these kinds, in order."""
         return [event.text for event in self.reported if event.kind in kinds]

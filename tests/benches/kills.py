@@ -148,7 +148,7 @@ class KilledMachine:
 
 @dataclass(slots=True)
 class KillCount:
-    """Of one phase."""
+    """The counts of one phase."""
 
     wanted: int
     killed: int = 0

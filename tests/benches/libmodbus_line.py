@@ -15,7 +15,7 @@ from simulators.devices.pty_port import PtyPort
 TIMEOUT_S = 5.0
 """A busy computer may need this long for another program's answer."""
 UNIT = 3
-"""On the serial line."""
+"""The unit id on the serial line."""
 SLAVE = Path(__file__).parent / "libmodbus_slave.py"
 
 

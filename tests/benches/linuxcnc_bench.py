@@ -53,7 +53,7 @@ class AgentBench:
         return await self.pin("talc-seconds")
 
     async def pass_time(self, seconds: float) -> None:
-        """By LinuxCNC's own clock."""
+        """Wait this long by LinuxCNC's own clock."""
         end_s = await self.time_s() + seconds
         while await self.time_s() < end_s:
             await asyncio.sleep(0.005)

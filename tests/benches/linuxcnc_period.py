@@ -27,7 +27,7 @@ MOTION = "circle of 120 mm, C at 60°/s"
 
 
 def clocks_per_us() -> float:
-    """Of the counter that LinuxCNC reads, on a processor of our kind."""
+    """The rate of the counter that LinuxCNC reads, on a processor of our kind."""
     with TemporaryDirectory() as folder:
         library = Path(folder) / "clocks.so"
         command = ["gcc", "-O2", "-shared", "-fPIC", "-x", "c", "-", "-o", str(library)]

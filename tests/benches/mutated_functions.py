@@ -68,7 +68,7 @@ def exchanges(before: str, after: str, file: Path) -> list[tuple[str, int, CodeT
 
 
 def loaded_functions(file: Path) -> Mapping[tuple[str, int], FunctionType]:
-    """Of a loaded file, by qualified name and first line; methods too, with decorators or without."""
+    """The functions of a loaded file by qualified name and first line; methods too, with decorators or without."""
     gc.unfreeze()  # what is frozen is not among the objects
     found = [each for each in gc.get_objects() if isinstance(each, FunctionType)]
     gc.freeze()
@@ -123,7 +123,7 @@ def _meaning(code: CodeType) -> tuple[object, ...]:
 
 
 def _parts(code: CodeType) -> tuple[tuple[object, ...], list[CodeType]]:
-    """Of a module or a class: what is outside of functions, and the functions, those in classes too."""
+    """The parts of a module or class: what is outside functions, and the functions, also those in classes."""
     outside: list[object] = [_own(code)]
     functions: list[CodeType] = []
     for each in code.co_consts:

@@ -125,8 +125,8 @@ class ScriptedControl:
             await self._answer(self.late)
 
     async def _answer(self, when: asyncio.Event) -> None:
-        """As on a connection whose answers come in turn: a client that does not wait for its own answer loses the
-        connection."""
+        """Answer as on a connection whose answers come in turn: a client that does not wait for its own answer loses
+        the connection."""
         try:
             await when.wait()
         except asyncio.CancelledError:

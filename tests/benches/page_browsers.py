@@ -52,7 +52,7 @@ def _state_ms(page: Page) -> float:
 
 
 def _cpu_s(pid: int) -> float:
-    """Of user and kernel, proc_pid_stat(5)."""
+    """Processor time in user and kernel mode, proc_pid_stat(5)."""
     fields = Path(f"/proc/{pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 

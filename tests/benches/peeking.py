@@ -9,7 +9,7 @@ from benchmarks.recordings.methods import Given, Method
 from benchmarks.recordings.policy import Deciding
 
 _MOVED = 1000.0
-"""By how much measurements are shifted to detect methods that used them too early: standard uncertainties."""
+"""How far measurements are shifted to detect methods that used them too early: standard uncertainties."""
 
 
 class Peeked(Exception):

@@ -83,8 +83,8 @@ class PlayedGateway:
 
 
 def _week(selected: str) -> CoursePage:
-    """As from a store of the last seven days: Z swings by 40 µm each day with a temperature by 10 K, and is
-    measured each six hours."""
+    """The answer of a store with the last seven days: Z swings by 40 µm each day with a temperature that swings by 10
+    K, and is measured every six hours."""
     asked, now = parse_course(selected), datetime.now(UTC).timestamp()
     begin, end = max(asked.begin.timestamp(), now - 7 * 86400.0), asked.end.timestamp()
     times = [t for i in range(asked.limit) if (t := begin + (end - begin) * i / asked.limit) < end]

@@ -54,7 +54,7 @@ class Postgres:
             os.chown(path, user.pw_uid, user.pw_gid)
 
     def url(self, database: str = "postgres", user: str = "site") -> str:
-        """Of a database, on loopback; a busy computer may take its time to connect."""
+        """The address of a database on loopback; a busy computer may take its time to connect."""
         return f"postgresql://{user}@127.0.0.1:{self.port}/{database}?connect_timeout={_LIMIT_S}"
 
     def start(self) -> None:

@@ -104,7 +104,7 @@ int followed(char what, int descriptor, int64_t at, Call call) {
 }  // namespace
 
 extern "C" {
-// What was reported to the process as being on the disk, or what it has handed in.
+// Marks what was reported to the process as being on the disk, or what it has handed in.
 void power_cut_mark(int64_t kind, int64_t number) {
   std::lock_guard<std::recursive_mutex> one_at_a_time(order);
   note('m', kind, number, "", 0);

@@ -32,7 +32,7 @@ def stated(root: Path) -> dict[str, str]:
 
 
 def headings(root: Path) -> list[str]:
-    """Of the changelog, newest first: Unreleased, or a version with its date."""
+    """The changelog's headings, newest first: Unreleased, or a version with its date."""
     text = (root / "CHANGELOG.md").read_text(encoding="utf-8")
     return re.findall(r"^## \[(Unreleased(?=\]$)|[^\]]+(?=\] - \d{4}-\d\d-\d\d$))", text, re.M)
 

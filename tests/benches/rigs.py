@@ -54,8 +54,8 @@ class Rig:
     spoil_identity: Callable[[], None]
     wire: Spoilable
     settle_s: float = 0.0
-    """Of a device that sends by itself: how long until what changed is seen and what came before is too old. It passes
-    on simulated time, whole, however busy the computer is."""
+    """For a device that sends by itself: how long until a change is seen and what came before is too old. The whole of
+    it passes in simulated time, however busy the computer is."""
     by_frames: bool = False
     """Whether each value is as old as the frame that brought it."""
 

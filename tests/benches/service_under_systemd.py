@@ -186,7 +186,8 @@ def _clock(guest: BootedDebian) -> Iterator[TriedUnit]:
 
 
 def _journal(guest: BootedDebian) -> Iterator[TriedUnit]:
-    """As docs/install-pi.md shows it: what the gateway will do; and both ends of a fault, and no more, as warnings."""
+    """The journal as docs/install-pi.md shows it: what the gateway will do; and as warnings only both ends of a
+    fault."""
     whole = guest.run("journalctl -u talc-gateway").splitlines()
     warned = guest.run("journalctl -u talc-gateway -p warning").splitlines()
     what = [line for line in whole if "machine bench" in line]
@@ -300,7 +301,8 @@ def _upgrades(guest: BootedDebian) -> Iterator[TriedUnit]:
 
 
 def _silent(guest: BootedDebian) -> TriedUnit:
-    """On a grid of some seconds, as the service must have been well, with a decision, before it is upgraded."""
+    """Runs on a grid of some seconds, because the service must have been well, with a decision, before it is
+    upgraded."""
     short = "s/^step_s = .*/step_s = 30.0/; s/^lead_s = .*/lead_s = 10.0/; s/gateway[.]sqlite/short.sqlite/"
     guest.run(f"sed -i '{short}' {CONFIG} && systemctl restart talc-gateway")
     guest.wait_until(f"talc-gateway status {CONFIG}")

@@ -116,6 +116,6 @@ def offsets(errors: FloatArray, tip_mm: FloatArray, a: float, radius_mm: float) 
 
 
 def size(errors: FloatArray, radius_mm: float, reach_mm: FloatArray) -> float:
-    """By how much the errors can move any axis, µm."""
+    """The most that the errors can move any axis, µm."""
     given, reach = (np.ascontiguousarray(v, dtype=np.float64) for v in (errors, reach_mm))
     return float(_core().size(given.ctypes.data, radius_mm, reach.ctypes.data))

@@ -116,7 +116,7 @@ class _Timed(msgspec.Struct):
 
 @dataclass(slots=True)
 class _Delays:
-    """Of live messages of one key of each gateway, s."""
+    """Delays of live messages of one key of each gateway, s."""
 
     listening: bool = True
     found: list[float] = field(default_factory=list)

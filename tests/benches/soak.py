@@ -248,7 +248,7 @@ async def _run(
 
 
 def table(found: SoakResult) -> str:
-    """As Markdown; what counts against the gateway follows, line by line."""
+    """The result as Markdown; what counts against the gateway follows, line by line."""
     lines = ["| | |", "|---|---|", *(f"| {name} | {value} |" for name, value in found.rows), ""]
     lines += [f"leaked: {leak}" for leak in found.leaks]
     lines += [f"not reported: {fault.name}, from {fault.begin_s:.0f} to {fault.end_s:.0f} s" for fault in found.missed]

@@ -190,7 +190,7 @@ def faults_of(lines: Sequence[str]) -> list[SoakFault]:
 
 
 def words_of(config: GatewayConfig) -> dict[str, re.Pattern[str]]:
-    """Of each wire, what an alarm about it names: the bus, its devices, their channels; the control and probing."""
+    """For each wire, what an alarm about it names: the bus, its devices, their channels; the control and probing."""
     named = {CONTROL: ["NC", "nc", "probing", "control"]}
     for bus in config.buses:
         devices = [device for device in config.devices if device.bus == bus.name]

@@ -1,4 +1,5 @@
-"""From a grid tick to a subscriber, while the gateway learns: `python -m tests.benches.tick_latency --seconds 120`.
+"""Latency from a grid tick to a subscriber, while the gateway learns: `python -m tests.benches.tick_latency --seconds
+120`.
 
 `talc-gateway run` in a separate process, on the computer's clock, with grid steps of a second. Its machine is the
 bench's, in another process, whose time passes 300 times as fast: each step has the heat and the probing cycle of five

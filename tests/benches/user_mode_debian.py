@@ -12,7 +12,7 @@ from shutil import copytree, disk_usage
 from tests.benches.preloads import preload
 
 MEMORY_MB, SECOND_MB = 1536, 256
-"""Of the guest, and of a second disk with nothing on it, /dev/ubdb."""
+"""Sizes of the guest's memory, and of an empty second disk, /dev/ubdb."""
 MODULES = Path("/usr/lib/uml/modules")
 SHARED = Path("/dev/shm")
 """A file system in memory, where there is one."""

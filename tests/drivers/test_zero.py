@@ -23,9 +23,9 @@ pytestmark = pytest.mark.simulated_time
 RAW, SCALE, OFFSET, HIGH = 27315, 0.01, -273.15, 382.2
 """A temperature in hundredths of a kelvin, at 0 degC; what 65535 means."""
 COUNTS = 4080
-"""Of the emulated CANopen converter, which sends 4000 at 0 degC and 20 more for each degree."""
+"""Counts of the emulated CANopen converter, which sends 4000 at 0 degC and 20 more for each degree."""
 RANGE_UM, ZERO_UM = 3.0, 0.6
-"""Of a displacement sensor that measures a fifth of its range."""
+"""Range and zero of a displacement sensor that measures a fifth of its range."""
 
 HEAD = """
 title = "hundredths of a kelvin"
@@ -99,7 +99,7 @@ async def controller(stack: AsyncExitStack, _: Path) -> tuple[Bus, Driver]:
 
 
 async def sensor(stack: AsyncExitStack, _: Path) -> tuple[Bus, Driver]:
-    """At a fifth of a range whose end is 0xF00000."""
+    """A sensor at a fifth of a range whose end is 0xF00000."""
     line = MeLine([MeSensor(lambda: [RANGE_UM / 5], range_um=RANGE_UM, payload="counted")])
     stack.push_async_callback(line.stop)
     bus = make_bus("b", "me_rs485", {"port": await line.start()})

@@ -70,7 +70,7 @@ TEN_SECONDS = {
     "opcua": 15, "agent": 350, "modbus": 220, "can": 55,
     "wire_log": 6_000, "recordings": 7_000, "toml": 9_000, "dbc": 7_000,
 }  # fmt: skip
-"""As many examples as a recent computer tries in about ten seconds of processor time."""
+"""The numbers of examples that a recent computer tries in about ten seconds of processor time."""
 
 
 @pytest.fixture(autouse=True)

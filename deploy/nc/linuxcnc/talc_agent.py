@@ -22,7 +22,7 @@ from talc_server import Refusal, Server, read_key
 
 AXES = "xyz"
 ERRORS = ("ey0a", "ez0a", "ex0c", "ey0c", "ez0t", "er0t", "ea0c", "eb0c", "ec0c")
-"""Of the gateway's nine, in its order."""
+"""The gateway's nine errors, in its order."""
 COUNTS = {3: "three", 9: "nine"}
 VERSION, CAPABILITIES = 3, ("probe", "shift", "errors", "values")
 MODES = {linuxcnc.MODE_MANUAL: "jog", linuxcnc.MODE_AUTO: "auto", linuxcnc.MODE_MDI: "mda"}
@@ -60,7 +60,7 @@ class Settings:
         }
 
     def positions(self, nc: Any) -> tuple[float, ...]:
-        """Of ALL_AXES in the machine's coordinates: mm and degrees. A gantry is where its first joint is."""
+        """Positions of ALL_AXES in the machine's coordinates: mm and degrees. A gantry is where its first joint is."""
         at = [nc.joint_actual_position[self.machine.joints[axis][0]] for axis in ALL_AXES]
         return tuple(v if axis in "AC" else v * self.machine.mm for axis, v in zip(ALL_AXES, at, strict=True))
 
@@ -175,7 +175,7 @@ class Control:
         self._want(wanted, bound)
 
     def _share(self, name: str, radius_mm: float) -> float:
-        """Of the component's error at this radius: ER0T grows with it."""
+        """The share of the component's error at this radius: ER0T grows with the radius."""
         return radius_mm / self._settings.machine.radius if name == "er0t" else 1.0
 
     def _check_watched(self, command: dict[str, Any]) -> None:

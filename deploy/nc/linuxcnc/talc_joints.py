@@ -169,7 +169,7 @@ class MachineJoints:
                 raise self._unfit(section, "UNITS", "remove it: joints are in the units of [TRAJ]")
 
     def _reach(self, axis: str, zero: float) -> float:
-        """Of the tip of any tool, mm."""
+        """The reach of any tool's tip, mm."""
         section, tool = f"AXIS_{axis}", self.number("LONGEST_TOOL", 200.0) if axis == "Z" else 0.0
         ends = []
         for name in ("MIN_LIMIT", "MAX_LIMIT"):

@@ -18,8 +18,8 @@ inline Nanoseconds real(clockid_t clock) {
   return of(at);
 }
 
-// What is under way, and the process at rest: not coming any more after so many real seconds and looks. Time alone
-// does not tell: it also passes while this computer, or just the governor, stands still and looks at nothing.
+// Something under way while the process is at rest: it counts as lost after some real seconds and looks. Time alone is
+// not enough: it also passes while this computer, or just the governor, stands still and looks at nothing.
 class Missing {
  public:
   void appears() { since_ = real(CLOCK_MONOTONIC), looks_ = 0; }

@@ -9,6 +9,6 @@ struct Redirection {
 };
 using Redirections = std::vector<Redirection>;
 
-// Of all libraries of Python's that are loaded now.
+// Redirects all of Python's libraries that are loaded now.
 void redirect_python(const Redirections& redirections);
 }  // namespace simulated_time

@@ -41,13 +41,13 @@ namespace simulated_time {
 std::atomic<bool> active{false};
 
 namespace {
-constexpr Nanoseconds cost_of_a_look = 200;  // so that who polls the clock sees it go on, however fast the computer
+constexpr Nanoseconds cost_of_a_look = 200;  // a poller sees the clock advance, however fast the computer is
 constexpr long rest_ns = 30'000, longest_rest_ns = 240'000;  // real time between two looks of the governor
 
 std::atomic<Nanoseconds> simulated{0}, wall_offset{0};
 std::atomic<uint64_t> waits{0};  // that began or ended
 std::atomic<int> for_the_lock{0};  // threads that wait for Python's interpreter lock
-std::atomic<int> holds{0};  // of who waits for something that time must not pass for, such as another process
+std::atomic<int> holds{0};  // of threads that wait for something, such as another process, while time must not pass
 
 // ---- Waits ----
 
@@ -168,8 +168,9 @@ int sem_timedwait_(sem_t* semaphore, const timespec* until) {
   return active ? sem_clockwait_(semaphore, CLOCK_REALTIME, until) : ::sem_timedwait(semaphore, until);
 }
 
-// Python waits so for its interpreter lock, in real time. Such a thread has work to do, although it sleeps; so as long as
-// there is one, time stands still, even if the kernel happened to show every thread asleep while they took turns.
+// Python waits in this way for its interpreter lock, in real time. Such a thread has work to do, although it sleeps; so
+// as long as there is one, time stands still, even if the kernel happened to show every thread asleep while they took
+// turns.
 struct LockWait {
   LockWait() { ++for_the_lock, ++waits; }
   ~LockWait() { --for_the_lock, ++waits; }

@@ -48,7 +48,7 @@ class KnowingAgent(Agent):
         self.stale = ""
         self.answers[""] = GREETING
         self.instead: object = None
-        """Of the answer to `values`."""
+        """Replaces the answer to `values`."""
 
     def hear(self, line: bytes) -> bytes:
         names = json.loads(line.partition(b" ")[2]).get("names", ())

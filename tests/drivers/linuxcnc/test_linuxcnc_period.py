@@ -17,7 +17,7 @@ from tests.benches.real_time_kernel import on_real_time_kernel
 pytestmark = [pytest.mark.peer, pytest.mark.slow]
 GOAL_US = 5.0
 INSTRUCTIONS_PER_US = 2000
-"""Of a processor slower than those of PCs that run LinuxCNC."""
+"""The speed of a processor slower than those of PCs that run LinuxCNC."""
 PRINTED = """
 import asyncio
 from tests.benches.linuxcnc_period import periods_us

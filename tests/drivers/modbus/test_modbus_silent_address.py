@@ -51,7 +51,7 @@ class MutedUnit:
     mute: set[RegisterPlace] = field(default_factory=set)
     lacks: set[RegisterPlace] = field(default_factory=set)
     touched: list[RegisterPlace] = field(default_factory=list)
-    """Of the present request."""
+    """Places that the present request reads."""
     asked: list[Sequence[RegisterPlace]] = field(default_factory=list)
     silent: bool = False
 

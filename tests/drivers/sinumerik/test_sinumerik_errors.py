@@ -34,7 +34,7 @@ from tests.benches.error_program import (
 )
 
 REACH_M = (0.24, math.hypot(0.22, 0.27))
-"""Of TRAVEL from the origin."""
+"""The reach of TRAVEL from the origin."""
 LARGEST = kinematics.largest_offsets(REACH_M, RADIUS_MM * 1e-3)
 SMALL = WARM / 8
 """What is reached in a few seconds."""

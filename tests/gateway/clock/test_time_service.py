@@ -54,7 +54,7 @@ def test_chrony_tells_whether_a_server_has_set_the_clock(answer: bytes, known: b
 REFUSED = SET[:8] + bytes((0, 2)) + SET[10:]
 """Status 2, unauthorised."""
 LATER = bytes((7,)) + SET[1:]
-"""Of another version of the protocol."""
+"""An answer in another version of the protocol."""
 
 
 @pytest.mark.parametrize("answer", [b"", SET[:20], REFUSED, LATER])

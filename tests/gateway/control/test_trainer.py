@@ -33,7 +33,7 @@ JOB = TrainingJob(
     0, Why.CALIBRATION, DAY.names, DAY.inputs, np.ones(DAY.inputs.shape, np.bool_), DAY.measured, TrainingSettings()
 )
 MINUTES = replace(JOB, settings=TrainingSettings(selector="pso", max_na=5, max_nb=5, max_inputs=12))
-"""At least seconds: long enough to be observed while it computes."""
+"""Takes at least some seconds: long enough to be observed while it computes."""
 
 
 async def until(condition: Callable[[], bool], within_s: float = 120.0) -> None:

@@ -20,7 +20,7 @@ def only_z(um: float) -> LinearOffsets:
 
 @dataclass
 class SlopesOfZ:
-    """Of Z over X."""
+    """Takes slopes of Z over X."""
 
     control: "TwoForms"
     in_force: LinearOffsets = field(default_factory=lambda: only_z(0.0))

@@ -51,7 +51,8 @@ def frames(first: int, end: int) -> Iterable[Frame]:
 
 
 def run(config: GatewayConfig, past: Past, first: int, end: int, boot: str) -> list[Decision]:
-    """As the service runs: every step is stored, a training ends within it, and a keeper takes the snapshots."""
+    """Run as the service does: every step is stored, a training ends within its step, and a keeper takes the
+    snapshots."""
     made = []
     with Store(config.storage.path, boot, SteppedClock()) as store:
         store.begin(config.canonical(), config.fingerprint(), "")
@@ -208,7 +209,7 @@ def other_inputs(folder: Path, method: str) -> GatewayConfig:
 
 
 def reordered(config: GatewayConfig, frame: Frame) -> Frame:
-    """As the new configuration has it; the new sensors have values from now on."""
+    """The frame as the new configuration has it; the new sensors have values from now on."""
     bed, column, _ = frame.inputs
     named = {"bed": bed, "column": column, "slide": 21.0 + bed / 7.0, "end": 20.0 + column / 9.0}
     x = np.array([named[name] for name in config.input_names])

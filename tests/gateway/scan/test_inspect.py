@@ -22,7 +22,7 @@ from tests.benches.terminal_tables import row_of
 
 TEMPERATURES = (21.25, -3.5, 100.125)
 SWAPPED = [word for value in TEMPERATURES for word in reversed(struct.unpack(">2H", struct.pack(">f", value)))]
-"""As float32 with the words swapped."""
+"""The temperatures as float32 with the words swapped."""
 UNIT = 7
 
 

@@ -58,7 +58,7 @@ async def test_nodes_of_a_server(tmp_path: Path) -> None:
 
 
 async def test_nodes_that_hold_bytes(tmp_path: Path) -> None:
-    """As the process data of an IO-Link device."""
+    """Such as the process data of an IO-Link device."""
     server, draft = Drives(), tmp_path / "draft.toml"
     await server.start()
     name = f"nsu={URI};s=bytes"

@@ -27,7 +27,7 @@ FoundReading = tuple[float, float, str, float | None, str]
 
 
 def readings(first_s: float, last_s: float) -> list[Sample]:
-    """Of three channels; some are not good, some have no value, and those of `b` come in another order."""
+    """Readings of three channels; some are not good, some have no value, and those of `b` come in another order."""
     random = np.random.default_rng(int(first_s))
     found = []
     for number, at_s in enumerate(np.arange(first_s, last_s, 1.0), start=1):

@@ -25,8 +25,8 @@ MeanValues = dict[tuple[float, str], float]
 
 
 def readings(first_s: float, last_s: float) -> list[Sample]:
-    """Of three channels, two of which are read at other times, with some that are not good; `c` is silent for a while.
-    Every third read of `b` comes late: after those of the next second."""
+    """Readings of three channels, two of which are read at other times; some are not good, and `c` is silent for a
+    while. Every third read of `b` comes late: after those of the next second."""
     random = np.random.default_rng(int(first_s))
     found = []
     for at_s in np.arange(first_s, last_s, 7.0):
@@ -45,7 +45,7 @@ def readings(first_s: float, last_s: float) -> list[Sample]:
 def expected(
     taken: list[Sample], begin: datetime, end: datetime, every_s: int, *, by_minute: bool = False
 ) -> MeanValues:
-    """By hand. by_minute: a reading counts where its minute begins."""
+    """The means computed by hand. by_minute: a reading counts where its minute begins."""
     found = defaultdict[tuple[float, str], list[float]](list)
     for sample in taken:
         at = sample.source_time.replace(second=0, microsecond=0) if by_minute else sample.source_time
@@ -58,7 +58,7 @@ def expected(
 def means_of(
     path: Path, begin: datetime, end: datetime, every_s: int, limit: int = 1000, channels: tuple[str, ...] | None = None
 ) -> MeanValues:
-    """Of all pages."""
+    """The means of all pages."""
     found, after = MeanValues(), None
     while True:
         page = means_page(path, begin, end, channels, limit, every_s, after)

@@ -169,7 +169,7 @@ def test_a_disk_that_refuses_to_delete_old_rows_counts_as_failing_until_it_does(
 
 @contextmanager
 def locked(path: Path) -> Iterator[None]:
-    """By another program's connection."""
+    """Inside, another program's connection locks the file."""
     with closing(sqlite3.connect(path, isolation_level=None)) as other:
         other.execute("BEGIN IMMEDIATE")
         yield

@@ -10,7 +10,7 @@ from gateway.umati.readers import Readers
 
 
 def cheap_hash(password: str) -> str:
-    """As `--make-password` prints it, with the least work."""
+    """A hash in the form that `--make-password` prints, with the least work."""
     digest = hashlib.scrypt(password.encode(), salt=b"salt", n=2, r=1, p=1, dklen=32)
     return "$".join(("scrypt", "2", "1", "1", b64encode(b"salt").decode(), b64encode(digest).decode()))
 
