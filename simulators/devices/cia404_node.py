@@ -21,7 +21,7 @@ _LOW, _HIGH = -200.0, 850.0
 _BY_INPUT = (0x6110, 0x6131, 0x6132, 0x6150, 0x7100, 0x7130, 0x9100, 0x9130)
 """Objects with one entry for each input."""
 _SIZES = {0x7100: 2, 0x7130: 2, 0x9100: 4, 0x9130: 4}
-"""Bytes of the objects that hold values."""
+"""Bytes of the objects that contain values."""
 
 _FIELD_ZERO, _FIELD_GAIN = 4000, 20
 """The converter's raw counts: at 0 degC, and per degC."""

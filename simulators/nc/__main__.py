@@ -1,4 +1,4 @@
-"""An emulated SINUMERIK alone, at real speed, for rehearsals: `python -m simulators.nc --port 4841`.
+"""A standalone emulated SINUMERIK, at real speed, for rehearsals: `python -m simulators.nc --port 4841`.
 
 Prints the lines of a gateway's configuration that lead to it, then what the gateway does to it, until Ctrl-C. Anybody
 on this computer may read and write it; no other computer can reach it.

@@ -130,7 +130,7 @@ def journald() -> Iterator[GuestRow]:
         folder: run(f"journalctl --directory={folder} -t talc-mark --output=cat --no-pager -q || true")
         for folder in ("/run/log/journal", "/var/log/journal")
     }
-    yield "journald: what is logged is in memory alone", [*found.values()] == ["only in memory", ""], str(found)
+    yield "journald: what is logged is only in memory", [*found.values()] == ["only in memory", ""], str(found)
     size = run("journalctl --boot --unit=systemd-journald --output=cat --no-pager | grep -o 'max [0-9.]*M' | tail -n 1")
     yield "journald: 64 MB of it at most", size == "max 64.0M", size
 

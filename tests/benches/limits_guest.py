@@ -74,7 +74,7 @@ def _shares() -> Iterator[GuestRow]:
     alone = float(probe("share-nice", "share", "Delegate=no")["share"])
     run("systemctl start machine && systemctl start talc-gateway")
     yield "three processes that learn leave the gateway nine tenths", 0.87 < grouped < 0.95, f"{100 * grouped:.0f} %"
-    yield "without the groups, at nice 10 alone, less", alone < grouped - 0.05, f"{100 * alone:.0f} %"
+    yield "without the groups, only at nice 10, less", alone < grouped - 0.05, f"{100 * alone:.0f} %"
 
 
 def _tasks() -> Iterator[GuestRow]:
@@ -89,7 +89,7 @@ def _memory() -> Iterator[GuestRow]:
     yield "the service needs less than half of its memory", 2 * needed < most, f"{needed:.0f} of {most:.0f} MiB"
     found = probe("hog", "hog")
     good = "SIGKILL" in str(found["error"]) and found["goes_on"] == 1
-    yield "work apart that takes all memory ends alone, and is reported", good, str(found["error"])
+    yield "only the separate work that takes all memory ends, and it is reported", good, str(found["error"])
     restarts = int(shown("NRestarts"))
     run(f"systemctl set-property --runtime talc-gateway MemoryMax={TOO_LITTLE_MB}M MemorySwapMax=0")
     until(f"[ $(systemctl show talc-gateway --property=NRestarts --value) -gt {restarts} ]")

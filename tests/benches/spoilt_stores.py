@@ -74,7 +74,7 @@ def make_whole(path: Path) -> None:
 
 
 def pages_of(path: Path, table: str) -> list[int]:
-    """Byte offsets of the pages that hold the rows of a table."""
+    """Byte offsets of the pages that contain the rows of a table."""
     with closing(sqlite3.connect(path)) as connection:
         found = connection.execute("SELECT pageno FROM dbstat WHERE name = ? AND pagetype = 'leaf'", (table,))
         return [(number - 1) * PAGE for (number,) in found]

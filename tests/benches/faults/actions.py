@@ -150,7 +150,7 @@ def abort(line: bytes) -> bytes:
     return line[:5] + b"80" + line[7:13] + b"00000206\r"
 
 
-# A datagram of UDP multicast holds one CAN frame as python-can packs it.
+# A datagram of UDP multicast contains one CAN frame as python-can packs it.
 
 
 def cast(change: Callable[[can.Message], object]) -> Callable[[bytes], bytes]:

@@ -28,7 +28,7 @@ def recipe(maker: str) -> str:
 async def master(
     maker: str, folder: Path, words: Mapping[int, int], channels: int
 ) -> AsyncIterator[tuple[ModbusTcpServer, Driver]]:
-    """A server that holds these registers, and 0 in those around them, read with the page's profile."""
+    """A server with these registers, and 0 in those around them, read with the page's profile."""
     last = max(words) + 40
     memory = SimData(0, values=[words.get(address, 0) for address in range(last)], datatype=DataType.REGISTERS)
     port = free_port()

@@ -1,4 +1,4 @@
-"""What leaves a gateway fits the schemas of docs/telemetry: heard by Zenoh alone, judged by `schema_faults`."""
+"""What leaves a gateway fits the schemas of docs/telemetry: heard with only Zenoh, checked by `schema_faults`."""
 
 import asyncio
 import json
