@@ -173,7 +173,7 @@ def make_device(
         case AgentProfile(), agent.AgentBus(), NoOptions():
             return agent.AgentDevice(device_name, bus, profile, channels, clock)
         case _:
-            raise SetupError(f"{type(bus).__name__} is no bus that was built here", bus=bus.name, device=device_name)
+            raise SetupError(f"{type(bus).__name__} is not a bus that was built here", bus=bus.name, device=device_name)
 
 
 def _loaded(profile: str | Profile) -> Profile:

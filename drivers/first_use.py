@@ -1,7 +1,7 @@
 """Rooms that import their modules when a name of theirs is first used.
 
-A program then loads the libraries of those families alone that it uses: the page of a machine no Modbus, a gateway
-with serial devices no CAN.
+A program then loads only the libraries of the families that it uses: the page of a machine loads no Modbus, and a
+gateway with serial devices loads no CAN.
 """
 
 import sys

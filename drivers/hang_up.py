@@ -1,4 +1,4 @@
-"""Ends another thread's wait on a connection: a peer that sends a byte a second would keep it waiting for ever."""
+"""Ends another thread's wait on a connection: a peer that sends a byte a second would keep it waiting forever."""
 
 import socket
 from contextlib import suppress
@@ -23,4 +23,4 @@ class HangUp:
         self.done = True
         if self._line is not None:
             with suppress(OSError):  # it has ended
-                socket.socket.shutdown(self._line, socket.SHUT_RDWR)  # that of a TLS socket is not for another thread
+                socket.socket.shutdown(self._line, socket.SHUT_RDWR)  # a TLS socket's own is not for another thread

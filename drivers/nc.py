@@ -263,7 +263,7 @@ class FollowsErrors(NumericalControl, Protocol):
 
     @property
     def slopes(self) -> TakesSlopes | None:
-        """How it takes slopes, where it does not take the nine errors. Known once connected; None: shifts alone."""
+        """How it takes slopes, where it does not take the nine errors. Known once connected; None: only shifts."""
         ...
 
     async def write_errors(self, errors: NineErrors) -> None:
@@ -284,7 +284,7 @@ class ForgetsWrites(Protocol):
 
     @property
     def late_write_s(self) -> float:
-        """For so long a write without an answer may still take effect, s. Known once connected."""
+        """How long a write without an answer may still take effect, s. Known once connected."""
         ...
 
 

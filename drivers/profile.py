@@ -35,7 +35,7 @@ Unit = Annotated[str, AfterValidator(_known)]
 
 
 class DeviceProfile(Section):
-    """Any profile. `name` in the validation context is its name: that of its file, without the suffix."""
+    """Any profile. `name` in the validation context is its name: its file's name without the suffix."""
 
     title: str
     """What the device is, for a person."""
@@ -67,7 +67,7 @@ class LinearValue(Section):
     scale: float = 1.0
     offset: float = 0.0
     unit: Unit = ""
-    """Unit of the channel; by default that of the profile."""
+    """Unit of the channel; by default the profile's."""
     low: float | None = None
     """A value below this is `out_of_range`."""
     high: float | None = None

@@ -16,7 +16,7 @@ _NAME = re.compile(r"[\w.-]+")
 OTHER_ENCODING = "cp1252"
 """The other encoding of a file that a profile refers to (DBC, EDS)."""
 LARGEST = 1e9
-"""Limit of a number that has none of its own: 30 years in seconds."""
+"""Limit of a number that states none: 30 years in seconds."""
 WRONG = "wrong"
 """Type of the errors that `wrong` makes."""
 
@@ -25,7 +25,7 @@ class Section(BaseModel):
     """One table of a file. The text under each field appears in the reference.
 
     It is read there and not when a program starts (`use_attribute_docstrings`), as that parses every source file. A
-    section's validator is made when it is first needed: most sections are never used alone.
+    section's validator is made when it is first needed: most sections are never used by themselves.
     """
 
     model_config = ConfigDict(

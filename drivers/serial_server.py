@@ -50,8 +50,8 @@ class _DeviceServerPort(rfc2217.Serial):
 
     def _telnet_read_loop(self) -> None:
         """The read loop of pyserial's thread. What no server should send, such as the end of a subnegotiation that has
-        not begun, is an error there, and so is its leaving during an answer. It ends the connection, and who uses it
-        hears so.
+        not begun, is an error there, and so is a server that leaves during an answer. The error ends the connection,
+        and its user is told so.
         """
         with suppress(TypeError, OSError):
             super()._telnet_read_loop()  # type: ignore[misc]

@@ -1,9 +1,9 @@
-"""The service: configuration, acquisition, control loop, storage, telemetry and command line. It holds all policy.
+"""The service: configuration, acquisition, control loop, storage, telemetry and command line. It contains all policy.
 
-It is a program. `client` is for programs of others (docs/client.md). Extensions use the names of `config`, `outlets`
-and `telemetry` (docs/extensions.md), and the benchmarks those of all rooms. Beside the rooms stands what several of
-them share (`commands`, `events`, `passwords`, `reading_blocks`, `versions`), and what the command line runs as a whole
-(`service`, `metrics`).
+It is a program. `client` is for other programs (docs/client.md). Extensions use the names of `config`, `outlets` and
+`telemetry` (docs/extensions.md), and the benchmarks use the names of all rooms. The modules beside the rooms are shared
+by several of them (`commands`, `events`, `passwords`, `reading_blocks`, `versions`), or are run by the command line as
+a whole (`service`, `metrics`).
 """
 
 __all__ = ["client"]

@@ -105,7 +105,7 @@ class SensorsJudged:
 
 @dataclass(frozen=True, slots=True)
 class StoreHealth:
-    """How storing goes."""
+    """The state of storing."""
 
     problem: str = ""
     """Why rows wait in memory or were refused; empty: all is well."""
@@ -132,7 +132,7 @@ class StorageChanged:
 
 @dataclass(frozen=True, slots=True)
 class Health:
-    """How the gateway is."""
+    """The condition of the gateway."""
 
     uptime_s: float
     """Since the service began to run."""

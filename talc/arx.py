@@ -4,10 +4,9 @@ The weights are 0 and 1: a row counts if its output was measured and the outputs
 estimated (`Window.past`). Static and FIR models are the case na = 0. One-step least squares shrinks the poles when
 outputs are noisy; starting there, `refine` fits the free run instead. For irregular or noisy measurements
 talc.output_error is the better method.
-instead, from there. For irregular or noisy measurements talc.output_error is the better way.
 
 SciPy and OSQP are imported where they are used: the default route needs neither, and on a small computer this saves
-saves half a second at start and tens of megabytes.
+half a second at start and tens of megabytes.
 """
 
 from dataclasses import dataclass

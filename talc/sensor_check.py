@@ -47,9 +47,9 @@ class Finding:
 
     kind: Literal["offset", "swap"]
     inputs: tuple[str, ...]
-    """The input with the offset, or the two that are swapped."""
+    """The input with the offset, or the two that are exchanged."""
     offset_K: float  # noqa: N815
-    """Estimate of an offset. NaN for a swap."""
+    """Estimate of an offset. NaN for an exchange."""
     score: float
     """How far the evidence goes beyond the threshold: 1 is just enough."""
     alternatives: tuple[str, ...] = ()
@@ -72,7 +72,7 @@ class Judgement:
     smallest_offset_K: Mapping[str, float] = field(default_factory=dict)  # noqa: N815
     """Input to the offset that this window would have shown. Inputs that could not be judged are missing."""
     alike: tuple[tuple[str, str], ...] = ()
-    """Pairs that could be swapped unnoticed in this window: sensors side by side, or a machine at rest."""
+    """Pairs that could be exchanged unnoticed in this window: sensors side by side, or a machine at rest."""
     loads: tuple[str, ...] = ()
     """Loads from which the inputs were predicted, beside each other."""
 

@@ -30,7 +30,8 @@ class TrainingSettings:
     seed: int = 0
     """Seed of the swarm and of the kernel's ensemble. `search` uses no random numbers."""
     max_na: int = 1
-    """Largest autoregressive order; 0: static and FIR models only. `search` up to 3 poles, the others up to 5 (Z22)."""
+    """Largest autoregressive order; 0: static and FIR models only. `search` takes up to 3 poles, the others up to 5
+    (Z22)."""
     max_nb: int = 5
     """Largest input order, found for each input by itself; order + 1 coefficients (Z22: up to 5)."""
     max_inputs: int = 8
@@ -76,8 +77,8 @@ class ControlSettings:
     what the machine does with fewer probing cycles (docs/studies.md, `parameters`)."""
     policy: Literal["fixed", "novelty", "uncertainty"] = "fixed"
     """When to measure in compensation: at a fixed interval; when the inputs leave the range of the training data; or
-    when the 95 % interval of a prediction fills its share of the action control limit. The last two within the bounds
-    below."""
+    when the 95 % interval of a prediction fills its share of the action control limit. The last two keep within the
+    bounds below."""
     measurement_interval_steps: int = 24
     """Steps between measurements of the fixed policy (B19: 2 h best)."""
     shortest_interval_steps: int = 6
@@ -189,7 +190,7 @@ class TalcSettings:
     `talc.presets.preset`; this field alone changes nothing."""
     method: Literal["learner", "models"] = "learner"
     """`learner`: weights of lagged inputs, learnt at every measurement. `models`: the papers' system of phases and
-    trained models, by `training.selector`; `control` and `training` belong to it alone."""
+    trained models, by `training.selector`; `control` and `training` apply only to it."""
     prior: str | None = None
     """In a configuration: a file of `talc-gateway prior make` with what other machines of the same kind have learnt;
     the learner starts with it (docs/control.md). A relative path starts at the configuration's folder. In a program: an

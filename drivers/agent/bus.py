@@ -20,7 +20,8 @@ class ToldValues:
     """What an agent says of some of its control's values."""
 
     values: tuple[float | str | None, ...]
-    """In the order of the names: a finite number; a text for what is no number; None: the control has no such name."""
+    """In the order of the names: a finite number; a text for what is not a number; None: the control has no such
+    name."""
     stale: str
     """Why all of them may be old; empty: they are not."""
 

@@ -86,7 +86,7 @@ def greeting_of(answer: Json, device: str) -> Greeting:
 
 
 def _capabilities(told: Json, device: str) -> frozenset[Capability]:
-    """Unknown ones are those of a later agent, and no harm."""
+    """Unknown ones come from a later agent and do no harm."""
     if not isinstance(told, list) or not all(isinstance(name, str) for name in told):
         raise BadAnswer(f"capabilities = {told!r}: expected a list of texts", device=device)
     return frozenset(capability for capability in Capability if capability.value in told)

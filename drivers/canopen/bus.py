@@ -234,7 +234,8 @@ class CanOpenBus:
             taken_s = math.inf  # only its own SYNC serves it
         self._listen(device, identifiers)
         if taken_s >= last_s:
-            # Who has not taken the one before may still send frames of it, and is asked for something else first.
+            # A node that has not taken the SYNC before may still send its frames, and is asked for something else
+            # first.
             self._taken_s = {other: s for other, s in self._taken_s.items() if s >= last_s}
             sent_s = monotonic()
             self._send(device, _SYNC, b"")
@@ -322,7 +323,7 @@ class CanOpenBus:
         silence = self._silence(device, node, "no answer", waited_s, hurried=waited_s < self._settings.timeout_s)
         if not (other := self._fitting[node].other) or not isinstance(silence, NoAnswer):
             return silence
-        what = f"node {node}: {other.hex(' ')} is no answer to a request for object {wanted}"
+        what = f"node {node}: {other.hex(' ')} is not an answer to a request for object {wanted}"
         return BadAnswer(what, bus=self._name, device=device)
 
     def _silence(self, device: str, node: int, what: str, waited_s: float, *, hurried: bool = False) -> DriverError:

@@ -114,7 +114,7 @@ class Cia404Device:
         return self._profile.field_scaling or await self._process_scaling(channel, number)
 
     async def _look_again(self) -> None:
-        """Check the node before the next read if it now has an input that it had not."""
+        """Check the node before the next read if it now has an input that it did not have."""
         for number in self._absent:
             try:
                 await self._reader.upload(CanObject(SENSOR_TYPE, number + 1))

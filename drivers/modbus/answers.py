@@ -16,8 +16,8 @@ class BlockAnswers:
     """What has been answered since the question began, and whose turn it is.
 
     A request that is not answered comes after the others, so that one that is late or lost does not take the time of
-    the rest. The exception are requests whose answers look like one that may still come: they wait for it, unless that
-    was missed several times: the unit may be silent for it alone.
+    the rest. Requests whose answers look like one that may still come are an exception. They wait for that answer,
+    unless it was missed several times: the unit may be silent for that request only.
     """
 
     def __init__(self) -> None:

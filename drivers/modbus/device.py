@@ -21,7 +21,7 @@ _CHECK_AGAIN_S = 60.0
 """After this time one more request asks for settings or type codes: somebody may have changed the module's settings."""
 
 _SAME_UNIT_S = 2.0
-"""For so long what a unit has answered in a check that failed is kept: nobody exchanges it faster."""
+"""How long the answers of a unit to a check that failed are kept: nobody exchanges a unit faster."""
 
 
 class ModbusDevice:

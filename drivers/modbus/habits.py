@@ -1,4 +1,4 @@
-"""Whether the answers that a unit misses are late or lost: the first are waited for, the others asked for again."""
+"""Whether the answers that a unit misses are late or lost: late ones are waited for, lost ones are asked for again."""
 
 from dataclasses import dataclass
 
@@ -7,7 +7,7 @@ _NEWEST = 1 / 4
 _LATE, _UNKNOWN, _LOST = 0.5, 0.4, 0.2
 """Above and below which share they count as late and as lost, and what it is at first."""
 _LONGER = 1.25
-"""How much longer than its late answers usually take a unit is waited for."""
+"""Factor of the time that late answers of a unit usually take: it is waited for that long."""
 
 
 @dataclass(slots=True)

@@ -11,8 +11,8 @@ from drivers.modbus.silences import Silences
 
 _MOST_BITS = 2000
 _SURE, _SURE_AFTER_ANSWERS, _SURE_OF_FAILURE = 2, 4, 16
-"""How many refusals in a row are believed; of a request that has been answered before; and of such a one if the unit
-does not say that it lacks what is asked for, but that it fails."""
+"""After how many refusals in a row a request counts as refused: one that was never answered; one that has been answered
+before; and such a one if the unit says that it fails, not that it lacks what is asked for."""
 _SILENT = 7
 """How often in a row a request goes unanswered, while the unit answers others, before it is left out; one that had the
 full time for its answer counts twice."""

@@ -68,7 +68,7 @@ class ChannelBlock(Scaled, Judged):
     bit: int | None = Field(default=None, ge=0, lt=REGISTER_BITS)
     """For type `bit` in registers: the first channel's bit, 0 is the lowest. Channels go on in the next register."""
     unit: Unit = ""
-    """Unit of the block's channels; by default that of the profile."""
+    """Unit of the block's channels; by default the profile's."""
 
     @model_validator(mode="after")
     def _located(self) -> Self:

@@ -18,8 +18,8 @@ _TARGET_SILENT = (10, 11)
 _BUSY = (5, 6)
 _ILLEGAL_ADDRESS = 2
 _ABSENT = (1, _ILLEGAL_ADDRESS, 3)
-"""What the unit does not have, or not so much at once: illegal data value is the standard's answer to a count that is
-too large."""
+"""What the unit does not have, or cannot return this much of at once: illegal data value is the standard's answer
+to a count that is too large."""
 
 
 def refusal(bus: str, device: str, unit: int, block: Block, code: int) -> NoAnswer | Refused:

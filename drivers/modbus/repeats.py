@@ -37,7 +37,7 @@ class _AnsweringUnit:
     delay_s: float = 0.0
     """How long after its answer it came at most."""
     equal: dict[tuple[Block, Block], int] = field(default_factory=dict)
-    """How often two blocks were found to hold the same words indeed."""
+    """How often two blocks were found to really hold the same words."""
 
     def like(self, block: Block, now_s: float) -> Iterator[_Accepted]:
         """Recent answers to other requests whose copies would look like the answer to this one."""

@@ -189,7 +189,7 @@ class MqttConnection:
             with suppress(OSError):  # ends the library's thread, which otherwise waits for a broker that is silent
                 connected.shutdown(socket.SHUT_RDWR)
         self._client.loop_stop()
-        self._client._reset_sockets()  # else the two by which it wakes its thread stay open until it is collected
+        self._client._reset_sockets()  # else the sockets that wake its thread stay open until it is collected
 
     def _wait(self, done: Callable[[], bool], what: str, hint: str = "") -> None:
         with self._news:

@@ -24,7 +24,7 @@ class MqttServer(UrlServer):
     user: NotEmpty | None = None
     """User of the broker."""
     password_file: FilePath | None = None
-    """File that holds only the user's password; systemd can supply it (`LoadCredential=`)."""
+    """File that contains only the user's password; systemd can supply it (`LoadCredential=`)."""
     client_id: NotEmpty | None = None
     """Client identifier, where the broker's rules need one. Two clients with the same one disconnect each other. None:
     the broker assigns one."""

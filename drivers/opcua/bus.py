@@ -9,7 +9,7 @@ from drivers.tap import Tap
 
 
 class OpcUaBus:
-    """One session with a server. It is never that of the control, whose errors end the session that writes offsets."""
+    """One session with a server. It is never the control's, whose errors end the session that writes offsets."""
 
     kind = "opcua"
     units = OpcUaBusSettings.units

@@ -50,7 +50,7 @@ class OpcUaSession:
         """
         rights: which part of a node's name needs which right on the control; used in hints
         namespace_uri: of the nodes that are named by their path; the server must have it
-        kept_s: for so long without a request the server shall keep the session; see `kept_s`
+        kept_s: how long the server shall keep the session without a request; see `kept_s`
         """
         self._settings = settings
         self._device = device
@@ -115,7 +115,7 @@ class OpcUaSession:
 
     @property
     def kept_s(self) -> float:
-        """For so long without a request the server keeps the session, as it said when it was opened last.
+        """How long the server keeps the session without a request, as it said when the session was last opened.
 
         Then it shall end the session (OPC UA Part 4, CreateSession), and a request of it that the network holds for
         longer is refused.

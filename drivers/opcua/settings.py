@@ -23,7 +23,7 @@ class OpcUaServer(Section):
     user: str | None = None
     """OPC UA user; the server grants it the rights to read and write."""
     password_file: FilePath | None = None
-    """File that holds the user's password, so that it never appears in this file, the store or a message."""
+    """File that contains the user's password, so that it never appears in this file, the store or a message."""
     certificate: FilePath | None = None
     """The gateway's certificate (.der or .pem); the server must trust it."""
     private_key: FilePath | None = None

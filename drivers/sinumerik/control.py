@@ -132,7 +132,7 @@ class Sinumerik:
             raise
 
     async def _look_at_units(self) -> None:
-        """Raises WrongDevice for an inch system. What only reads goes on where it may not read that."""
+        """Raises WrongDevice for an inch system. A gateway that only reads goes on if it may not read the unit."""
         path = self._settings.nodes.metric
         try:
             [metric] = await self._session.read((path,)) if path else [True]

@@ -48,7 +48,7 @@ class SinumerikWithErrors(Sinumerik):
 
     @property
     def slopes(self) -> None:
-        """None: without the program it takes shifts alone."""
+        """None: without the program it takes only shifts."""
 
     async def connect(self) -> None:
         """Also finds out whether the program is there. Raises BadAnswer for another version or invalid terms of it."""

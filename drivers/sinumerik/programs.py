@@ -1,6 +1,6 @@
 """The NC program with which the control computes the offsets from nine errors, for one machine's data.
 
-It consists of synchronised actions. They hold nothing but what NC Programming, Programming Manual, 12/2019
+It consists of synchronised actions. They contain only what NC Programming, Programming Manual, 12/2019
 (6FC5398-2EP40-0BA0), 2.15.7, lists for them: SIN and COS of degrees and ABS, but no MINVAL, and comparisons in
 parentheses, because AND and OR bind tighter. The smaller of a and b is 0.5 * (a + b - ABS(a - b)); a value within plus
 and minus b is 0.5 * (ABS(a + b) - ABS(a - b)).

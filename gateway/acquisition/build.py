@@ -11,8 +11,9 @@ from gateway.clock import ServiceClock
 from gateway.config import BusSection, GatewayConfig, OtherBus
 
 _APART_S = 0.01
-"""Time from the beginning of one bus's periods to that of the next. Buses that begin at one instant wait for each
-other. Far apart, each needs more processor time, as its code and data are no longer in the processor's caches."""
+"""Time from the beginning of one bus's periods to the beginning of the next bus's. Buses that begin at one instant wait
+for each other. Far apart, each needs more processor time, as its code and data are no longer in the processor's
+caches."""
 
 
 def lines_of(

@@ -34,7 +34,7 @@ class PolledBus:
 
     @contextmanager
     def limited(self, left_s: float) -> Iterator[None]:
-        """Inside, no request of a bus that can be told so waits for longer than this. Raises what the bus raises."""
+        """Inside, no request waits for longer than this, if the bus can limit it. Raises what the bus raises."""
         if self._limited is None or left_s == math.inf:
             yield
             return

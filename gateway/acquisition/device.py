@@ -96,7 +96,7 @@ class PolledDevice:
 
     @property
     def asks_later(self) -> bool:
-        """Whether its driver has left out something that is to be asked for again by now."""
+        """Whether its driver has left out something that is now due to be asked for again."""
         return self._connected and self._asks_later is not None and self._asks_later.asks_later
 
     async def ask_later(self) -> None:

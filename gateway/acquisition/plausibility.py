@@ -51,7 +51,7 @@ class Check:
         return self._last
 
     def _measured(self, reading: Reading) -> Reading:
-        """The same of a new measurement."""
+        """The same for a new measurement."""
         stuck = self._stuck(reading)
         spike = self._spike(reading.value)
         if broken := self._range(reading) or spike or self._rate(reading):

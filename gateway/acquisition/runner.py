@@ -28,8 +28,8 @@ _MOST_HEARD, _FEW, _LOST_OFTEN = 8, 2, 3
 """The same for one that is heard (or was in the last period, where asking costs only what is left of it), and for one
 that was heard in this many periods and could be read in none."""
 _SHORTEST_S, _RESERVE_S = 0.05, 0.05
-"""Where the wait for an answer can be limited to the rest of the period: the shortest worth while, and what is left of
-the period for the answer's own way."""
+"""Where the wait for an answer can be limited to the rest of the period: the shortest wait that is worthwhile, and the
+part of the period that is reserved for the answer to arrive."""
 
 
 @dataclass(slots=True)
@@ -39,7 +39,7 @@ class _Unsure:
     device: PolledDevice
     error: Exception
     steady: bool
-    """Whether it had answered promptly for long."""
+    """Whether it had answered promptly for a long time."""
     asks: int = 1
     """How often it has been asked in this period."""
 
@@ -52,8 +52,8 @@ class BusRunner:
     the period: neither a late nor a damaged answer is a fault, and neither delays another device. A device that is
     heard is not dead: it is asked in every period. One that stays silent is asked less and less often; at most one of
     those per period is asked in vain: last, when its breaker allows it and its possible cost still fits. After the
-    longest wait it is asked in any case. At the very end one device may ask for what it left out, because it is silent
-    for a part of it only: that delays nobody.
+    longest wait it is asked in any case. At the very end, one device that leaves only a part of its requests unanswered
+    may be asked for that part: this delays nobody.
     """
 
     def __init__(

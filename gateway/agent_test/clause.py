@@ -35,7 +35,7 @@ class Trial:
     target: AgentUnderTest
     greeting: Mapping[str, object]
     told: Greeting
-    """What is understood of it."""
+    """The same, as the gateway understands it."""
     cycle_limit_s: float
 
 
@@ -60,12 +60,12 @@ class Clause:
 
 @dataclass(frozen=True, slots=True)
 class ClauseOutcome:
-    """What came of a clause."""
+    """The outcome of a clause."""
 
     clause: Clause
     result: ClauseResult
     came: str = ""
-    """When failed: instead of what was expected."""
+    """If it failed: what came instead of what was expected."""
 
 
 class Clauses(list[Clause]):

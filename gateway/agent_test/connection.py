@@ -66,7 +66,7 @@ class BareConnection:
         return await self.hear_answer()
 
     async def ask(self, do: str, **arguments: object) -> Any:
-        """Raises Told, and Broken for what is no signed answer."""
+        """Raises Told, and Broken for an answer that is not signed."""
         return await self.ask_text(json.dumps({"do": do, **arguments}))
 
     async def ask_text(self, text: str) -> Any:
@@ -184,7 +184,7 @@ def _json(text: bytes) -> Any:
     try:
         return json.loads(text)
     except (ValueError, RecursionError):
-        raise Broken(f"{excerpt(text)}, which is no JSON") from None
+        raise Broken(f"{excerpt(text)}, which is not JSON") from None
 
 
 def excerpt(value: object) -> str:

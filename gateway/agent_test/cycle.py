@@ -28,7 +28,7 @@ _HELD_UM, _LATER_UM = (3.0, -2.0, 1.0), (-3.0, 2.0, -1.0)
 
 
 def _drawn() -> int:
-    """A number that was hardly ever asked for."""
+    """A random number, which has hardly ever been used for a request."""
     return 1 + secrets.randbelow(LARGEST_NUMBER - 1)
 
 

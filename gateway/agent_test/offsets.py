@@ -201,7 +201,7 @@ async def refuses_what_is_no_number(trial: Trial) -> None:
 
 
 def _offsets(trial: Trial) -> tuple[dict[str, object], str, list[float]]:
-    """A request by the owner, the key of its offsets, and right ones."""
+    """A request by the owner, the key of its offsets, and valid offsets."""
     it = zeros(trial) | {"owner": OWNER}
     return (it, "errors", [0.0] * 9) if "errors" in it else (it, "um", [0.0] * 3)
 

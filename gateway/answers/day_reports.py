@@ -23,9 +23,9 @@ _LIMIT_S = 120.0
 _MEMORY = 512 << 20
 """Most memory of the process: beyond it, it ends by itself instead of exhausting the computer."""
 _FRESH_S = 60.0
-"""For how long the page of a day that is not over is given again."""
+"""How long the page of a day that is not over is used again."""
 _STORED_WITHIN = timedelta(minutes=30)
-"""Behind a day, the time after which nothing more is stored of it."""
+"""Time from the end of a day until nothing more of it is stored."""
 
 
 def made(database: Path, day: date, zone: str) -> bytes:
@@ -52,7 +52,7 @@ def _zone(name: str) -> ZoneInfo | None:
 
 
 async def _made_apart(database: Path, day: date, zone: str) -> bytes:
-    """In a separate process. Raises WorkError."""
+    """The same, made in a separate process. Raises WorkError."""
     return await apart(made, database, day, zone)
 
 
@@ -135,6 +135,6 @@ class DayReports:
 
 
 def _end(day: date, zone: ZoneInfo | None) -> datetime:
-    """The end of a day; without a zone, that in the last one on earth."""
+    """The end of a day; without a zone, its end in the last time zone on earth."""
     last = day + timedelta(days=1 if zone else 2)
     return datetime.combine(last, datetime.min.time(), zone or UTC)

@@ -31,7 +31,7 @@ def divide(groups: Path = _GROUPS, own: Path = _OWN) -> bool:
     groups: where the control groups are mounted
     own: the kernel's list of the groups that this process is in
 
-    Raises UndividedError: what learns is then left at its lower priority alone.
+    Raises UndividedError: the learning processes then have only their lower priority.
     """
     group = _group(groups, own)
     if group is None or not _handed_over(group):

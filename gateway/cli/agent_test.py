@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 @click.option("--cycle", is_flag=True, help="Also run probing cycles: the machine MOVES and touches the sphere.")
 @click.option("--cycle-limit", type=FiniteNumber(min=1), default=900.0, show_default=True,
               help="Seconds within which a cycle has ended.")  # fmt: skip
-@click.option("--only", multiple=True, metavar="CLAUSE", help="Try this clause alone; may be given several times.")
+@click.option("--only", multiple=True, metavar="CLAUSE", help="Try only this clause; may be given several times.")
 def agent_test(
     host: str,
     port: int,
@@ -46,7 +46,7 @@ def agent_test(
     """Try the contract of docs/agent.md on the agent at HOST, clause by clause.
 
     \b
-    For who writes an agent. Each clause is passed, failed (with what was expected and what came), not offered by this
+    For authors of agents. Each clause is passed, failed (with what was expected and what came), not offered by this
     agent, or not run. Nothing moves without --offsets or --cycle. Stop the gateway before: an agent serves one client.
     Exit codes: 0 every clause that was tried holds; 1 one does not; 3 there is no agent, or it does not let us in.
     """

@@ -84,7 +84,7 @@ def _pairs(pairs: tuple[str, ...], option: str, expected: str) -> dict[str, str]
 
 
 def named_errors(pairs: tuple[str, ...]) -> dict[str, str]:
-    """Column of each error. Refuses a name that is nearly that of a thermal error."""
+    """Column of each error. Refuses a name that is nearly the name of a thermal error."""
     from talc.names import THERMAL_ERRORS, like_an_error
 
     found = _pairs(pairs, "--error", "NAME=COLUMN")

@@ -42,7 +42,7 @@ def collect(
     PostgreSQL database at ADDRESS, such as postgresql://collector@db.plant.example/site.
 
     \b
-    Asks each gateway for the rows that follow those that are there: none is lost or there twice, however often
+    Asks each gateway for the rows that follow those that are there: none is lost or stored twice, however often
     gateways, routers and this command are stopped or killed (docs/collect.md). Gateways may come and go; it tries again
     until SIGINT or SIGTERM, and says at the end what was collected.
     """

@@ -14,10 +14,10 @@ _EXIT_UNWELL = 3
 @ConfigPath
 @click.option("--json", "as_json", is_flag=True, help="One JSON object, for other programs.")
 def status(config: Path, as_json: bool) -> None:
-    """Show how the gateway of CONFIG is, on the computer where it runs. Exit code 3 unless all is well.
+    """Show the condition of the gateway of CONFIG, on the computer where it runs. Exit code 3 unless all is well.
 
-    Well means that it runs, decides in time, every channel is good, and nothing is wrong with the control. It reads the
-    database and touches no device.
+    All is well if it runs and decides in time, every channel is good, and nothing is wrong with the control. It reads
+    the database and touches no device.
     """
     from gateway.cli.status import show
     from gateway.config import load

@@ -22,7 +22,7 @@ def db() -> None:
 @db.command()
 @Database
 def check(database: Path) -> None:
-    """Read all of DATABASE and say what is damaged: pages, rows, snapshots. Exit code 1: something is."""
+    """Read all of DATABASE and say what is damaged: pages, rows, snapshots. Exit code 1: something is damaged."""
     from gateway.storage import History, damage_found
 
     with History(database):
@@ -37,7 +37,7 @@ def check(database: Path) -> None:
 @db.command()
 @Database
 def stats(database: Path) -> None:
-    """Show what DATABASE holds: rows and size of each table, and the free space in it."""
+    """Show what DATABASE contains: rows and size of each table, and the free space in it."""
     from gateway.storage import History
 
     with History(database) as history:

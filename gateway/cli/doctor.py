@@ -161,7 +161,7 @@ def _other_programs(config: GatewayConfig, root: Path) -> Iterator[Ailment]:
             yield Ailment(
                 f"bus '{ports[port]}': {port} is open in {len(processes)} processes: {_named(root, processes)}",
                 "two masters on one line destroy each other's answers",
-                "end the other program; the gateway alone may read the line",
+                "end the other program; only the gateway may read the line",
             )
 
 

@@ -36,8 +36,9 @@ _THROTTLED = "sys/devices/platform/soc*/soc*:firmware/get_throttled"
 def power(root: Path) -> Iterator[tuple[str, str, str]]:
     """What is wrong, why it matters and what to do; nothing where there is no such firmware.
 
-    vcgencmd alone knows what was since the start. The kernel clears those bits when it asks the firmware, every 2 s: in
-    its files they say what was a moment ago. It calls get_throttled deprecated, and only some kernels have it.
+    Only vcgencmd knows what has happened since the start. The kernel clears those bits whenever it asks the firmware,
+    every 2 s, so in its files they describe only the last moment. It calls get_throttled deprecated, and only some
+    kernels have it.
     """
     if (bits := _of_vcgencmd(root)) is not None:
         yield from _told(bits, "since the start")

@@ -169,7 +169,7 @@ def _found(answers: Answers, limit_s: float) -> list[Place]:
 
 
 def _described(control: MtConnectAnswers) -> SuggestedItems | None:
-    """The data items that the agent seems to have for the gateway; None: it could not be read, which is told."""
+    """The data items that the agent seems to have for the gateway; None: it could not be read, which is reported."""
     said = terminal(stderr=True)
     said.print(f"{control.url}: one request", highlight=False)
     try:

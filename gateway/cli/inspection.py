@@ -44,7 +44,7 @@ _ORDER_NAMES = {
 }
 """Word order and byte order, in the words of a table's head."""
 _LIKELY: Mapping[NumberType, tuple[float, float]] = {"float64": (1e-6, 1e9), "int64": (1, 1e12)}
-"""How large a number of 64 bits is that a device may mean."""
+"""Smallest and largest magnitude of a 64-bit number that a device may mean."""
 Draft = click.option("--draft", type=click.Path(dir_okay=False, path_type=Path),
                      help="Write a profile of what was read; the file must not exist yet.")  # fmt: skip
 
@@ -160,7 +160,8 @@ def _wide(seen: SeenWords) -> Table:
 
 
 def _widest(seen: SeenWords) -> Table:
-    """Where four registers hold a number that a device may mean: any others would mostly be no such number."""
+    """Where four registers hold a number that a device may mean; any other four would mostly give meaningless
+    numbers."""
     table = Table("address", "type", *(_ORDER_NAMES[order] for order in ORDERS), title_justify="left")
     table.title = f"function {seen.function}: four registers each, where one order gives a likely number"
     for kind, (least, most) in _LIKELY.items():

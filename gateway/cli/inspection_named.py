@@ -157,8 +157,8 @@ def nodes_command(
 ) -> None:  # fmt: skip
     """Read NODES ('ns=2;s=/Plc/MW200' i=2258) of the OPC UA server at URL (opc.tcp://host:4840).
 
-    Shows value, type, status and age by the server's own clock; of a node that holds bytes, as the process data of an
-    IO-Link device, also the numbers that they may be.
+    Shows value, type, status and age by the server's own clock; for a node of bytes, such as the process data of an
+    IO-Link device, also the numbers that the bytes may be.
     """
     new_file(draft)
     given: dict[str, object] = {
@@ -195,7 +195,7 @@ def nodes_command(
 
 
 def _bytes_table(name: str, data: bytes) -> Table:
-    """The numbers that some bytes may be, from each of the first on, the most significant byte first."""
+    """The numbers that begin at each of the first bytes, with the most significant byte first."""
     kinds: tuple[ByteNumber, ...] = ("uint8", "int16", "int32", "float32")
     table = Table(
         "byte", "hex", "uint8", "int16", "x 0.1", "int32", "float32", title=printable(name), title_justify="left"

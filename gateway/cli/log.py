@@ -19,7 +19,8 @@ class _Printable(logging.Formatter):
 
 
 class _Journal(_Printable):
-    """Each line begins with its priority, `<4>`; also a traceback's lines, which would else have the default one."""
+    """Each line begins with its priority, `<4>`; also a traceback's lines, which would otherwise have the default
+    one."""
 
     def format(self, record: logging.LogRecord) -> str:
         level = next((number for least, number in _PRIORITIES if record.levelno >= least), 7)

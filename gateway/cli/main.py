@@ -127,9 +127,9 @@ def probe(config: Path, watched: bool, seconds: float | None, every: float | Non
     --try-writing.
 
     \b
-    --watch keeps reading at the periods of CONFIG. On a terminal it shows a table: rate and jitter of a device over its
-    last 60 answers, lost is the number of periods without an answer, age is that of the last good value. Elsewhere it
-    prints lines: one per device every 10 s, and one for each problem when it begins or ends.
+    --watch keeps reading at the periods of CONFIG. On a terminal it shows a table: rate and jitter of a device over
+    its last 60 answers, lost is the number of periods without an answer, age is the time since the last good value.
+    Elsewhere it prints lines: one per device every 10 s, and one for each problem when it begins or ends.
     """
     if watched and try_writing:
         raise click.UsageError("--try-writing and --watch cannot be combined")
@@ -281,7 +281,7 @@ def watch(
     user: str | None,
     password_file: Path | None,
 ) -> None:
-    """Follow a running gateway as an ordinary Zenoh subscriber: that of CONFIG, or the one at --connect."""
+    """Follow a running gateway as an ordinary Zenoh subscriber: the gateway of CONFIG, or the one at --connect."""
     from gateway.cli.watch import watch as follow
     from gateway.cli.watch import watch_own
 
@@ -297,7 +297,7 @@ def watch(
 @click.argument("config", type=click.Path(dir_okay=False, path_type=Path), required=False)
 @click.option("--connect", multiple=True, metavar="ENDPOINT", help="Zenoh endpoint of a gateway or a router, such as "
               "tcp/192.168.1.5:7447; several for a site.")  # fmt: skip
-@click.option("--prefix", help="First part of the keys. Default: that of CONFIG, else talc.")
+@click.option("--prefix", help="First part of the keys. Default: as in CONFIG, otherwise talc.")
 @click.option("--settings", type=click.Path(dir_okay=False, path_type=Path),
               help="TOML file: TLS, users, tolerances (docs/page.md).")  # fmt: skip
 @click.option("--listen", default="127.0.0.1:8080", show_default=True, metavar="HOST:PORT", help="Address of the page.")

@@ -240,7 +240,7 @@ def _nowhere(bus: BusSection, folder: Path) -> dict[str, object]:
         case CanOpenSection() | CanSection():
             return {"interface": "slcan", "channel": absent}
         case OtherBus():
-            return {}  # what it calls its address is known to its package alone; see docs/extensions.md
+            return {}  # only its package knows what it calls its address; see docs/extensions.md
         case OpcUaSection():  # sessions are not recorded
             return {"url": "opc.tcp://127.0.0.1:1"}
         case MqttSection():

@@ -46,8 +46,8 @@ def make(given: Sequence[Path | str], kind: str | None, output: Path, password_f
     for source in _of_kind(sources, kind):
         if source.name in machines:
             click.echo(
-                f"warning: {source.where}: [machine] name '{source.name}' is that of {machines[source.name]} too; a "
-                "machine that counts twice makes the prior too sure",
+                f"warning: {source.where}: [machine] name '{source.name}' is also the name of {machines[source.name]}; "
+                "a machine that counts twice makes the prior too sure",
                 err=True,
             )
         machines.setdefault(source.name, source.where)

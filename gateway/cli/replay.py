@@ -48,7 +48,7 @@ class Request:
     config: Path | None
     every_measurement: bool
     out: Path | None = None
-    """Table of the steps to write; that of the models is written beside it."""
+    """Table of the steps to write; the table of the models is written beside it."""
     calibration_min: float | None = None
     """Time between the measurements of the calibration of trained models."""
 
@@ -187,7 +187,8 @@ def _tiny(recording: Recording) -> list[str]:
 
 
 def _calibrated(sections: TalcOnly, recording: Recording, minutes: float, file: Path) -> TalcOnly:
-    """With the calibration's measurements so far apart, and as many as it takes at least. Raises ConfigError."""
+    """The settings with the calibration's measurements this far apart, and at least as many as it needs. Raises
+    ConfigError."""
     if sections.talc.method == "learner":
         what = 'the learner has no calibration; it is for `method = "models"`, with --config'
         raise ConfigError(file, [Problem("--calibration-interval", what)])

@@ -25,7 +25,7 @@ _GOOD = ("good", "simulated")
 
 @dataclass(frozen=True, slots=True)
 class Status:
-    """How a gateway is."""
+    """The condition of a gateway."""
 
     machine: str
     running: bool

@@ -39,7 +39,7 @@ class _ChannelColumns:
         return list(self._of)
 
     def good(self, page: HistoryPage) -> Iterator[_GoodReadings]:
-        """Those of a page, also of its blocks. Raises ValueError for a block that is damaged."""
+        """The good readings of a page, including its blocks. Raises ValueError for a block that is damaged."""
         if not self._fixed:
             for name in page.names:
                 self._of.setdefault(name, len(self._of))
@@ -65,7 +65,7 @@ def _of_block(block: HistoryBlock, page: HistoryPage, column_of: _Places) -> _Go
 
 
 def asked_s(begin: datetime, every_s: float) -> int | None:
-    """The length of intervals that a gateway makes means of; None: of these it does not, or not of just these."""
+    """The length of the intervals if the gateway makes means of exactly these; None: it does not."""
     whole = float(every_s).is_integer() and begin.timestamp() % (1 if every_s % 60 else 60) == 0
     return int(every_s) if whole and 1 <= every_s <= (3600 if every_s % 60 else 86400) else None
 
@@ -85,7 +85,7 @@ def as_read(pages: Iterable[HistoryPage], channels: Sequence[str] | None) -> Tim
 
 
 def _different(times: _Array) -> tuple[_Array, _Places]:
-    """The different ones, ascending, and the place of each in these; those that ascend already need no sorting."""
+    """The different times, ascending, and the place of each time among them; ascending times need no sorting."""
     steps = np.diff(times)
     if (steps >= 0.0).all():
         first = np.concatenate([np.ones(min(1, len(times)), np.bool_), steps > 0.0])

@@ -151,7 +151,7 @@ class Machine:
 
         When they are not taken fast enough, the oldest of 20 000 are left out and counted in `missed`.
 
-        quiet_s: TimeoutError when nothing has come for so long; None: wait without end, also for a gateway that ended
+        quiet_s: TimeoutError when nothing has come for this long; None: wait without end, also for a gateway that ended
 
         Raises as `latest`, also when the second gateway of this name begins later.
         """
@@ -231,8 +231,8 @@ class Machine:
 
         What was not read at that very time, or was not good, is NaN; `pages` has the quality.
 
-        every_s: rather a row for each `every_s` seconds from `begin` on, with the mean of what was read meanwhile; of
-            whole minutes the gateway has the means already, so of many days these are much the fastest
+        every_s: rather a row for each `every_s` seconds from `begin` on, with the mean of what was read meanwhile; the
+            gateway already has the means of whole minutes, so for many days these are much the fastest
 
         Raises as `pages`.
         """

@@ -1,8 +1,8 @@
 """How long ago something happened, across a restart: by the monotonic clock, or by a wall clock known to be right.
 
-A grid index is a time within a record. What links the record to the present is its last moment. On the same start of
-the computer its monotonic clock goes on. Otherwise only the wall clock can tell, if it was synchronised then and is
-now; if not, the age is not known, and what rests on it is taken for older than any limit.
+A grid index is a time within a record. What links the record to the present is its last moment. While the computer
+stays on, its monotonic clock continues. Otherwise only the wall clock can tell, if it was synchronised then and is now;
+if not, the age is not known, and what rests on it is taken for older than any limit.
 """
 
 import math

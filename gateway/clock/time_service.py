@@ -16,7 +16,7 @@ _TIMESYNCD = Path("/run/systemd/timesync")
 _CHRONYD = ("127.0.0.1", 323)
 """chrony's command port, on which every local user may ask for `tracking`; only root can open a port below 1024."""
 CHRONYD_WAIT_S = 0.05
-"""The service's loop waits that long at most; without chrony the kernel refuses at once."""
+"""The service's loop waits this long at most; without chrony the kernel refuses at once."""
 
 # chrony's candm.h, version 6 of its protocol (since chrony 2.0): a request is as long as its answer.
 _REQUEST, _REPLY, _TRACKING, _TRACKING_REPLY, _SUCCESS = 1, 2, 33, 5, 0

@@ -74,7 +74,7 @@ class MachineAsked:
     due_s: float = 0.0
     """When it is asked next, on the collector's clock."""
     lacks: frozenset[str] = frozenset()
-    """Tables that its program does not have. Each of its starts may be that of a later program."""
+    """Tables that its program does not have; forgotten at each start of the gateway, which may run a later program."""
     problem: str = ""
     """Why it was not collected; empty: it was."""
     rows: dict[str, int] = field(default_factory=dict)
@@ -148,7 +148,7 @@ class Collector:
         asked = self.machines[name]
         try:
             more = self._page(name, asked)
-        except Exception as error:  # a gateway, or who says to be one, may answer anything
+        except Exception as error:  # a gateway, or a program that claims to be one, may answer anything
             asked.progress = None  # the disk says whether the batch counts
             asked.problem = str(error) or type(error).__name__
             if not isinstance(error, OSError | ValueError | pa.ArrowException):
@@ -158,7 +158,7 @@ class Collector:
         return more
 
     def _tell(self, before: Mapping[str, str]) -> None:
-        """What begins and what ends with some machines, in a line for all of them."""
+        """Log which problems begin and end, in one line for all machines that have the same one."""
         begun, ended = dict[str, list[str]](), list[str]()
         for name, earlier in before.items():
             problem = self.machines[name].problem

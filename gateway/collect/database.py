@@ -32,7 +32,7 @@ minute."""
 _SESSION = """
     SET TIME ZONE 'UTC'; SET tcp_keepalives_idle = 30; SET tcp_keepalives_interval = 10; SET tcp_keepalives_count = 3
 """
-"""So does the server notice a collector that has vanished, and gives up its lock."""
+"""So that the server notices a collector that has vanished, and gives up its lock."""
 _LOCK = "SELECT pg_advisory_lock(hashtext('talc-gateway collect'))"
 _LOCK_WAIT_S = 5.0
 """The server takes a moment to notice that a collector has ended, and only then gives up its lock."""
@@ -83,7 +83,7 @@ class SiteDatabase:
     Parameters
     ----------
     url: postgresql://USER@HOST/DATABASE, with any of libpq's parameters
-    password_file: holds the user's password alone; read at each connection
+    password_file: contains only the user's password; read at each connection
     lock_wait_s: how long a connection waits for the lock of another collector
 
     Raises ValueError as `database_parameters`; CollectError on entry when the database cannot be reached or used, or

@@ -26,7 +26,7 @@ _DAY = """
     SELECT {columns} FROM talc.steps WHERE machine = %(machine)s AND time >= %(begin)s AND time < %(end)s
     ORDER BY array_position(%(epochs)s::text[], epoch) NULLS FIRST
 """
-"""What is there twice is in different epochs. One that the progress no longer knows came before all others."""
+"""Rows that are there twice are in different epochs. Those that the progress no longer knows came before all others."""
 _ONE_DAY = timedelta(days=1)
 _Connect = Callable[[], AbstractContextManager[DatabaseConnection]]
 

@@ -22,7 +22,7 @@ from talc.settings import TalcSettings
 
 RUN_FIELDS = ("kind", "step_s", "inputs", "talc", "epoch", "row")
 _TIME_OFF_US = 1000
-"""By which the time of a step may differ from that of its grid index, as both are rounded."""
+"""Largest difference between the time of a step and the time of its grid index: both are rounded."""
 _STEPS: columns.CellKinds = columns.steps(())
 _ERRORS, _SIGMA = (
     [name for name in _STEPS if name.startswith(begin) and name.removeprefix(begin).startswith(THERMAL_ERRORS)]

@@ -20,7 +20,7 @@ _MACHINE, OTHER = "machine", "other"
 """The columns that every table has: `other` is JSON, with what the table has no column for."""
 _KEY = ("machine", "epoch", "row")
 _KEYS = {"gaps": ("machine", "table", "epoch", "upto")}
-"""What makes a row the only one; a hypertable needs its time in it."""
+"""The columns that identify a row; a hypertable needs the time among them."""
 _MOST_COLUMNS, _MOST_BYTES = 800, 63
 """Most columns of a table: a row with more numbers does not fit into a page of PostgreSQL. Longest name of a column."""
 _AT_ONCE = 2000

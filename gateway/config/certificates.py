@@ -32,7 +32,7 @@ def certificate_end(path: Path) -> datetime | None:
 
 
 def _named(config: "GatewayConfig") -> Iterator[tuple[str, Path]]:
-    from gateway.config.buses import OpcUaSection  # the page asks for the end of its own certificate alone
+    from gateway.config.buses import OpcUaSection  # the page asks only for the end of its own certificate
     from gateway.config.controls import SinumerikNc
 
     tls = config.telemetry.tls

@@ -132,7 +132,7 @@ def _memory(config: GatewayConfig) -> Iterator[Problem]:
 
 
 def _manuals_addresses(config: GatewayConfig) -> Iterator[Problem]:
-    """Addresses as manuals number them: a device that has them all the same shows some other number."""
+    """Addresses as manuals number them: a device that does have such an address shows another value there."""
     for device in config.devices:
         profile = config.profile_of(device)
         if isinstance(profile, ModbusProfile):  # the user's own

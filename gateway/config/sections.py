@@ -171,8 +171,9 @@ class Probing(Section):
     """After this time the cycle is requested whatever the machine is doing, and the operator is informed. The control
     still probes at a safe point only."""
     urgent_excess: Annotated[float, Field(ge=1)] = 2.0
-    """Nor does a measurement wait while the uncertainty of an estimate (95 %) is more than this many times as large as
-    its action control limit, as on a machine that is new to the gateway and warms up. The operator is not informed."""
+    """A measurement does not wait for a better moment while the uncertainty of an estimate (95 %) is more than this
+    many times as large as its action control limit, as on a machine that is new to the gateway and warms up. The
+    operator is not informed."""
     retries: Annotated[int, Field(ge=0, le=20)] = 3
     """A rejected measurement is requested again at most this many times in a row; then the operator is informed."""
     pause_s: NotNegative = 3600.0

@@ -102,7 +102,8 @@ class Operator(Section):
     name: Annotated[str, matching(r"[A-Za-z0-9._@-]{1,64}", "up to 64 letters, digits and . _ @ -")]
     """Name of the person; every command is stored with it."""
     key_file: FilePath
-    """File with the key that proves who gives a command: 32 characters or more, known to gateway and person alone."""
+    """File with the key that proves who gives a command: 32 characters or more, known only to the gateway and the
+    person."""
     may: tuple[CommandName, ...] = Field(min_length=1)
     """The commands that this person may give."""
 
@@ -131,7 +132,7 @@ class Telemetry(Section):
     user: NotEmpty | None = None
     """Name under which it connects to a router that asks for user and password."""
     password_file: FilePath | None = None
-    """File that holds only the user's password."""
+    """File that contains only the user's password."""
     users_file: FilePath | None = None
     """File with lines of `user:password`: only these users may connect to this gateway. Use TLS too."""
     readers: tuple[NotEmpty, ...] = ()

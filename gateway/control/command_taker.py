@@ -89,14 +89,14 @@ class CommandTaker:
             return outcome
 
     def _too_many(self, command: Command, now_s: float) -> bool:
-        """Never one of caution that changes something."""
+        """Whether there were too many; a pause or a disarming that changes something is always taken."""
         link = self._link
         standing = {} if link is None else {CommandName.PAUSE: link.paused, CommandName.DISARM: link.disarmed}
         changes = command.name in standing and standing[command.name] is None
         return len(self._taken_s) == _MOST and now_s - self._taken_s[0] < _WITHIN_S and not changes
 
     async def _obeyed(self, command: Command, at: datetime) -> tuple[bool, str]:
-        """Whether it was, and what happens now or why nothing does."""
+        """Whether it was obeyed, and what happens now or why nothing does."""
         if command.name is CommandName.RELOAD:
             return await self._reloaded()
         if self._link is None:

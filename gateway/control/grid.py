@@ -168,7 +168,8 @@ class GridSampler:
         return Frame(instant.k, inputs, count > 0, measurement, pause_unknown)
 
     def _add_up(self, until_s: float) -> float:
-        """Make one part of the readings of this step. Returns after when they were read: older ones are dropped."""
+        """Make one part of the readings of this step. Returns the time after which they were read: older ones are
+        dropped."""
         since_s = max(until_s - self._step, self._framed_s)
         part = _Sums(until_s, np.zeros(len(self._index), dtype=np.int64), np.zeros(len(self._index)))
         later: list[tuple[int, float, float]] = []
@@ -184,7 +185,7 @@ class GridSampler:
         return since_s
 
     def _means(self, since_s: float) -> tuple[FloatArray, NDArray[np.int64]]:
-        """(n,) means of the parts that ended after that, NaN without a reading, and of how many readings they are."""
+        """(n,) means of the parts that ended after that, NaN without a reading, and the number of their readings."""
         used = [part for part in self._parts if part.end_s > since_s]
         count = np.sum([part.count for part in used], axis=0)
         total = np.sum([part.total for part in used], axis=0)

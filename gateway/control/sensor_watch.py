@@ -158,7 +158,7 @@ class SensorWatch:
         self._last_k = k
 
     async def _judge(self) -> bool:
-        """Whether the window was judged; that of an idle machine is not."""
+        """Whether the window was judged; the window of an idle machine is not."""
         k, model = self._last_k, self._model
         if model is None or k is None:
             return False

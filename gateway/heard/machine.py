@@ -34,12 +34,12 @@ _MOST_DECISIONS, _MOST_MEASUREMENTS, _MOST_EVENTS, _MOST_KEYS, _MOST_EXPLAINED =
 
 
 OLD_S = 900.0
-"""An estimate older than this is no longer shown as that of now, as the compensation no longer uses it by default."""
+"""An estimate older than this is no longer shown as current; by default the compensation no longer uses it either."""
 _STEPS_MISSED = 3.0
 SILENT_S = 60.0
 """A running gateway reports its state every 10 s."""
 _LARGEST = 1e6
-"""µm or µm/m. What exceeds it is no thermal error and no offset of a machine: it counts as unknown."""
+"""µm or µm/m. What exceeds it is neither a thermal error nor an offset of a machine: it counts as unknown."""
 
 
 def believable(value: float | None) -> float:
@@ -324,12 +324,12 @@ class MachineSeen:
 
 
 def holds_s(seen: MachineSeen) -> float:
-    """How long an estimate counts as that of now, seconds."""
+    """How long an estimate counts as current, seconds."""
     return max(OLD_S, _STEPS_MISSED * (seen.step_s or 0.0))
 
 
 def is_old(seen: MachineSeen, now_s: float) -> bool:
-    """Whether the latest decision is too old to be that of now."""
+    """Whether the latest decision is too old to be current."""
     if seen.decision is None:
         return False
     age_s = seen.age_s(seen.decision.time, now_s)

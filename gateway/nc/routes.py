@@ -182,7 +182,7 @@ class ByErrors:
 
 
 class AsGreeted:
-    """Takes the form that the connected control accepts: the nine errors, slopes, or a shift alone."""
+    """Takes the form that the connected control accepts: the nine errors, slopes, or only a shift."""
 
     def __init__(self, nc: FollowsErrors, radius_m: float, bound_um: Triple) -> None:
         self._nc, self._radius_m, self._bound_um = nc, radius_m, bound_um

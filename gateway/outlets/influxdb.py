@@ -41,13 +41,13 @@ class InfluxDbSettings(OutletSettings, UrlServer):
     org: NotEmpty | None = None
     """Organisation of InfluxDB 2."""
     token_file: FilePath | None = None
-    """File that holds only a token that may write to the bucket."""
+    """File that contains only a token that may write to the bucket."""
     database: NotEmpty | None = None
     """Database of InfluxDB 1, instead of a bucket."""
     user: NotEmpty | None = None
     """User of InfluxDB 1."""
     password_file: FilePath | None = None
-    """File that holds only the user's password."""
+    """File that contains only the user's password."""
     gather_for_s: NotNegative = 5.0
     """Send lines together that come within this time."""
     lines_at_once: int = Field(default=1000, ge=1, le=10_000)
@@ -104,7 +104,7 @@ class InfluxDbOutlet:
         self._connection: HTTPConnection | None = None
 
     def open(self) -> None:
-        """Nothing: a server that is not there shows at the first line."""
+        """Do nothing: an absent server is noticed at the first line."""
 
     def send(self, batch: Sequence[OutletMessage]) -> None:
         """Write these. Raises OutletError, and Unacceptable for lines that the server will never take."""
@@ -163,7 +163,7 @@ class InfluxDbOutlet:
 
 @contextmanager
 def _hung_up_after(limit_s: float, line: socket.socket) -> Iterator[None]:
-    """Give up what is asked within. Raises TimeoutError."""
+    """Inside, end a request that takes longer than this. Raises TimeoutError."""
     hang_up = HangUp()
     hang_up.take(line)
     timer = Timer(limit_s, hang_up.now)

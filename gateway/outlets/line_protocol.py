@@ -1,6 +1,7 @@
 """Messages as InfluxDB's line protocol: which measurements, tags and fields they have.
 
-The time of a line is that of what it tells, never that of sending, so a line that is sent twice overwrites itself.
+The time of a line is the time of what it reports, never the time of sending, so a line that is sent twice overwrites
+itself.
 """
 
 from collections.abc import Iterator, Mapping
@@ -61,7 +62,7 @@ def _value(value: float | int | bool | str) -> str:
 
 
 def lines(told: OutletMessage) -> Iterator[str]:
-    """The lines of one message; none for what is not written, or has no time that can be."""
+    """The lines of one message; none for a message that is not written, or whose time is invalid."""
     for measurement, tags, fields, time in _entries(told):
         at = instant(time)
         found = None if at is None else line(measurement, {"machine": told.machine, **tags}, fields, at)

@@ -1,4 +1,4 @@
-"""What an outlet is: it opens, sends, closes, and says what failed. It never waits, retries or logs."""
+"""The interface of outlets: an outlet opens, sends, closes, and says what failed. It never waits, retries or logs."""
 
 from abc import abstractmethod
 from collections.abc import Sequence

@@ -45,7 +45,7 @@ class SourceSettings(Section):
     user: NotEmpty | None = None
     """Where user and password are asked for."""
     password_file: FilePath | None = None
-    """File that holds only the user's password."""
+    """File that contains only the user's password."""
 
     @property
     def telemetry(self) -> Telemetry:

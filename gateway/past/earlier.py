@@ -112,8 +112,8 @@ def past_in(
     A rebuild of years takes minutes: every `save_every` steps it stores a snapshot, from which the next start
     continues.
 
-    Raises StoreError as `past_of`, or when the damaged one cannot be set aside; SetupError if the computer has
-    not the memory; Interrupted as `progress`.
+    Raises StoreError as `past_of`, or when the damaged one cannot be set aside; SetupError if the computer does not
+    have enough memory; Interrupted as `progress`.
     """
     of_this = marks(config)
 
@@ -136,7 +136,7 @@ def past_in(
             f"the computer has no {needed} for the learner of {inputs} inputs",
             hint="use fewer channels, method = 'models' under [talc], or a computer with more memory",
         ) from error
-    except Exception as error:  # noqa: BLE001 - anything comes of a damaged row; of a whole database it is raised again
+    except Exception as error:  # noqa: BLE001 - a damaged row may cause any; raised again if the database is whole
         store.repair(error, file)
     with store.same_file(), History(config.storage.path) as history:
         return past_of(history, config, each)

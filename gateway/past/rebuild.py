@@ -106,7 +106,7 @@ class Rebuilt:
     def snapshot_if_due(self, every_steps: int, marks: str) -> Snapshot | None:
         """All of it, if that many steps were taken since the last snapshot; None if fewer.
 
-        None also while a training is in progress, which is no part of a snapshot.
+        None also while a training is in progress, which is not part of a snapshot.
         """
         if self.steps < every_steps or self.controller.learning:
             return None
@@ -119,7 +119,7 @@ RebuildProgress = Callable[[Rebuilt], None]
 
 
 def go_on(_: Rebuilt) -> None:
-    """Go on."""
+    """Let the rebuild go on."""
 
 
 def rebuilt(
@@ -180,7 +180,7 @@ def marks(config: GatewayConfig) -> str:
 
 @cache
 def _program() -> str:
-    """Fingerprint of the program of the decisions, its kernel included, and the versions of what it stands on."""
+    """Fingerprint of the program of the decisions, its kernel included, and the versions of what it depends on."""
     found = hashlib.sha256(versions().encode())
     for folder in map(Path, talc.__path__):
         for path in sorted(path for path in folder.rglob("*") if path.suffix in (".py", ".so")):

@@ -46,7 +46,7 @@ class Periodic:
             raise ValueError("no period has begun: wait for it first")
         due_s, now_s = self._due_s, self._clock.monotonic()
         if self._phase_s:
-            # The second period begins so much after the first; work that lasts longer has missed no whole period.
+            # The second period begins this long after the first; work that lasts longer has missed no whole period.
             due_s, self._phase_s = due_s + self._phase_s, 0.0
             if now_s <= due_s:
                 due_s -= self._period_s

@@ -103,7 +103,7 @@ def _worst(difference: FloatArray, limit: FloatArray) -> int | None:
 
 
 def _unexplained(change: FloatArray, predicted: FloatArray) -> FloatArray:
-    """(9,) magnitude of a change beyond no change, or beyond the whole of a predicted one; NaN predicts none."""
+    """(9,) distance of a change from the range between no change and the predicted one; NaN predicts none."""
     predicted = np.nan_to_num(predicted, nan=0.0)
     return np.abs(change - np.clip(change, np.fmin(predicted, 0.0), np.fmax(predicted, 0.0)))
 

@@ -60,7 +60,7 @@ def moment(before: NcSnapshot | None, now: NcSnapshot) -> Moment:
 
 
 def excess(decision: Decision) -> float:
-    """The largest uncertainty (95 %) of an estimate, as a multiple of its limit; 0: of none are both known."""
+    """The largest uncertainty (95 %) of an estimate, as a multiple of its limit; 0: no error has both."""
     ratios = TWO_SIDED_95 * decision.sigma / decision.limits
     return float(np.max(ratios, initial=0.0, where=np.isfinite(ratios)))
 
@@ -86,7 +86,7 @@ class ProbingSchedule:
     prefer_idle_s: a routine request waits this long for an idle machine or the end of a program; then a tool
         change is good enough
     insist_after_s: after this it is requested whatever the program does, and the operator is informed; a command that
-        was blocked for so long is dropped
+        was blocked for this long is dropped
     urgent_excess: nor does it wait while an uncertainty is more than this many times as large as its limit
     retries: rejected results are requested again at most this many times in a row
     pause_s: then nothing is requested for this long

@@ -50,7 +50,7 @@ class Recording:
     origin_s: float | None = None
     """Time of the first row, on the clock of `start_utc_s`, if the file counts time without a date; None: UTC."""
     time_unit: str = "s"
-    """In which it counts."""
+    """Unit in which it counts."""
     notes: tuple[str, ...] = ()
     """What a reader should know of how the file was read."""
 
@@ -124,7 +124,7 @@ class _FileRows:
 
 
 def _of_unit(given: TimeFormat, clock: TimeFormat, times: Times) -> list[str]:
-    """That the column's name has said the unit."""
+    """A remark if the column's name has stated the unit."""
     if given.unit or not clock.unit or clock.unit == "s" or times.dated:
         return []
     return [f"times are in {clock.unit}, as the column's name says; --time-unit s reads seconds"]

@@ -40,7 +40,7 @@ _CLOCKS = ("%H:%M", "%H:%M:%S", "%H:%M:%S.%f", "%H:%M:%S,%f", "%I:%M %p", "%I:%M
 _GUESSED_FROM = 50
 """Cells."""
 _REPEATED_SPACING_S = 1800.0
-"""Rows must be about so far apart for the hour that a night has twice to begin with an equal time."""
+"""Only where rows are about this far apart does an equal time begin the repeated hour of a night."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,7 +161,7 @@ class Times:
         return self._summer(back_s) or "; sort the rows by their time"
 
     def _summer(self, back_s: float) -> str:
-        """That local times go back by an hour less the rows' spacing when summer time ends."""
+        """A remark if times go back by an hour less the rows' spacing, as local times do when summer time ends."""
         if self._clock.zone is not None or abs(back_s + self._spacing_s - _HOUR_S) > max(self._spacing_s, 60.0):
             return ""
         return (
@@ -170,7 +170,7 @@ class Times:
 
 
 def second_of(cell: object, unit_s: float = 1.0) -> float | None:
-    """UTC seconds; a time without a zone is UTC. unit_s: that of a plain number."""
+    """UTC seconds; a time without a zone is UTC. unit_s: unit of a plain number, s."""
     if isinstance(cell, str):
         cell = number_of(cell, default=_iso(cell))
     if isinstance(cell, datetime):

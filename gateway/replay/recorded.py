@@ -118,12 +118,12 @@ _MODEL_COLUMNS = (
 def learnt_columns(data: ReportData) -> dict[str, Sequence[object]]:
     """What was learnt of a recording, a row per weight, as columns; of the errors that it has.
 
-    error: its name. k: the step after which it was known: the last one with the learner, that of each adoption with
-    trained models. part: `level`, `input`, or `past` (of the error itself). A correction is
-    share · (sum of weight · (value - reference)), where the value of the level is 1 and its reference 0, and other
-    values come through a first-order lag of `time_constant_s`, or from `delay_s` ago. sigma: standard uncertainty of
-    the weight by itself, of the learner only. Weights are in µm or µm/m per unit of their input. A trained model's
-    bounds and disturbance are not among them.
+    error: its name. k: the step after which it was known: the last one with the learner, the step of each adoption with
+    trained models. part: `level`, `input`, or `past` (of the error itself). A correction is share · (sum of weight ·
+    (value - reference)), where the value of the level is 1 and its reference 0, and other values come through a
+    first-order lag of `time_constant_s`, or from `delay_s` ago. sigma: standard uncertainty of the weight by itself, of
+    the learner only. Weights are in µm or µm/m per unit of their input. A trained model's bounds and disturbance are
+    not among them.
     """
     rows: list[tuple[object, ...]] = []
     for e in _errors_of(data).tolist():

@@ -37,7 +37,7 @@ async def told_apart(bus: ModbusBus, asked: Collection[int], answering: Sequence
 
 
 async def _answering_to_every_id(bus: ModbusBus, asked: Collection[int], answering: Sequence[int]) -> list[int]:
-    """Those of the ids behind which the device is that answers to every id; empty: there is none."""
+    """The ids that belong to one device that answers to every id; empty: there is no such device."""
     first, *others = UNUSUAL_UNITS
     if any(unit in asked and unit not in answering for unit in UNUSUAL_UNITS):
         return []
@@ -49,12 +49,12 @@ async def _answering_to_every_id(bus: ModbusBus, asked: Collection[int], answeri
 
 
 def _repeats(asked: Collection[int], answering: Collection[int], apart: int) -> bool:
-    """Whether of two ids so far apart that were asked both answer or neither."""
+    """Whether, of any two asked ids at this distance, both answer or neither does."""
     return all(other in answering for unit in answering for other in (unit - apart, unit + apart) if other in asked)
 
 
 async def _are_alike(bus: ModbusBus, asked: Collection[int], pairs: Sequence[tuple[int, int]]) -> bool:
-    """Whether these pairs, and one id more where there is one, hold the same."""
+    """Whether the ids of each pair hold the same words, and one more id does if there is one."""
     (one, other), (low, high) = pairs[0], bus.units
     apart = other - one
     further = next((u for u in range(one % apart, high + 1, apart) if u >= low and u not in asked), None)
@@ -66,7 +66,7 @@ async def _are_alike(bus: ModbusBus, asked: Collection[int], pairs: Sequence[tup
 
 
 async def are_same(bus: ModbusBus, one: int, other: int) -> bool:
-    """Whether both ids hold the same: no word that one holds before and after is another at the other in between.
+    """Whether both ids hold the same words. One is read before and after the other, to leave out words that change.
 
     Raises UnexpectedError.
     """

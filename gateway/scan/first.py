@@ -170,7 +170,7 @@ def _control(control: ControlAnswers, items: SuggestedItems) -> str:
             password = toml_value(str(folder / "nc-password"))
             nc += [
                 f"user = {toml_value(control.user)}",
-                f"password_file = {password}  # CONFIRM: holds this user's password alone, chmod 600",
+                f"password_file = {password}  # CONFIRM: contains only this user's password, chmod 600",
             ]
         files = (
             ("certificate", "gateway.der", "the gateway's; the control must trust it"),

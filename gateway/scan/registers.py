@@ -87,7 +87,7 @@ async def _divide(bus: ModbusBus, unit: int, block: Block, seen: SeenWords) -> N
 
 
 async def _asked(bus: ModbusBus, unit: int, block: Block) -> Sequence[int]:
-    """One disturbed or lost answer shall not end it, nor a unit that is busy for a while."""
+    """Read a block, even if one answer is disturbed or lost, or the unit is busy for a while."""
     for ask in range(_MOST_ASKS):
         try:
             return await bus.read("", unit, block, again=ask > 0)

@@ -106,7 +106,7 @@ async def _told_apart(
 ) -> tuple[list[Found], str]:
     """Each device once, and a remark on the ids.
 
-    as_unknown: ids that answer as an id does that nobody has: so do all devices, if that is a value
+    as_unknown: ids that answer as unused ids do; if unused ids are answered with a value, every device answers so
     """
     remark = ""
     answering = sorted(device.unit for device in found)

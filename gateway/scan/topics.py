@@ -13,7 +13,7 @@ from gateway.scan.drafts import draft_text
 
 _TIME_UNITS: tuple[TimeUnit, ...] = get_args(TimeUnit)
 _NEAR = timedelta(days=3650)
-"""A number that is an instant so near the present is a time; a temperature or a count is not."""
+"""A number that is an instant this near the present is a time; a temperature or a count is not."""
 _DEEPEST = 8
 _AGES = 3
 """A value may be as old as this many periods of the bus."""

@@ -1,7 +1,8 @@
 """Stored readings of a span of time as compressed columns, page by page, while a gateway writes.
 
-The store makes a block of the readings of every ten minutes (`gateway.storage.readings`). Those within the span go out
-as they are; only what is in none yet, or what only a part is wanted of, is looked at one by one.
+The store makes a block of the readings of every ten minutes (`gateway.storage.readings`). Blocks within the span are
+sent as they are. Only readings that are in no block yet, and blocks of which a part is wanted, are looked at one by
+one.
 """
 
 import sqlite3

@@ -15,7 +15,7 @@ def link_followed(path: Path) -> Path:
     """The file that a symbolic link leads to: one database has one lock, whatever name leads to it, and what is set
     aside or started again is on the disk where it is.
 
-    Raises StoreError for a link to a folder that is not there, such as that of a disk which is not mounted.
+    Raises StoreError for a link to a folder that is not there, such as a folder on a disk that is not mounted.
     """
     if not path.is_symlink():
         return path

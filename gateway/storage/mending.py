@@ -178,7 +178,7 @@ def _number_runs(target: sqlite3.Connection) -> None:
 
 
 def _recounted(target: sqlite3.Connection, counts: Counter[str]) -> int:
-    """Take from the counts what was read and is not kept; returns how many rows that are."""
+    """Take from the counts what was read and is not kept; returns the number of these rows."""
     removed = 0
     for table in _LEARNT:
         (kept,) = target.execute(f"SELECT count(*) FROM {table}").fetchone()

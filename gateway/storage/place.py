@@ -26,8 +26,9 @@ class PlaceWatch:
     def look(self) -> None:
         """Raises GoneError or DamagedError. A `stat`, unless the file has become smaller.
 
-        To be smaller than its header says is no proof: a checkpoint beside a reader leaves out pages that have changed
-        again, and the last one may be among them. Nor is to become smaller, which VACUUM does.
+        A file that is smaller than its header says has not necessarily been cut: a checkpoint beside a reader leaves
+        out pages that have changed again, and the last one may be among them. Nor has one that becomes smaller: VACUUM
+        does that.
         """
         before = self._seen
         try:

@@ -1,4 +1,4 @@
-"""Raw readings as thin rows, and how long they stay: thinned to minute statistics after so much time of running.
+"""Raw readings as thin rows, and how long they stay: thinned to minute statistics after a set time of running.
 
 A reading's id is made of the run's number, the read's number and the channel's id, so that rows are appended, one
 handed in twice is kept once, and no index is needed. The view `sample` shows them in words.
@@ -185,7 +185,7 @@ class Pruning:
         return None if found is None else int(found)
 
     def _make_room(self, connection: sqlite3.Connection) -> None:
-        """Thin readings before their time, the oldest first, then delete minutes; nothing else ever."""
+        """Thin readings before their time, the oldest first, then delete minutes; nothing else is ever deleted."""
         if _used_mb(connection) <= self._keep.most_mb:
             return
         connection.execute(f"DROP TABLE IF EXISTS {EARLIER}")

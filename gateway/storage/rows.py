@@ -68,7 +68,7 @@ ENDS: Final[Mapping[CommandName, CommandName]] = {
     CommandName.RESUME: CommandName.PAUSE,
     CommandName.ARM: CommandName.DISARM,
 }
-"""By which command which one ends."""
+"""Each command that ends another one, and the one that it ends."""
 
 
 def of_frame(boot: str, frame: Frame) -> Row:
@@ -206,7 +206,7 @@ def step_s_of(config: str) -> float:
 
 
 def parsed_config(config: str) -> dict[str, Any]:
-    """Nothing of a text that is no configuration."""
+    """The configuration in a text; empty if the text is not one."""
     try:
         whole = json.loads(config)
     except ValueError:

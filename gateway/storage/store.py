@@ -167,7 +167,8 @@ class Store:
 
     @property
     def predecessor(self) -> str | None:
-        """The name of the run before this one, if it was on this computer since that was switched on: so it has ended.
+        """The name of the run before this one, if it ran on this computer since the computer was switched on: then it
+        has ended.
 
         None: there was none, or it may be at work. In a copy of the database, the run before this one may be another
         computer's.

@@ -326,7 +326,8 @@ class DatabaseWriter:
                 place.look()
 
     def _delete_old(self, connection: sqlite3.Connection) -> None:
-        """In its own transaction. When the gateway is stopped meanwhile and it takes long: not this time."""
+        """In its own transaction. If the gateway is stopped meanwhile and this takes long, it is left for another
+        time."""
         if self._open:  # an empty commit succeeds on a disk that fails, and would end the problem
             self._commit(connection)
         self._pruning = True
@@ -379,7 +380,7 @@ class DatabaseWriter:
     def _commit(self, connection: sqlite3.Connection) -> None:
         connection.commit()
         with self._changed:
-            works = bool(self._open) or not len(self._waiting)  # or the disk may be full for anything but nothing
+            works = bool(self._open) or not len(self._waiting)  # an empty commit succeeds even on a full disk
             self._open.clear()
             self._committed_s = time.monotonic()
             self._problem = "" if works else self._problem

@@ -134,7 +134,7 @@ class ReportPage(Struct, frozen=True):
     """The answer to a query on `report`."""
 
     day: Annotated[str, Meta(description="The local day")]
-    zone: Annotated[str, Meta(description="Its time zone; empty: that of the gateway's computer")]
+    zone: Annotated[str, Meta(description="Its time zone; empty: the gateway computer's")]
     page: Annotated[bytes, Meta(description="HTML that loads nothing from elsewhere, compressed with gzip")]
 
 

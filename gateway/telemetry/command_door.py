@@ -1,4 +1,4 @@
-"""Lets in commands of operators who prove their key, each once; it refuses anything else. Knows no network.
+"""Lets in commands of operators who prove their key, each once; it refuses anything else. Uses no network.
 
 A few of the refused commands are stored.
 

@@ -54,5 +54,6 @@ def kind_of(suffix: str) -> str:
 
 
 def asks_for(kind: str, key_expression: str) -> bool:
-    """Whether a query names this kind itself: wildcards alone ask for last values only, not for all that can be had."""
+    """Whether a query names this kind itself: a query of wildcards asks only for last values, not for all that can be
+    had."""
     return kind in key_expression.split("/")

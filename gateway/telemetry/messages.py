@@ -175,7 +175,7 @@ class SensorsMessage(Message, frozen=True):
 
 
 class StorageStanding(Struct, frozen=True):
-    """How storing goes."""
+    """The state of storing."""
 
     problem: Annotated[str, Meta(description="Why rows wait in memory; empty: everything is stored")]
     waiting: Annotated[int, Meta(description="Rows that wait in memory")]

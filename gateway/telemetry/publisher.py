@@ -214,7 +214,7 @@ class TelemetryPublisher:
         self._periods_missed = periods_missed
 
     def ask_clock(self, known: Callable[[], bool]) -> None:
-        """Set the source of whether the computer's clock is known to be right, for every message."""
+        """Set the function that says whether the computer's clock is known to be right, for every message."""
         self._composer.clock_known = known
 
     def take_commands(self, obey: Obey) -> None:

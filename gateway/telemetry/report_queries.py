@@ -17,7 +17,7 @@ class ReportRequest:
 
     day: date
     zone: str
-    """Time zone in which the day is one, such as Europe/Zurich; empty: that of the gateway's computer."""
+    """Time zone of the day, such as Europe/Zurich; empty: the time zone of the gateway's computer."""
 
 
 ReportSource = Callable[[ReportRequest], ReportPage]

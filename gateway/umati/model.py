@@ -173,8 +173,8 @@ def _monitoring() -> NodeSpec:
 
 
 def _notification() -> NodeSpec:
-    """A probing cycle takes the machine from production for its own sake: of the specification's prognoses that of a
-    maintenance is the one that says so and asks nothing of a person."""
+    """A probing cycle interrupts production for the sake of the machine. Of the specification's prognoses only
+    maintenance says so without requiring a person."""
     cycle = NodeSpec(
         "own",
         "NextProbingCycle",

@@ -48,7 +48,7 @@ class OpcUaServing(Section):
     users: Mapping[UserName, Annotated[str, hash_printed_by("opcua")]] = Field(default_factory=dict)
     """Name and password hash of everybody who may read."""
     machines: Mapping[Name, ShownMachine] = Field(default_factory=dict, alias="machine")
-    """By name of the machine; these are shown beside that of the configuration."""
+    """By name of the machine; these are shown beside the machine of the configuration."""
 
     @model_validator(mode="after")
     def _together(self) -> "OpcUaServing":
@@ -58,7 +58,7 @@ class OpcUaServing(Section):
 
 
 def load_serving(path: Path | None) -> OpcUaServing:
-    """The checked file; without one the server is for this computer alone. Raises ConfigError."""
+    """The checked file; without one the server is only for this computer. Raises ConfigError."""
     return OpcUaServing() if path is None else read_as(OpcUaServing, path)
 
 

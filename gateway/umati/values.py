@@ -16,7 +16,7 @@ OLD: Final = "UncertainLastUsableValue"
 NOT_HEARD: Final = "BadNoCommunication"
 NOTHING: Final = "BadNoData"
 _SILENT_S = 60.0
-"""The gateway states how it is each 10 s: after this long nothing that it said counts as the present."""
+"""A gateway reports its state every 10 s: after this long without a report, nothing that it said counts as current."""
 _BY_QUALITY: Final[Mapping[str, str]] = {
     Quality.GOOD: GOOD,
     Quality.STALE: OLD,
@@ -137,7 +137,7 @@ def _next(seen: MachineSeen, now_s: float) -> Iterator[tuple[Path, NodeShown]]:
 
 
 def _state(seen: MachineSeen) -> Iterator[tuple[Path, NodeShown]]:
-    """How the gateway is."""
+    """The state of the gateway."""
     status = seen.status
     at = None if status is None else instant(status.time)
     if status is None or at is None:

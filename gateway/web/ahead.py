@@ -1,7 +1,7 @@
 """The next hours at the tool, from the published forecast, and what would help more: wait, measure or warm up.
 
-A forecast says no more than it has been good for: its ends are widened by how far such forecasts have been off, and
-what has not been compared with what came for long enough is not said.
+A forecast claims no more than earlier ones have achieved: its ends are widened by how far such forecasts have been off,
+and nothing is said of a time for which forecasts have not been compared with what came for long enough.
 """
 
 import math
@@ -212,7 +212,7 @@ class Option:
 
     @property
     def counts(self) -> bool:
-        """Whether it brings more than it may be wrong."""
+        """Whether its gain is larger than the possible error of that."""
         return self.gain_um > self.off_um  # NaN compares false
 
 

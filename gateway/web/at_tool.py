@@ -48,7 +48,7 @@ class ToolError:
 
     @property
     def near(self) -> FloatArray:
-        """The near end: at least so much is left."""
+        """The near end: at least this much is left."""
         return np.maximum(np.abs(self.left) - self.half, 0.0)
 
 

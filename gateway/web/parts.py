@@ -161,7 +161,7 @@ def doubts(seen: MachineSeen) -> Iterator[Sentence]:
 
 def _finding(finding: SensorFinding, since: datetime | None, loads: tuple[str, ...]) -> Sentence:
     off = believable(finding.offset_K)
-    if since is None or not math.isfinite(off):  # a swap has no offset, and an earlier program sent no `since_k`
+    if since is None or not math.isfinite(off):  # an exchange has no offset, and an earlier program sent no `since_k`
         return Sentence("doubt.finding", {"text": ToldName(finding.text)})
     names = " / ".join((*finding.inputs, *finding.alternatives))
     values: dict[str, Atom] = {"names": ToldName(names), "off": Amount(abs(off), "K"), "at": at(since)}
@@ -172,7 +172,7 @@ def _finding(finding: SensorFinding, since: datetime | None, loads: tuple[str, .
 
 
 def watched(seen: MachineSeen) -> Sentence | None:
-    """How small an abnormal temperature would have been seen by what loads and the others say; None: not judged yet."""
+    """The smallest abnormal temperatures that loads and other sensors would have shown; None: not judged yet."""
     if seen.sensors is None:
         return None
     smallest = {i: v for i, v in seen.sensors.smallest_offset_K.items() if v is not None}
@@ -191,7 +191,7 @@ def watched(seen: MachineSeen) -> Sentence | None:
 
 
 def health(seen: MachineSeen) -> Iterator[SaidRow]:
-    """How the gateway itself is."""
+    """The health of the gateway itself."""
     yield SaidRow(
         "label.gateway", Sentence("gateway.alive" if seen.present else "gateway.gone"), "" if seen.present else "bad"
     )

@@ -14,7 +14,7 @@ from talc.frame import Phase, Why
 from talc.names import THERMAL_ERRORS
 
 _LONGEST = 1000
-"""A longer text is nobody's sentence, and is not looked at."""
+"""A longer text is not one of the gateway's sentences, and is not compared with them."""
 _DEEPEST = 3
 _NUMBER = r"-?[0-9]+\.[0-9]"
 

@@ -66,7 +66,7 @@ class WebSettings(Section):
 
 
 def load_settings(path: Path | None) -> WebSettings:
-    """The checked file; without one the page is for this computer alone. Raises ConfigError."""
+    """The checked file; without one the page is only for this computer. Raises ConfigError."""
     if path is None:
         return WebSettings()
     return read_as(WebSettings, path)

@@ -122,7 +122,7 @@ class Streams:
                 await asyncio.sleep(_FASTEST_S)
         finally:
             self._site.changed = lambda: None
-            self._ended = True  # an open page must not take its last state for that of now
+            self._ended = True  # an open page must not take its last state for the present one
             for browser in self._browsers:
                 browser.queue.put(_END)
 
@@ -160,7 +160,7 @@ class Streams:
         return (certificate_row("[tls] certificate", self._own_end, datetime.now(UTC)),)
 
     def _now_ms(self) -> int:
-        """This computer's time, UTC milliseconds: that of the browser may be wrong."""
+        """This computer's time, UTC milliseconds: the browser's may be wrong."""
         return round(self._site.now().timestamp() * 1e3)
 
     def _tick(self) -> bytes:

@@ -164,8 +164,8 @@ def _since(seen: MachineSeen, viewpoint: Viewpoint) -> tuple[datetime | None, bo
 def _helps(seen: MachineSeen, viewpoint: Viewpoint, tool: ToolNow, *, ready: bool) -> Iterator[Sentence]:
     """When it will be ready or how long it stays so, what would help more, and when the next measurement comes.
 
-    While somebody has paused the compensation, nothing helps as much as to end that, and a gateway that is disarmed
-    does not measure: what would help is not said then.
+    While somebody has paused the compensation, nothing helps as much as ending the pause, and a gateway that is
+    disarmed does not measure: what would help is not said then.
     """
     coming, tolerance_um = ahead(seen, viewpoint.matrix), viewpoint.tolerance_um
     disarmed = seen.status is not None and seen.status.disarmed is not None

@@ -75,7 +75,7 @@ class MachineView:
 
 
 def view(seen: MachineSeen, viewpoint: Viewpoint, now_s: float, own: tuple[SaidRow, ...] = ()) -> MachineView:
-    """The page at this monotonic time. own: how the page's own program is."""
+    """The page at this monotonic time. own: rows on the page's own program."""
     return MachineView(
         machine=seen.machine,
         heard=_seconds(seen.heard),
@@ -100,7 +100,7 @@ def view(seen: MachineSeen, viewpoint: Viewpoint, now_s: float, own: tuple[SaidR
 
 
 def _planned_loads(seen: MachineSeen) -> tuple[str, ...]:
-    """As the status names them, before there is a forecast; an older gateway names them in its forecasts alone."""
+    """As the status names them, before there is a forecast; an older gateway names them only in its forecasts."""
     if seen.status is not None and seen.status.planned_loads:
         return seen.status.planned_loads
     return () if seen.forecast is None else tuple(seen.forecast.planned)

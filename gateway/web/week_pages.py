@@ -69,7 +69,8 @@ class WeekPages:
         found: Callable[[CoursePage], _Weeks],
         unknown: Callable[[str], _Weeks],
     ) -> Response:
-        """An unknown one is no error of the page's: browsers would complain of it."""
+        """Answer with the weeks, or with why they are unknown: that is not an HTTP error, which browsers would
+        report."""
         name = request.path_params["name"]
         if not self._site.may_be(name):
             return PlainTextResponse("This is not a valid name of a machine.", 404)

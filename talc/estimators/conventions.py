@@ -14,11 +14,12 @@ if TYPE_CHECKING:
 
 
 class NotFittedError(ValueError, AttributeError):
-    """`fit` comes first."""
+    """An estimator was used before `fit`."""
 
 
 def not_fitted(estimator: object) -> NotFittedError:
-    """The error of an estimator that has not been fitted; where there is scikit-learn, also one of its own class."""
+    """The error of an estimator that has not been fitted; where scikit-learn is installed, it is also scikit-learn's
+    own."""
     text = f"this {type(estimator).__name__} is not fitted yet: call fit first"
     try:
         from sklearn.exceptions import NotFittedError as Theirs

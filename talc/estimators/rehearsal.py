@@ -69,7 +69,7 @@ def rehearse(
         A row per step that has any. For each error E: `E` as recorded, `E_predicted` before this step's measurement,
         `E_corrected` after it (what a machine would be corrected by), `E_sigma` its standard uncertainty, `E_measured`
         (NaN where it did not measure) and `E_trusted`. Then `phase`, `measured`, and `wanted`: why it wants to measure
-        in the next step, or empty. Its index is that of the last row of each step.
+        in the next step, or empty. Each row has the index of the last recorded row in its step.
 
     Raises
     ------
@@ -78,7 +78,7 @@ def rehearse(
         has values only where an error has them. No error has a value, or one has the name of another column of the
         result. The name of an error's column says another unit than `unit_um`.
     TypeError
-        `df` is no DataFrame, or another argument is of a wrong type.
+        `df` is not a DataFrame, or another argument is of a wrong type.
 
     Examples
     --------

@@ -49,7 +49,7 @@ def warn_if_within(measured: FloatArray, noise: FloatArray) -> None:
 
 
 def more_than_zero(name: str, value: object) -> None:
-    """TypeError: it is no number. ValueError: it is not more than 0."""
+    """TypeError: it is not a number. ValueError: it is not more than 0."""
     if not isinstance(value, Real):
         raise TypeError(f"{name} = {value!r}: expected a number")
     if not float(value) > 0:

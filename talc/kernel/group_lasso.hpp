@@ -17,7 +17,7 @@ struct LassoResult {
 };
 
 // min t'Gt - 2 m't + e + penalty sum_s sqrt(g_s) ||t_s||  (Z22 eq. 8 on the Gram matrix, unpenalised columns projected
-// out before). Thermal regressors are close to collinear: block descent alone needs ten thousands of passes. A few
+// out before). Thermal regressors are close to collinear: block descent alone needs tens of thousands of passes. A few
 // passes find the support, Newton's method with Cholesky and backtracking finishes on it, the duality gap decides.
 class GroupLasso {
    public:

@@ -14,7 +14,7 @@
 #define TALC_WIDE
 #endif
 
-#define TALC_ALONE __restrict__  // nothing else points there: GCC and Clang have the word, C++ has not
+#define TALC_ALONE __restrict__  // nothing else points there: GCC and Clang have this keyword, C++ does not
 
 namespace talc {
 
@@ -305,8 +305,8 @@ inline void bind_learner(nb::module_ &m) {
     m.def("filters_learn", &filters_learn, nb::arg("covariance"), nb::arg("mean"), nb::arg("gain"), nb::arg("spread"),
           nb::arg("innovation"), nb::arg("noise"), nb::arg("prior"), nb::arg("first_prior"), nb::arg("which"),
           nb::arg("groups"), nb::arg("width"), nb::arg("rules"), nb::arg("weight"), nb::arg("least"), nb::arg("mixed"),
-          "After filters_look: condition each filter on its innovation, find some prior variances of some filters again, "
-          "and sum up the weighted covariances.");
+          "After filters_look: condition each filter on its innovation, estimate some prior variances of some filters "
+          "again, and sum up the weighted covariances.");
     m.def("filters_inform", &filters_inform, nb::arg("covariance"), nb::arg("mean"), nb::arg("which"), nb::arg("first"),
           nb::arg("width"), nb::arg("information"),
           "Add information that some weights of some filters are zero; negative: take it away.");

@@ -1,4 +1,4 @@
-"""The compiled filters of the mixture, under public names. Unchecked, as all of the kernel: others use the mixture."""
+"""The compiled filters of the mixture, under public names. They check nothing: other modules use the mixture."""
 
 from talc._kernel import filters_inform as inform
 from talc._kernel import filters_learn as learn

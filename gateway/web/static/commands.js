@@ -3,7 +3,7 @@ import { machine } from "./choice.js";
 import { $, put } from "./elements.js";
 import { word } from "./words.js";
 
-// Only with a token, which a user has whom the settings let give commands.
+// Present only with a token, for users who may give commands by the settings.
 const commands = $("commands");
 let paused = false;
 export const showCommands = (v) => {

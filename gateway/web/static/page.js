@@ -100,7 +100,7 @@ if (machine) {
 }
 const asked = () => machine ? query() : queryOfAll();
 const address = () => (machine ? `/stream/${encodeURIComponent(machine)}?` : "/stream?") + asked();
-// That of the page was judged as declared.
+// The state in the page was judged by what is declared: it does not fit a browser that asks for something else.
 const early = () => asked() || !$("first") ? null : JSON.parse($("first").textContent);
 const listen = stream(address, {
   tick: takeClock,

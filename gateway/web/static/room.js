@@ -14,14 +14,14 @@ export const LONG = {
 const mark = longestKey("mark").slice("mark.".length);
 const row = (label, say, mark) => ({ label: "label." + label, mark, said: { say, values: LONG } });
 const wordRow = (label, group, mark) => ({ label: "label." + label, mark, said: { say: longestKey(group), values: {} } });
-// With two things that have to come first.
+// The rows of what the machine waits for, with two things that have to come first.
 export const WAITS = [
   wordRow("phase", "phase"), row("first", "sentence.text", mark), row("first", "sentence.text", mark), wordRow("probing", "standing", mark),
   wordRow("why", "why"), row("waits_for", "sentence.text", mark), row("operator", "sentence.text", mark), row("next", "next.expected"),
   row("last", "last.failed", mark), row("waiting", "waiting.cost"),
 ];
 
-// Of the rows about health.
+// The longest texts of the rows about health.
 export const HEALTH = {
   "label.control": `${longest("mark")} ${sentence({ say: "control.step", values: LONG })}`,
   "label.nc": `${longest("mark")} ${longest("nc")}`,

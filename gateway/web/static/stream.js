@@ -42,7 +42,7 @@ export const stream = (address, kinds, become, early) => {
     const now = performance.now();
     if (now - heardMs <= SILENT_MS) return;
     become("lost");
-    // A connection that broke without a word would stay silent for ever.
+    // A connection that broke silently would never be noticed.
     if (now - openedMs > AGAIN_MS) { cut = true; open(); }
   }, 1000);
 

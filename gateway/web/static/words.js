@@ -3,13 +3,13 @@ const texts = JSON.parse(document.getElementById("texts").textContent);
 
 const has = (key) => Object.hasOwn(texts, key);
 export const word = (key) => has(key) ? texts[key] : key.replace(/^[a-z]+\./, "").replaceAll("_", " ");
-// That of the longest text of a group.
+// The key of the longest text of a group.
 export const longestKey = (group) => Object.keys(texts).filter((key) => key.startsWith(group + "."))
   .reduce((a, b) => (word(b).length > word(a).length ? b : a));
 export const longest = (group) => word(longestKey(group));
 export const clock = new Intl.DateTimeFormat(undefined, { hour: "2-digit", minute: "2-digit" });
 const day = new Intl.DateTimeFormat(undefined, { weekday: "short", day: "numeric", month: "short", hour: "2-digit", minute: "2-digit" });
-// Of the hour that there is twice, when clocks are put back.
+// For the hour that occurs twice when clocks are put back.
 const named = new Intl.DateTimeFormat(undefined, { weekday: "short", day: "numeric", month: "short", hour: "2-digit", minute: "2-digit", timeZoneName: "short" });
 const HOUR_MS = 3600e3;
 const twice = (at) => [-HOUR_MS, HOUR_MS].some((by) => new Date(at.getTime() + by).getHours() === at.getHours());
@@ -26,7 +26,7 @@ export const time = (iso) => {
   if (Number.isNaN(at.getTime())) return "–";
   return (twice(at) ? named : at.toDateString() === present().toDateString() ? clock : day).format(at);
 };
-// As it is typed in: without its thousands apart.
+// As it is typed in: without separated thousands.
 export const plain = (n) => new Intl.NumberFormat(undefined, { useGrouping: false, maximumFractionDigits: 3 }).format(n);
 const numbers = new Map();
 export const amount = ({ n, u, d, sign }) => {

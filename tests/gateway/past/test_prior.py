@@ -218,7 +218,7 @@ def test_a_machine_that_counts_twice_is_warned_of(shop: Path, tmp_path: Path) ->
     copy.write_bytes((shop / "mill10.sqlite").read_bytes())
     answer = talc_gateway("prior", "make", shop / "mill10.sqlite", copy, "-o", tmp_path / "a.json")
     assert answer.exit_code == 0
-    assert "[machine] name 'mill10' is that of" in answer.output
+    assert "[machine] name 'mill10' is also the name of" in answer.output
 
 
 def test_a_recording_is_replayed_with_the_prior_of_the_config_s_folder(here: Path) -> None:
