@@ -13,7 +13,6 @@ from gateway.acquisition import (
     Line,
     ReloadError,
     Sample,
-    StaleWatch,
     apply,
     bus_changes,
     lines_of,
@@ -157,7 +156,7 @@ class Service:
         """
         if self._acquisition is None:
             raise ReloadError("the service is not running")
-        change = await apply(self._acquisition, self.board, self._clock, self._config, config, self._tap)
+        change = await apply(self._acquisition, self._clock, self._config, config, self._tap)
         self._config = config
         self._sink(ConfigurationApplied(config))
         log.info(
@@ -191,10 +190,9 @@ class Service:
             if self.link is not None:
                 stack.push_async_callback(self.link.stop)
             acquisition = await stack.enter_async_context(
-                Acquisition(self._lines, self._clock, publish=self._take, notify=self._noticed)
+                Acquisition(self._lines, self._clock, self._take, self._noticed, board=self.board)
             )
             self._acquisition = acquisition
-            stale = StaleWatch(self.board, self._clock, acquisition.number, self._publish)
             stack.callback(self._forget_acquisition)
             self._sink(ConfigurationApplied(self._config))
             async with asyncio.TaskGroup() as tasks:
@@ -202,7 +200,6 @@ class Service:
                     tasks.create_task(self._grid.run(), name="grid"),
                     tasks.create_task(self._sensors.run(), name="sensors"),
                     tasks.create_task(self._planned.run(), name="planned loads"),
-                    tasks.create_task(stale.run(), name="stale"),
                     tasks.create_task(self._store_watch().run(), name="storage"),
                     tasks.create_task(self._health_watch.run(), name="health"),
                     tasks.create_task(self._clock_watch.run(), name="clock"),
@@ -316,11 +313,7 @@ class Service:
         return None if aged is None else aged.reading.unit
 
     def _take(self, readings: Sequence[Sample]) -> None:
-        self.board.put(readings)
         self._sampler.add(readings)
-        self._publish(readings)
-
-    def _publish(self, readings: Sequence[Sample]) -> None:
         self._sink(ReadingsTaken(readings))
 
     def _noticed(self, notice: Notice) -> None:

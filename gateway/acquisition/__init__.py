@@ -15,7 +15,6 @@ if TYPE_CHECKING:
     from gateway.acquisition.reports import NO_OTHER_MASTER, OTHER_MASTER
     from gateway.acquisition.runner import Publish
     from gateway.acquisition.sample import Sample
-    from gateway.acquisition.stale import StaleWatch
     from gateway.acquisition.text import number_text, reading_text
 else:
     __getattr__ = on_first_use(
@@ -31,7 +30,6 @@ else:
             ".reports": ("NO_OTHER_MASTER", "OTHER_MASTER"),
             ".runner": ("Publish",),
             ".sample": ("Sample",),
-            ".stale": ("StaleWatch",),
             ".text": ("number_text", "reading_text"),
         },
     )
@@ -50,7 +48,6 @@ __all__ = [
     "Publish",
     "ReloadError",
     "Sample",
-    "StaleWatch",
     "apply",
     "bus_changes",
     "lines_of",

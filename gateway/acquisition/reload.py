@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 from drivers.tap import Tap
 from gateway.acquisition.acquisition import Acquisition
-from gateway.acquisition.board import Board
 from gateway.acquisition.build import lines_of
 from gateway.clock import ServiceClock
 from gateway.config import GatewayConfig
@@ -67,7 +66,6 @@ def bus_changes(old: GatewayConfig, new: GatewayConfig) -> BusChanges:
 
 async def apply(
     acquisition: Acquisition,
-    board: Board,
     clock: ServiceClock,
     old: GatewayConfig,
     new: GatewayConfig,
@@ -91,7 +89,7 @@ async def apply(
         missing = [former[name] for name in change.stopped if name in running or name not in acquisition.runners]
         await acquisition.exchange(running, missing)
         raise
-    board.configure({channel.name: channel.period_s for channel in new.channels})
+    acquisition.board.configure({channel.name: channel.period_s for channel in new.channels})
     return change
 
 

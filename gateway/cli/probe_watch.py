@@ -7,7 +7,6 @@ from contextlib import nullcontext
 from dataclasses import dataclass, field
 from itertools import pairwise
 from statistics import median
-from time import monotonic
 
 from rich.console import Console, RenderableType
 from rich.live import Live
@@ -17,9 +16,9 @@ from drivers.base import Quality, Reading
 from gateway.acquisition import Acquisition, Line, lines_of, reading_text
 from gateway.cli.signals import stop_on_signals, until
 from gateway.cli.terminal import terminal
-from gateway.clock import RealClock
+from gateway.clock import RealClock, ServiceClock
 from gateway.config import GatewayConfig
-from gateway.polling import Notice
+from gateway.polling import Notice, Notify
 
 _WINDOW = 60
 """Number of reads over which rate and jitter are computed."""
@@ -71,6 +70,12 @@ class DeviceFigures:
                 if reading.detail:
                     self._fails(f"{reading.channel}: {reading.detail}", reading.monotonic_s)
 
+    def expire(self, readings: Sequence[Reading], now_s: float) -> None:
+        """Channels that have gone stale because a read hangs: it has not ended, so no period is counted."""
+        for reading in readings:
+            self.latest[reading.channel] = reading
+            self._fails(f"{reading.channel}: {reading.detail}", now_s)
+
     def _fails(self, text: str, now_s: float) -> None:
         self.error, self.error_at = text, now_s
 
@@ -106,7 +111,7 @@ class ProbeView:
 
     def __init__(self, machine: str, lines: Sequence[Line], now: Callable[[], float]) -> None:
         """now: monotonic seconds"""
-        self._machine, self._now, self._began = machine, now, now()
+        self._machine, self._lines, self._now, self._began = machine, lines, now, now()
         self.devices = [
             DeviceFigures(driver.device, line.bus.name, driver.channels) for line in lines for driver in line.drivers
         ]
@@ -116,6 +121,15 @@ class ProbeView:
         """The readings of one device."""
         if readings:
             self._of_channel[readings[0].channel].take(readings, self._now())
+
+    def expire(self, readings: Sequence[Reading]) -> None:
+        """Channels of any device that have gone stale."""
+        for reading in readings:
+            self._of_channel[reading.channel].expire([reading], self._now())
+
+    def reading(self, clock: ServiceClock, notify: Notify) -> Acquisition:
+        """What reads the devices as `run` does, and tells this view."""
+        return Acquisition(self._lines, clock, self.take, notify, quiet=True, expired=self.expire)
 
     @property
     def all_good(self) -> bool:
@@ -208,8 +222,8 @@ def watch_channels(config: GatewayConfig, seconds: float | None, every_s: float 
 
 async def _watch(config: GatewayConfig, seconds: float | None, every_s: float | None) -> bool:
     console = terminal()
-    lines = lines_of(config, RealClock())
-    view = ProbeView(config.machine.name, lines, monotonic)
+    clock = RealClock()
+    view = ProbeView(config.machine.name, lines_of(config, clock), clock.monotonic)
     stop = asyncio.Event()
     stop_on_signals(stop)
     on_terminal = console.is_terminal
@@ -219,17 +233,17 @@ async def _watch(config: GatewayConfig, seconds: float | None, every_s: float | 
             _say(console, notice.text)
 
     def screen() -> RenderableType:
-        return view.table(monotonic(), console.width, console.height)
+        return view.table(clock.monotonic(), console.width, console.height)
 
     every_s = every_s or (_TABLE_EVERY_S if on_terminal else _LINES_EVERY_S)
     live = Live(screen(), console=console, auto_refresh=False, screen=False, vertical_overflow="crop")
-    async with Acquisition(lines, RealClock(), view.take, noticed, quiet=True):
+    async with view.reading(clock, noticed):
         with live if on_terminal else nullcontext():
             async for _ in until(stop, every_s, seconds):
                 if on_terminal:
                     live.update(screen(), refresh=True)
                 else:
-                    for line in view.lines(monotonic()):
+                    for line in view.lines(clock.monotonic()):
                         _say(console, line)
     return view.all_good
 

@@ -11,7 +11,7 @@ import pytest
 from drivers.base import SetupError
 from drivers.canopen import CanOpenBus, Cia404Device
 from drivers.modbus import ModbusDevice, ModbusRtuBus
-from gateway.acquisition import Acquisition, Board, apply, lines_of
+from gateway.acquisition import Acquisition, apply, lines_of
 from gateway.cli.running import serve
 from gateway.config import ConfigError, GatewayConfig, load
 from tests.benches.service_file import UNPUBLISHED, m7015, rtu_bus
@@ -97,8 +97,7 @@ async def test_run_makes_each_once(tmp_path: Path, made: Counter[str]) -> None:
 async def test_a_reload_makes_what_it_exchanges(tmp_path: Path, made: Counter[str]) -> None:
     old, clock = configuration(tmp_path), SteppedClock()
     async with Acquisition(lines_of(old, clock), clock, lambda _: None, lambda _: None) as acquisition:
-        board = Board({channel.name: channel.period_s for channel in old.channels})
         new = configuration(tmp_path, TEXT.replace("/nowhere/adapter", "/nowhere/other"))
         made.clear()
-        await apply(acquisition, board, clock, old, new)
+        await apply(acquisition, clock, old, new)
     assert made == {"rtu1": 1, "rtd1": 1, "rtd2": 1}

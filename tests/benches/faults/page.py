@@ -23,7 +23,8 @@ defaults are 1 s and 60: a bus that was away for long is then back up to 60 peri
 `comm_fault`: no valid answer. `sensor_fault`, `out_of_range`: the device answers, but this channel is broken or beyond
 its range. `stale`: the number may be old. Channels that are not good have no number, or are not used. A read may hang
 for up to `read_limit_s`. Meanwhile, as soon as the last number of a channel of that bus is three periods old, the
-service publishes the channel as `stale`, without a number and with that age.
+service publishes the channel as `stale`, without a number and with that age; `probe --watch` shows it so, and `record`
+counts it as not good.
 """
 
 WIDTH = 120

@@ -6,7 +6,6 @@ import pytest
 
 from drivers.base import Reading
 from gateway.acquisition.acquisition import Acquisition
-from gateway.acquisition.board import Board
 from gateway.acquisition.build import lines_of
 from gateway.acquisition.line import Line
 from gateway.acquisition.reload import BusChanges, ReloadError, apply, bus_changes
@@ -67,7 +66,6 @@ class RunningAcquisition:
     def __init__(self, of: GatewayConfig) -> None:
         self.clock = SteppedClock()
         self.readings: list[Reading] = []
-        self.board = Board({c.name: c.period_s for c in of.channels})
         self.acquisition = Acquisition(lines_of(of, self.clock), self.clock, self.readings.extend, lambda _: None)
 
 
@@ -87,7 +85,7 @@ async def test_a_profile_may_be_renamed_together_with_the_configuration(tmp_path
     async with running.acquisition as acquisition:
         mine.rename(tmp_path / "yours.toml")
         new = with_profile(tmp_path, "yours.toml")
-        change = await apply(acquisition, running.board, running.clock, old, new)
+        change = await apply(acquisition, running.clock, old, new)
         assert set(acquisition.runners) == {"rtu1", "tcp1"}
     assert change == BusChanges(("rtu1",), ("rtu1",), ("tcp1",))
 
@@ -123,7 +121,7 @@ async def test_applied_to_a_running_acquisition() -> None:
     running = RunningAcquisition(old)
     async with running.acquisition as acquisition:
         before = acquisition.runners
-        change = await apply(acquisition, running.board, running.clock, old, new)
+        change = await apply(acquisition, running.clock, old, new)
         after = acquisition.runners
     assert change.kept == ("tcp1",)
     assert after["tcp1"] is before["tcp1"]
@@ -156,7 +154,7 @@ async def test_a_failed_exchange_is_undone_without_the_old_files(tmp_path: Path)
     async with Breaking(lines, running.clock, running.readings.extend, lambda _: None) as acquisition:
         kept = acquisition.runners["tcp1"]
         with pytest.raises(OSError, match="out of memory"):
-            await apply(acquisition, running.board, running.clock, old, new)
+            await apply(acquisition, running.clock, old, new)
         assert set(acquisition.runners) == {"rtu1", "tcp1"}
         assert acquisition.runners["tcp1"] is kept
         assert acquisition.runners["rtu1"].line is lines[0]

@@ -2,7 +2,7 @@
 
 import asyncio
 import re
-from collections.abc import AsyncIterator, Sequence
+from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager
 from math import isnan
 from pathlib import Path
@@ -83,15 +83,15 @@ def of_text(text: str) -> tuple[str, Quality]:
     return found[1], Quality(found[2] or "good")
 
 
-async def run(file: Path) -> ShownValues:
-    """What the service takes: its acquisition's first reading of each channel."""
+async def run(file: Path, ends: Callable[[Reading], bool] = lambda _: True) -> ShownValues:
+    """What the service takes: its acquisition's latest readings, when it has all and the last one `ends` it."""
     taken: dict[str, Reading] = {}
     complete = asyncio.Event()
 
     def take(readings: Sequence[Reading]) -> None:
-        for reading in readings:
-            taken.setdefault(reading.channel, reading)
-        if len(taken) == len(channels):
+        for reading in readings if not complete.is_set() else ():
+            taken[reading.channel] = reading
+        if len(taken) == len(channels) and ends(readings[-1]):
             complete.set()
 
     config = load(file)
@@ -106,8 +106,8 @@ def probe(file: Path) -> ShownValues:
     return {row[3]: (row[4].removesuffix(" degC"), Quality(row[5])) for row in rows if len(row) == 8}
 
 
-def probe_watch(file: Path) -> ShownValues:
-    done = here("probe", str(file), "--watch", "--seconds", "2", "--every", "1")
+def probe_watch(file: Path, seconds: int = 2) -> ShownValues:
+    done = here("probe", str(file), "--watch", "--seconds", seconds, "--every", "1")
     return {channel: of_text(text) for channel, text in re.findall(r"(\w+)=(\S+)", done.out)}
 
 
@@ -141,6 +141,49 @@ def test_a_silent_device(tmp_path: Path) -> None:
         taken, probed, watched = asyncio.run(run(file)), probe(file), probe_watch(file)
     assert taken == dict.fromkeys(("bed", "column", "oil", "hall"), ("", Quality.COMM_FAULT))
     assert probed == watched == taken
+
+
+@asynccontextmanager
+async def hanging_adam() -> AsyncIterator[int]:
+    """The same module; a second and a bit after its first answer, each answer takes a minute."""
+    answered_s = list[float]()
+
+    def spoil(_: int, frame: bytes) -> Sequence[tuple[float, bytes]]:
+        answered_s.append(asyncio.get_running_loop().time())
+        return ((60.0 if answered_s[-1] - answered_s[0] > 1.2 else 0.0, frame),)
+
+    module = Adam6015(lambda: [20.0, 30.0, 80.0, 40.0, 0.0, 0.0, 0.0])
+    module.faults.set(1, SensorFault.OPEN)
+    host = TcpHost({1: module})
+    host.spoil = spoil
+    try:
+        yield await host.start()
+    finally:
+        await host.stop()
+
+
+def test_a_read_that_hangs(tmp_path: Path) -> None:
+    """Three periods after its last value a channel is stale, whatever reads it."""
+    file = tmp_path / "gateway.toml"
+
+    def hanging(port: int) -> Path:
+        file.write_text(CONFIG.format(port=port, timeout_s=9.0), encoding="utf-8")
+        return file
+
+    with beside(hanging_adam()) as port:
+        taken = asyncio.run(run(hanging(port), ends=lambda reading: reading.quality is Quality.STALE))
+    with beside(hanging_adam()) as port:
+        watched = probe_watch(hanging(port), seconds=5)
+    with beside(hanging_adam()) as port:
+        recorded = here("record", hanging(port), "-o", tmp_path / "field.wire", "--seconds", 5)
+    assert taken == {
+        "bed": ("", Quality.STALE),
+        "column": ("", Quality.SENSOR_FAULT),  # a bad value does not go stale
+        "oil": ("80.00", Quality.OUT_OF_RANGE),
+        "hall": ("", Quality.STALE),
+    }
+    assert watched == taken
+    assert "4 channels not good at the end" in recorded.err
 
 
 def test_devices_of_two_wires_from_the_scan_that_found_them_to_the_service(tmp_path: Path) -> None:

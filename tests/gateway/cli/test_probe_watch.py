@@ -26,7 +26,7 @@ from simulators.devices import Adam6015, TcpHost
 from simulators.devices.source import SensorFault
 from tests.benches.command import talc_gateway
 from tests.benches.counted_source import CountedSource
-from tests.benches.scripted_bus import ScriptedBus, ScriptedDevice
+from tests.benches.scripted_bus import ScriptedBus, ScriptedDevice, ScriptedPlant
 from tests.benches.stepped_clock import SteppedClock
 
 NOW = datetime(2026, 1, 5, tzinfo=UTC)
@@ -93,6 +93,25 @@ def test_broken_sensor_is_no_lost_period() -> None:
     device = watched()
     device.take([*readings(["a"], 1.0), *readings(["b"], 1.0, Quality.SENSOR_FAULT, "broken wire")], 1.0)
     assert (device.lost, device.good, device.error) == (0, 1, "b: broken wire")
+
+
+async def test_a_value_goes_stale_while_a_read_hangs() -> None:
+    plant = ScriptedPlant("a", "b")
+    view = ProbeView("mill", [plant.line(read_limit_s=3600.0)], plant.clock.monotonic)
+    device, good = view.devices[1], list[bool]()
+    async with view.reading(plant.clock, plant.notices.append):
+        await plant.clock.run_until(9.5)
+        plant.devices["b"].hang = True
+        for at_s in (9.6, 11.9, 12.1):
+            await plant.clock.run_until(at_s)
+            good.append(view.all_good)
+            answered = device.periods
+        assert good == [True, True, False], "at 11.9 only two periods are missing"
+        assert "b_t: no new value for 3.0 s" in view.table(12.1, 80, 24).plain
+        await plant.clock.run_until(13.1)
+    assert {r.quality for device in view.devices for r in device.latest.values()} == {Quality.STALE}
+    assert [device.good_at for device in view.devices] == [{"a_t": 10.0}, {"b_t": 9.0}]
+    assert (device.periods, device.lost) == (answered, 0), "the read has not ended"
 
 
 def big_watch() -> ProbeView:
