@@ -62,8 +62,7 @@ def _made(
     """One bus and its devices."""
     devices = config.devices_of(section.name)
     if isinstance(section, OtherBus):
-        other = section.bus(tap)
-        return other, tuple(section.driver(device, other, clock) for device in devices)
+        return section.built(devices, tap, clock)
     bus = bus_from_settings(section.name, section, tap)
     return bus, tuple(
         make_device(

@@ -7,9 +7,10 @@ import inspect
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from datetime import datetime
+from functools import cached_property, partial
 from importlib.metadata import EntryPoint, entry_points
-from typing import Any, Final, TypeVar
+from typing import Any, Final, Generic, TypeVar
 
 from drivers.base import Bus, Clock, Driver, DriverError, SetupError, SystemClock
 from drivers.nc import NumericalControl
@@ -63,8 +64,21 @@ class ControlSection(PolledControl, ABC):
         yield from ()
 
     def settings(self, poses_deg: Poses, states: Iterable[str]) -> None:
-        """For `check`: whatever `control` finds. Raises SetupError, also for a bug of the package."""
-        asked(self.kind, lambda: self.control(poses_deg, states, SystemClock()))
+        """For `check`: whatever `control` finds. What it made is kept for `built`.
+
+        Raises SetupError, also for a bug of the package.
+        """
+        names, clock = tuple(states), _LateClock()
+        self._kept.put((poses_deg, names), clock, asked(self.kind, lambda: self.control(poses_deg, names, clock)))
+
+    def built(self, poses_deg: Poses, states: Iterable[str], clock: Clock) -> NumericalControl:
+        """The driver that the check made, for the first who asks; otherwise another one. Raises SetupError."""
+        names = tuple(states)
+        return self._kept.take((poses_deg, names), clock) or self.control(poses_deg, names, clock)
+
+    @cached_property
+    def _kept(self) -> "_Kept[NumericalControl]":
+        return _Kept()
 
 
 class OtherBus(Polled, ABC):
@@ -91,9 +105,71 @@ class OtherBus(Polled, ABC):
         Raises SetupError naming device, channel and value; uses no network.
         """
 
-    def check(self, device: Device) -> None:
-        """For `check`: whatever `driver` finds. Raises SetupError, also for a bug of the package."""
-        asked(self.kind, lambda: self.driver(device, self.bus(None), SystemClock()))
+    def check(self, devices: Sequence[Device]) -> dict[str, SetupError]:
+        """For `check`: whatever `bus` and `driver` find, also bugs of the package, by device. What they made is kept
+        for `built`."""
+        clock, drivers, refused = _LateClock(), list[Driver](), dict[str, SetupError]()
+        if not devices:
+            return {}
+        try:
+            bus = asked(self.kind, lambda: self.bus(None))
+        except SetupError as error:
+            return {device.name: error for device in devices}
+        for device in devices:
+            try:
+                drivers.append(asked(self.kind, partial(self.driver, device, bus, clock)))
+            except SetupError as error:
+                refused[device.name] = error
+        if not refused:
+            self._kept.put(tuple(devices), clock, (bus, tuple(drivers)))
+        return refused
+
+    def built(self, devices: Sequence[Device], tap: Tap | None, clock: Clock) -> tuple[Bus, tuple[Driver, ...]]:
+        """The bus and its drivers that the check made, for the first who asks without a tap; otherwise other ones.
+
+        Raises SetupError.
+        """
+        kept = self._kept.take(tuple(devices), clock) if tap is None else None
+        if kept is not None:
+            return kept
+        bus = self.bus(tap)
+        return bus, tuple(self.driver(device, bus, clock) for device in devices)
+
+    @cached_property
+    def _kept(self) -> "_Kept[tuple[Bus, tuple[Driver, ...]]]":
+        return _Kept()
+
+
+class _LateClock:
+    """The computer's clock until it is known which one the driver is to have."""
+
+    def __init__(self) -> None:
+        self.clock: Clock = SystemClock()
+
+    def monotonic(self) -> float:
+        return self.clock.monotonic()
+
+    def utc(self) -> datetime:
+        return self.clock.utc()
+
+
+class _Kept(Generic[T]):
+    """What the check of a section made: only by making it can a package say what is wrong. It is used once, because it
+    becomes one connection."""
+
+    def __init__(self) -> None:
+        self._made: tuple[object, _LateClock, T] | None = None
+
+    def put(self, made_of: object, clock: _LateClock, made: T) -> None:
+        self._made = made_of, clock, made
+
+    def take(self, made_of: object, clock: Clock) -> T | None:
+        """None if it is taken already, or was made of something else."""
+        if self._made is None or self._made[0] != made_of:
+            return None
+        _, late, made = self._made
+        self._made, late.clock = None, clock
+        return made
 
 
 def asked(kind: str, question: Callable[[], T]) -> T:

@@ -327,19 +327,18 @@ def _poses(config: GatewayConfig) -> Iterator[Problem]:
 
 
 def _devices(config: GatewayConfig) -> Iterator[Problem]:
-    """What the drivers would reject: profiles, units, channel numbers, options. Builds no driver, no network."""
+    """What the drivers would reject: profiles, units, channel numbers, options. Uses no network."""
     names = Counter(bus.name for bus in config.buses)
     for bus in config.buses:
         if names[bus.name] > 1:
             continue
-        for device in config.devices_of(bus.name):
+        devices = config.devices_of(bus.name)
+        if isinstance(bus, OtherBus):
+            for name, error in bus.check(devices).items():
+                yield _refused(name, error)
+            continue
+        for device in devices:
             where = f"device '{device.name}'"
-            if isinstance(bus, OtherBus):
-                try:
-                    bus.check(device)
-                except SetupError as error:
-                    yield Problem(f"{where}, channels.{error.channel}" if error.channel else where, error.advice)
-                continue
             if not device.profile.endswith(".toml") and device.profile not in profile_names():
                 yield Problem(
                     f"{where}, profile",
@@ -354,7 +353,12 @@ def _devices(config: GatewayConfig) -> Iterator[Problem]:
                 if oldest_s is not None and oldest_s > 3.0 * bus.period_s:
                     yield Problem(f"{where}, profile", "max_age_s = " + _goes_stale(oldest_s, bus))
             except SetupError as error:
-                yield Problem(f"{where}, channels.{error.channel}" if error.channel else where, error.advice)
+                yield _refused(device.name, error)
+
+
+def _refused(device: str, error: SetupError) -> Problem:
+    where = f"device '{device}'"
+    return Problem(f"{where}, channels.{error.channel}" if error.channel else where, error.advice)
 
 
 def _nc(config: GatewayConfig) -> Iterator[Problem]:

@@ -24,6 +24,6 @@ def control_of(nc: Nc, config: GatewayConfig, clock: ServiceClock) -> NumericalC
         case MtConnectNc():
             return make_mtconnect(nc.settings(poses, (state.name for state in config.states)), clock)
         case ControlSection():
-            return nc.control(poses, (state.name for state in config.states), clock)
+            return nc.built(poses, (state.name for state in config.states), clock)
         case _:
             assert_never(nc)

@@ -1,6 +1,8 @@
-"""A command builds each bus and device once, and the check of a configuration builds none."""
+"""A command builds each bus and device once. The check of a configuration builds none, but for kinds of other packages:
+these it hands on."""
 
 import asyncio
+import importlib
 import tomllib
 from collections import Counter
 from collections.abc import Callable
@@ -11,11 +13,12 @@ import pytest
 from drivers.base import SetupError
 from drivers.canopen import CanOpenBus, Cia404Device
 from drivers.modbus import ModbusDevice, ModbusRtuBus
-from gateway.acquisition import Acquisition, apply, lines_of
+from gateway.acquisition import Acquisition, apply, bus_changes, lines_of, read_once
 from gateway.cli.running import serve
 from gateway.config import ConfigError, GatewayConfig, load
 from tests.benches.service_file import UNPUBLISHED, m7015, rtu_bus
 from tests.benches.stepped_clock import SteppedClock
+from tests.benches.stream_server import stream_server
 
 CAN = """
 [[bus]]
@@ -101,3 +104,88 @@ async def test_a_reload_makes_what_it_exchanges(tmp_path: Path, made: Counter[st
         made.clear()
         await apply(acquisition, clock, old, new)
     assert made == {"rtu1": 1, "rtd1": 1, "rtd2": 1}
+
+
+OTHERS = """
+[[bus]]
+name = "board"
+kind = "text_tcp"
+host = "127.0.0.1"
+port = 1
+[[device]]
+name = "board1"
+bus = "board"
+profile = "numbers"
+channels = { bed = 0 }
+[[device]]
+name = "board2"
+bus = "board"
+profile = "numbers"
+unit = 2
+channels = { column = 1 }
+[nc]
+kind = "text_axes"
+host = "127.0.0.1"
+port = 1
+"""
+
+
+@pytest.fixture
+def others_made(example: Path, monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
+    """How many of each class the package of examples/extension has made. Its control has a bus of its own."""
+    names: Counter[str] = Counter()
+
+    def counted(kind: type, init: Callable[..., None]) -> Callable[..., None]:
+        def count(self: object, *given: object) -> None:
+            names[kind.__name__] += 1
+            init(self, *given)
+
+        return count
+
+    boards, axes = importlib.import_module("talc_example.text_tcp"), importlib.import_module("talc_example.text_axes")
+    for kind in (boards.TextTcpBus, boards.TextTcpDevice, axes.TextAxes):
+        monkeypatch.setattr(kind, "__init__", counted(kind, kind.__init__))
+    return names
+
+
+OTHERS_EACH_ONCE = {"TextTcpBus": 2, "TextTcpDevice": 2, "TextAxes": 1}
+
+
+@pytest.mark.usefixtures("no_package_stays_loaded")
+async def test_run_uses_what_the_check_of_another_package_made(tmp_path: Path, others_made: Counter[str]) -> None:
+    stop, clock = asyncio.Event(), SteppedClock()
+    config = configuration(tmp_path, UNPUBLISHED + OTHERS)
+    assert others_made == OTHERS_EACH_ONCE, "the check"
+    await serve(config, clock, stop, simulated=False, started=lambda _: stop.set())
+    assert others_made == OTHERS_EACH_ONCE, "and the service"
+    lines = lines_of(config, clock)
+    assert lines[0].bus is not lines_of(config, clock)[0].bus, "no two commands share a connection"
+
+
+@pytest.mark.usefixtures("no_package_stays_loaded", "example")
+async def test_what_the_check_made_has_the_clock_of_who_uses_it(tmp_path: Path) -> None:
+    async def answer(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        while await reader.readline():
+            writer.write(b"21.5 7\n")
+        writer.close()
+
+    clock = SteppedClock()
+    clock.spend(1234.0)
+    async with stream_server(answer) as port:
+        config = configuration(tmp_path, UNPUBLISHED + OTHERS.replace("port = 1", f"port = {port}", 1))
+        (line,) = lines_of(config, clock)
+        first, second = await read_once(line, clock)
+    times = [(r.monotonic_s, r.source_time) for r in (*first.readings, *second.readings)]
+    assert times == [(1234.0, clock.utc())] * 2
+
+
+@pytest.mark.usefixtures("no_package_stays_loaded")
+def test_a_kept_driver_changes_neither_the_section_nor_a_reload(tmp_path: Path, others_made: Counter[str]) -> None:
+    used, unused = (configuration(tmp_path, UNPUBLISHED + OTHERS) for _ in range(2))
+    lines_of(used, SteppedClock())
+    assert used.buses == unused.buses
+    assert used.fingerprint() == unused.fingerprint()
+    assert bus_changes(used, unused).kept == ("board",)
+    made = others_made.copy()
+    lines_of(unused, SteppedClock())
+    assert others_made == made
