@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from gateway.acquisition.build import lines_of
     from gateway.acquisition.line import Line
     from gateway.acquisition.once import DeviceAnswer, read_once
-    from gateway.acquisition.plausibility import Check, Plausible
+    from gateway.acquisition.plausibility import Check
     from gateway.acquisition.reload import BusChanges, ReloadError, apply, bus_changes
     from gateway.acquisition.reports import NO_OTHER_MASTER, OTHER_MASTER
     from gateway.acquisition.runner import Publish
@@ -25,7 +25,7 @@ else:
             ".build": ("lines_of",),
             ".line": ("Line",),
             ".once": ("DeviceAnswer", "read_once"),
-            ".plausibility": ("Check", "Plausible"),
+            ".plausibility": ("Check",),
             ".reload": ("BusChanges", "ReloadError", "apply", "bus_changes"),
             ".reports": ("NO_OTHER_MASTER", "OTHER_MASTER"),
             ".runner": ("Publish",),
@@ -44,7 +44,6 @@ __all__ = [
     "Check",
     "DeviceAnswer",
     "Line",
-    "Plausible",
     "Publish",
     "ReloadError",
     "Sample",

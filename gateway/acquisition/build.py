@@ -6,7 +6,6 @@ from drivers.base import Bus, Driver
 from drivers.build import bus_from_settings, make_device
 from drivers.tap import Tap
 from gateway.acquisition.line import Line
-from gateway.acquisition.plausibility import Plausible
 from gateway.clock import ServiceClock
 from gateway.config import BusSection, GatewayConfig, OtherBus
 
@@ -27,16 +26,6 @@ def lines_of(
     tap: returns the tap of the bus with that name, or None
     only: names of the buses to make; None: all
     """
-    plausible = {
-        name: Plausible(
-            smallest=limits.min,
-            largest=limits.max,
-            jump=limits.max_jump,
-            rate_per_min=limits.max_rate_per_min,
-            stuck_after_s=limits.stuck_after_s,
-        )
-        for name, limits in config.limits.items()
-    }
     lines: list[Line] = []
     for number, section in enumerate(config.buses):
         if only is not None and section.name not in only:
@@ -49,7 +38,7 @@ def lines_of(
                 section.period_s,
                 section.retry_max_periods,
                 section.read_limit_s,
-                plausible,
+                config.limits,
                 phase_s=number * min(_APART_S, section.period_s / len(config.buses)),
             )
         )

@@ -1,8 +1,9 @@
 """Stated limits of one channel: range, spike, rate of change, frozen value. Only stated limits are judged."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from drivers.base import Quality, Reading
+from gateway.config import Limits
 
 _WINDOW_S = 60.0
 """A rate is judged over a minute or more: one step of a sensor's resolution in a second is not a rate."""
@@ -12,22 +13,10 @@ _SAME_S = 0.05
 tells its age (MQTT, plain CAN, OPC UA, timed TPDOs). It says nothing new about a spike."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Plausible:
-    """Limits of one channel, in its unit. None: not judged."""
-
-    smallest: float | None = None
-    largest: float | None = None
-    jump: float | None = None
-    """Between one measurement and the next."""
-    rate_per_min: float | None = None
-    stuck_after_s: float | None = None
-
-
 class Check:
     """Checks the readings of one channel, one after the other."""
 
-    def __init__(self, limits: Plausible) -> None:
+    def __init__(self, limits: Limits) -> None:
         self._limits = limits
         self._accepted: Reading | None = None
         """Last reading whose rate was plausible."""
@@ -61,14 +50,14 @@ class Check:
 
     def _range(self, reading: Reading) -> str:
         limits, value = self._limits, reading.value
-        if limits.smallest is not None and value < limits.smallest:
-            return f"{value:g} is below the stated minimum, {limits.smallest:g}"
-        if limits.largest is not None and value > limits.largest:
-            return f"{value:g} is above the stated maximum, {limits.largest:g}"
+        if limits.min is not None and value < limits.min:
+            return f"{value:g} is below the stated minimum, {limits.min:g}"
+        if limits.max is not None and value > limits.max:
+            return f"{value:g} is above the stated maximum, {limits.max:g}"
         return ""
 
     def _spike(self, value: float) -> str:
-        jump, settled, suspected = self._limits.jump, self._settled, self._suspected
+        jump, settled, suspected = self._limits.max_jump, self._settled, self._suspected
         if jump is None:
             return ""
         if (
@@ -82,7 +71,7 @@ class Check:
         return f"jumped by {abs(value - settled):g} from one reading to the next, more than the stated {jump:g}"
 
     def _rate(self, reading: Reading) -> str:
-        rate, before = self._limits.rate_per_min, self._accepted
+        rate, before = self._limits.max_rate_per_min, self._accepted
         if rate is None or before is None:
             return ""
         passed_s = max(reading.monotonic_s - before.monotonic_s, _WINDOW_S)

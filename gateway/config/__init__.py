@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from gateway.config.problems import ConfigError, Problem, place, read_sections, shown, suggestion
     from gateway.config.reading import any_section_of, data_of, kinds_in, read_as, read_text
     from gateway.config.rules import cautions
-    from gateway.config.sections import Compensation, Device, Probing, Storage
+    from gateway.config.sections import Compensation, Device, Limits, Probing, Storage
     from gateway.config.talc_only import TalcOnly, load_talc_only
     from gateway.config.telemetry import Endpoint, EndpointParts, Operator, Telemetry, TelemetryTls, endpoint
     from gateway.config.telemetry_rules import credential_problems
@@ -68,7 +68,7 @@ else:
             ".problems": ("ConfigError", "Problem", "place", "read_sections", "shown", "suggestion"),
             ".reading": ("data_of", "kinds_in", "any_section_of", "read_as", "read_text"),
             ".rules": ("cautions",),
-            ".sections": ("Compensation", "Device", "Probing", "Storage"),
+            ".sections": ("Compensation", "Device", "Limits", "Probing", "Storage"),
             ".talc_only": ("TalcOnly", "load_talc_only"),
             ".telemetry": ("Endpoint", "EndpointParts", "Operator", "Telemetry", "TelemetryTls", "endpoint"),
             ".telemetry_rules": ("credential_problems",),
@@ -92,6 +92,7 @@ __all__ = [
     "Endpoint",
     "EndpointParts",
     "GatewayConfig",
+    "Limits",
     "LinuxCncNc",
     "MeEthernetSection",
     "MeRs485Section",

@@ -9,7 +9,7 @@ from drivers.base import NoAnswer, Quality, Reading
 from gateway.acquisition import Sample
 from gateway.acquisition.acquisition import Acquisition
 from gateway.acquisition.line import Line
-from gateway.acquisition.plausibility import Plausible
+from gateway.config import Limits
 from gateway.polling import Notice
 from tests.benches.stepped_clock import SteppedClock
 
@@ -101,7 +101,7 @@ class ScriptedPlant:
         self.devices = {name: ScriptedDevice(name, self.clock, self.bus) for name in names}
         self.readings: list[Sample] = []
         self.notices: list[Notice] = []
-        self.plausible: dict[str, Plausible] = {}
+        self.plausible: dict[str, Limits] = {}
 
     def line(self, **policy: float) -> Line:
         return Line(

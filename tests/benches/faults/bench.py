@@ -12,8 +12,8 @@ import numpy as np
 from drivers.base import Quality, Reading
 from gateway.acquisition.acquisition import Acquisition
 from gateway.acquisition.line import Line
-from gateway.acquisition.plausibility import Plausible
 from gateway.clock import RealClock
+from gateway.config import Limits
 from gateway.polling import Notice
 from tests.benches.faults.actions import PERIOD_S
 from tests.benches.faults.plant import FaultyPlant
@@ -72,7 +72,7 @@ def logged() -> Iterator[None]:
 
 
 @asynccontextmanager
-async def acquiring(*plants: FaultyPlant, limits: Mapping[str, Plausible] | None = None) -> AsyncIterator[HeardSamples]:
+async def acquiring(*plants: FaultyPlant, limits: Mapping[str, Limits] | None = None) -> AsyncIterator[HeardSamples]:
     heard = HeardSamples()
     _log.set(heard.log)
     lines = [Line(plant.bus, plant.drivers, PERIOD_S, RETRY_MAX_PERIODS, plausible=limits or {}) for plant in plants]

@@ -10,7 +10,7 @@ import pytest
 
 from drivers.base import BadAnswer, ConnectError, NoAnswer, Quality, Reading, WrongDevice
 from gateway.acquisition.acquisition import Acquisition
-from gateway.acquisition.plausibility import Plausible
+from gateway.config import Limits
 from tests.benches.scripted_bus import ScriptedDevice, ScriptedPlant
 
 
@@ -324,7 +324,7 @@ async def test_a_sensor_fault_is_reported_once_and_is_no_fault_of_the_device() -
 
 async def test_stated_limits_are_judged() -> None:
     plant = ScriptedPlant("a", "b")
-    plant.plausible["a_t"] = Plausible(largest=20.0095)
+    plant.plausible["a_t"] = Limits(max=20.0095)
     async with plant.running():
         await plant.clock.run_until(20.0)
     assert [r.quality for r in plant.of("a")] == [Quality.GOOD] * 10 + [Quality.OUT_OF_RANGE] * 11

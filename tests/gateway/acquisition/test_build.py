@@ -1,10 +1,11 @@
-"""The schedule of a configuration's buses."""
+"""The schedule of a configuration's buses, and what judges their values."""
 
 import pytest
 
-from gateway.acquisition import lines_of
-from gateway.config import validate
-from tests.benches.stepped_clock import SteppedClock
+from drivers.base import Quality, Reading
+from gateway.acquisition import Check, lines_of
+from gateway.config import Limits, validate
+from tests.benches.stepped_clock import EPOCH, SteppedClock
 
 
 @pytest.mark.parametrize(
@@ -29,3 +30,42 @@ def test_polls_of_several_buses_begin_shortly_after_each_other_within_the_period
         }
     )
     assert [line.phase_s for line in lines_of(config, SteppedClock())] == phases_s
+
+
+def test_every_limit_of_the_file_judges_what_is_read() -> None:
+    """Each limit in turn: one that has no way from the file to the judgement would go unnoticed otherwise."""
+    judged: dict[str, list[str]] = {}
+    stated = {
+        "min": (30.0, [20.0]),
+        "max": (10.0, [20.0]),
+        "max_jump": (1.0, [20.0, 25.0]),
+        "max_rate_per_min": (1.0, [20.0, 25.0]),
+        "stuck_after_s": (1.0, [20.0, 20.0]),
+    }
+    assert set(stated) == set(Limits.model_fields)
+    for name, (limit, values) in stated.items():
+        config = validate(
+            {
+                "machine": {"name": "mill"},
+                "bus": [{"name": "tcp1", "kind": "modbus_tcp", "host": "nowhere"}],
+                "device": [
+                    {"name": "adam", "bus": "tcp1", "profile": "advantech_adam6015", "channels": {"bed": 0, "oil": 1}}
+                ],
+                "limits": {"bed": {name: limit}},
+            }
+        )
+        (line,) = lines_of(config, SteppedClock())
+        assert set(line.plausible) == {"bed"}
+        check = Check(line.plausible["bed"])
+        found = [
+            check.judge(Reading("bed", value, "degC", Quality.GOOD, EPOCH, 2.0 * second))
+            for second, value in enumerate(values)
+        ]
+        judged[name] = [found[-1].quality.value, found[-1].detail]
+    assert judged == {
+        "min": ["out_of_range", "20 is below the stated minimum, 30"],
+        "max": ["out_of_range", "20 is above the stated maximum, 10"],
+        "max_jump": ["out_of_range", "jumped by 5 from one reading to the next, more than the stated 1"],
+        "max_rate_per_min": ["out_of_range", "changed by 5 within 60 s, more than the stated 1 per minute"],
+        "stuck_after_s": ["stale", "exactly 20 for 2 s"],
+    }

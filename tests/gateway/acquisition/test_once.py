@@ -3,7 +3,8 @@
 import pytest
 
 from drivers.base import ConnectError, NoAnswer, Quality, WrongDevice
-from gateway.acquisition import DeviceAnswer, Plausible, read_once
+from gateway.acquisition import DeviceAnswer, read_once
+from gateway.config import Limits
 from tests.benches.scripted_bus import ScriptedPlant
 
 
@@ -49,7 +50,7 @@ async def test_a_bus_that_cannot_be_opened_is_tried_once_and_says_why_on_every_c
 
 async def test_limits_are_those_of_a_run_and_a_bug_in_a_driver_is_an_answer() -> None:
     plant = ScriptedPlant("a", "b", "c")
-    plant.plausible = {"a_t": Plausible(largest=10.0)}
+    plant.plausible = {"a_t": Limits(max=10.0)}
     plant.devices["b"].fault = ValueError("a bug")
     plant.devices["c"].fault_at_connect = WrongDevice("type code 0x20, expected 0x2A", device="c")
     answers = await once(plant)

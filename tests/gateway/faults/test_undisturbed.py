@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from drivers.base import Quality
-from gateway.acquisition.plausibility import Plausible
+from gateway.config import Limits
 from tests.benches.faults.actions import PERIOD_S
 from tests.benches.faults.bench import FAULT_PERIODS, acquiring, keeps_period, shows_what_was_said
 from tests.benches.faults.matrix import HARMLESS, Harmless
@@ -49,7 +49,7 @@ async def frozen(name: str, folder: Path) -> None:
     for said in plant.said:
         said.steady = True
     after_s = 3 * PERIOD_S
-    async with acquiring(plant, limits={"victim": Plausible(stuck_after_s=after_s)}) as heard:
+    async with acquiring(plant, limits={"victim": Limits(stuck_after_s=after_s)}) as heard:
         first = await heard.until("victim", Quality.GOOD, 0.0, 5.0)
         stale = await heard.until("victim", Quality.STALE, 0.0, 5.0)
         await asyncio.sleep(3 * PERIOD_S)
