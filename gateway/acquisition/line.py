@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from drivers.base import Bus, Driver
-from gateway.config import Limits
+from gateway.config import PERIOD_S, READ_LIMIT_S, RETRY_MAX_PERIODS, Limits
 
 
 @dataclass(frozen=True, slots=True)
@@ -13,9 +13,9 @@ class Line:
 
     bus: Bus
     drivers: tuple[Driver, ...]
-    period_s: float = 1.0
-    retry_max_periods: int = 60
-    read_limit_s: float = 10.0
+    period_s: float = PERIOD_S
+    retry_max_periods: int = RETRY_MAX_PERIODS
+    read_limit_s: float = READ_LIMIT_S
     """Real seconds that one read may take before the bus is closed and opened again."""
     plausible: Mapping[str, Limits] = field(default_factory=dict)
     """Stated limits, by channel."""

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from gateway.config.metrics import Metrics
     from gateway.config.model import Channel, GatewayConfig
     from gateway.config.packed import packed_toml, unpacked
+    from gateway.config.polled import PERIOD_S, READ_LIMIT_S, RETRY_MAX_PERIODS
     from gateway.config.prior import PriorError, PriorFile, described, parse_prior, prior_for
     from gateway.config.problems import ConfigError, Problem, place, read_sections, shown, suggestion
     from gateway.config.reading import any_section_of, data_of, kinds_in, read_as, read_text
@@ -64,6 +65,7 @@ else:
             ".metrics": ("Metrics",),
             ".model": ("Channel", "GatewayConfig"),
             ".packed": ("packed_toml", "unpacked"),
+            ".polled": ("PERIOD_S", "READ_LIMIT_S", "RETRY_MAX_PERIODS"),
             ".prior": ("PriorError", "PriorFile", "described", "parse_prior", "prior_for"),
             ".problems": ("ConfigError", "Problem", "place", "read_sections", "shown", "suggestion"),
             ".reading": ("data_of", "kinds_in", "any_section_of", "read_as", "read_text"),
@@ -79,6 +81,9 @@ else:
 __all__ = [
     "NAME_FORM",
     "OUTLETS",
+    "PERIOD_S",
+    "READ_LIMIT_S",
+    "RETRY_MAX_PERIODS",
     "AgentNc",
     "AgentSection",
     "BusSection",

@@ -1,11 +1,16 @@
 """How any bus and any control is polled."""
 
-from typing import ClassVar
+from typing import ClassVar, Final
 
 from pydantic import Field
 
 from drivers.section import Positive, Section
 from gateway.config.fields import Name
+
+PERIOD_S: Final = 1.0
+READ_LIMIT_S: Final = 10.0
+RETRY_MAX_PERIODS: Final = 60
+"""How a bus is polled of which nothing is stated."""
 
 
 class Polled(Section):
@@ -13,11 +18,11 @@ class Polled(Section):
 
     name: Name
     """Name by which devices and messages refer to the bus."""
-    period_s: Positive = 1.0
+    period_s: Positive = PERIOD_S
     """Every device of the bus is read once in each period."""
-    read_limit_s: Positive = 10.0
+    read_limit_s: Positive = READ_LIMIT_S
     """How long one whole read of a device may take; after that the bus is closed and opened again."""
-    retry_max_periods: int = Field(default=60, ge=1, le=3600)
+    retry_max_periods: int = Field(default=RETRY_MAX_PERIODS, ge=1, le=3600)
     """A silent device, or a bus that does not open, is tried again after 1, 2, 4 ... periods, up to this number."""
 
 

@@ -48,3 +48,10 @@ async def test_a_read_that_hangs_is_given_up_after_ten_seconds() -> None:
         assert plant.notices == []
         await asyncio.sleep(0.2)
         assert ["did not finish within 10 s" in notice.text for notice in plant.notices] == [True]
+
+
+def test_a_scan_reads_what_it_found_as_a_configuration_that_states_nothing() -> None:
+    line = shipped()
+    found = Line(line.bus, line.drivers)  # as a scan makes it
+    for polled in (line, found):
+        assert (polled.period_s, polled.retry_max_periods, polled.read_limit_s) == (1.0, 60, 10.0)
