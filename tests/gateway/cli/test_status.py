@@ -7,6 +7,7 @@ from datetime import datetime, timedelta
 from pathlib import Path
 
 import numpy as np
+import pytest
 from click.testing import CliRunner
 
 from drivers.base import Quality
@@ -65,6 +66,21 @@ def test_a_gateway_that_runs_decides_and_reads_is_well_and_later_is_not(tmp_path
     assert (ended.running, ended.well) == (False, False)
     answer = here("status", str(tmp_path / "gateway.toml"))
     assert re.search(r"^mill: IS NOT RUNNING, last decision \d+ days ago$", answer.out, re.MULTILINE), answer.out
+
+
+@pytest.mark.parametrize("quality", Quality)
+@pytest.mark.parametrize("counts", [Quality.GOOD, Quality.STALE])
+def test_a_channel_counts_as_good_by_the_rule_of_all_readings(
+    quality: Quality, counts: Quality, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also if that rule changes."""
+    config, clock = configured(tmp_path), SteppedClock()
+    with Store(config.storage.path, "boot-1", clock) as store:
+        store.begin(config.canonical(), config.fingerprint(), "", None)
+        store.record(ReadingsTaken([sample(20.5, quality, clock.utc())]))
+        store.flush()
+    monkeypatch.setattr(Quality, "usable", property(lambda one: one is counts))
+    assert status_of(config, clock.utc()).missing == (() if quality is counts else ("bed_front",))
 
 
 def test_a_control_that_is_not_connected_is_not_well_until_it_is_again(tmp_path: Path) -> None:
