@@ -6,6 +6,8 @@ from dataclasses import dataclass, field, replace
 from datetime import datetime, timedelta
 from typing import assert_never
 
+import msgspec
+
 from gateway.heard.instants import instant
 from gateway.telemetry import (
     CompensationMessage,
@@ -235,9 +237,7 @@ class MachineSeen:
             case MeasurementMessage():
                 self._measured(message)
             case ProbingMessage():
-                self.probing = ProbingStanding(
-                    message.standing, message.why, message.reason, message.rejected, message.operator
-                )
+                self.probing = msgspec.convert(message, ProbingStanding, from_attributes=True)
             case ReasonsMessage():
                 self.reasons = message
                 self._explain(message)

@@ -8,7 +8,7 @@ from types import MappingProxyType
 from typing import NamedTuple, assert_never
 
 import numpy as np
-from msgspec.structs import replace
+from msgspec.structs import asdict, replace
 
 from drivers.base import Clock
 from gateway.acquisition import Sample
@@ -291,15 +291,7 @@ def _compensation(stamp: _Stamp, w: Write) -> CompensationMessage:
 
 
 def _probing(stamp: _Stamp, o: Outlook) -> ProbingMessage:
-    state = _probing_state(o)
-    return ProbingMessage(
-        *stamp,
-        standing=state.standing,
-        why=state.why,
-        reason=state.reason,
-        rejected=state.rejected,
-        operator=state.operator,
-    )
+    return ProbingMessage(*stamp, **asdict(_probing_state(o)))
 
 
 def _probing_state(o: Outlook) -> ProbingStanding:

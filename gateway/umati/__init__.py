@@ -8,21 +8,18 @@ from typing import TYPE_CHECKING
 from drivers.first_use import on_first_use
 
 if TYPE_CHECKING:
-    from gateway.umati.model import Nameplate
     from gateway.umati.settings import OpcUaServing, ServerSecurity, ShownMachine, check_serving, load_serving
     from gateway.umati.values import NodeShown, shown_now
 else:
     __getattr__ = on_first_use(
         __name__,
         {
-            ".model": ("Nameplate",),
             ".settings": ("OpcUaServing", "ServerSecurity", "ShownMachine", "check_serving", "load_serving"),
             ".values": ("NodeShown", "shown_now"),
         },
     )
 
 __all__ = [
-    "Nameplate",
     "NodeShown",
     "OpcUaServing",
     "ServerSecurity",

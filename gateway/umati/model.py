@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Final, Literal
 
+from gateway.umati.settings import ShownMachine
 from gateway.umati.values import ERRORS_FOLDER, NEXT, OFFSETS_FOLDER, RUN, SIGMAS, Path
 from talc.names import ERROR_UNITS, MICROMETRE, THERMAL_ERRORS
 
@@ -92,25 +93,14 @@ class NodeSpec:
     below: tuple["NodeSpec", ...] = field(default=())
 
 
-@dataclass(frozen=True, slots=True)
-class Nameplate:
-    """Who made the machine and which one it is."""
-
-    manufacturer: str
-    serial_number: str
-    product_instance_uri: str
-    model: str | None = None
-    location: str | None = None
-
-
-def machine_nodes(machine: str, plate: Nameplate) -> NodeSpec:
+def machine_nodes(machine: str, shown: ShownMachine) -> NodeSpec:
     """All nodes of one machine, but for its channels, which are known when they are heard."""
     return NodeSpec(
         "own",
         machine,
         ("machine_tool", 13),
         below=(
-            _identification(plate),
+            _identification(machine, shown),
             NodeSpec("machine_tool", "Equipment", ("machine_tool", 12)),
             _monitoring(),
             _notification(),
@@ -124,7 +114,7 @@ def quantity(name: str, unit: str, shows: Path) -> NodeSpec:
     return NodeSpec("own", name, ANALOG, "Double", shows, unit=unit)
 
 
-def _identification(plate: Nameplate) -> NodeSpec:
+def _identification(machine: str, plate: ShownMachine) -> NodeSpec:
     software = NodeSpec(
         "own",
         "TalcGateway",
@@ -134,10 +124,11 @@ def _identification(plate: Nameplate) -> NodeSpec:
             NodeSpec("di", "SoftwareRevision", PROPERTY, "String", (RUN, "Version")),
         ),
     )
+    uri = plate.product_instance_uri or f"urn:talc-gateway:{machine}"
     given = [
         NodeSpec("di", "Manufacturer", PROPERTY, "LocalizedText", fixed=plate.manufacturer),
         NodeSpec("di", "SerialNumber", PROPERTY, "String", fixed=plate.serial_number),
-        NodeSpec("di", "ProductInstanceUri", PROPERTY, "String", fixed=plate.product_instance_uri),
+        NodeSpec("di", "ProductInstanceUri", PROPERTY, "String", fixed=uri),
     ]
     if plate.model is not None:
         given.append(NodeSpec("di", "Model", PROPERTY, "LocalizedText", fixed=plate.model))

@@ -72,7 +72,7 @@ class MachineToolServer:
         self._space = AddressSpace(inner, indexes)
         await self._space.add_types()
         for machine, shown in self._machines.items():
-            await self._space.add_machine(machine_nodes(machine, shown.plate(machine)))
+            await self._space.add_machine(machine_nodes(machine, shown))
         await self.show()
         host = f"[{self._host}]" if ":" in self._host else self._host
         server.set_endpoint(f"opc.tcp://{host}:{self._port}/")

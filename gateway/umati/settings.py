@@ -10,7 +10,6 @@ from drivers.base import SetupError
 from drivers.section import FilePath, NotEmpty, Section
 from gateway.config import Name, endpoint, read_as
 from gateway.passwords import UserName, hash_printed_by
-from gateway.umati.model import Nameplate
 
 
 class ServerSecurity(Section):
@@ -34,11 +33,6 @@ class ShownMachine(Section):
     model: NotEmpty | None = None
     location: NotEmpty | None = None
     """Where the machine stands."""
-
-    def plate(self, machine: str) -> Nameplate:
-        """As it is shown."""
-        uri = self.product_instance_uri or f"urn:talc-gateway:{machine}"
-        return Nameplate(self.manufacturer, self.serial_number, uri, self.model, self.location)
 
 
 class OpcUaServing(Section):

@@ -21,13 +21,15 @@ EARLIEST_S, LATEST_S = 946684800.0, 7258118400.0
 
 @dataclass(frozen=True, slots=True)
 class ShownPast:
-    """Columns by axis over the time, as in a ShownCourse."""
+    """Columns by axis over the time; null: unknown."""
 
     t: list[float]
+    """UTC seconds."""
     without: list[list[float | None]]
     half: list[list[float | None]]
     measured_t: list[float]
     measured: list[list[float | None]]
+    """What measurements found, without compensation."""
 
 
 def shown_past(page: CoursePage, matrix: FloatArray) -> ShownPast:

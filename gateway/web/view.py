@@ -10,7 +10,7 @@ from gateway.heard import MachineSeen, applied
 from gateway.web import parts
 from gateway.web.ahead import ahead
 from gateway.web.at_tool import course, moved
-from gateway.web.past import columns
+from gateway.web.past import ShownPast, columns
 from gateway.web.said import told
 from gateway.web.sentences import Amount, SaidRow, Sentence, ToldName, Word, at, um
 from gateway.web.verdict import Verdict, Viewpoint, judged, tool_now, verdict_of
@@ -152,17 +152,10 @@ def _tool_notes(seen: MachineSeen) -> Iterable[Sentence]:
 
 
 @dataclass(frozen=True, slots=True)
-class ShownCourse:
-    """The charts: columns by axis over the time; null: unknown."""
+class ShownCourse(ShownPast):
+    """The charts of the last hours and the next ones."""
 
-    t: list[float]
-    """UTC seconds."""
-    without: list[list[float | None]]
     left: list[list[float | None]]
-    half: list[list[float | None]]
-    measured_t: list[float]
-    measured: list[list[float | None]]
-    """What measurements found, without compensation."""
     ahead_t: list[float]
     """The present and the next hours, as far as the forecasts have proved good so far."""
     ahead: list[list[float | None]]
@@ -175,7 +168,18 @@ def shown_course(seen: MachineSeen, matrix: FloatArray) -> ShownCourse:
     """The last hours at the chosen point."""
     if not seen.estimates:
         none: list[list[float | None]] = [[]] * 3
-        return ShownCourse([], none, none, none, [], none, [], none, none, Sentence("chart.nothing"))
+        return ShownCourse(
+            t=[],
+            without=none,
+            half=none,
+            measured_t=[],
+            measured=none,
+            left=none,
+            ahead_t=[],
+            ahead=none,
+            ahead_half=none,
+            said=Sentence("chart.nothing"),
+        )
     past = course(matrix, seen.estimates)
     dots = seen.measurements
     found = moved(matrix, np.stack([m.errors for m in dots])) if dots else np.empty((0, 3))

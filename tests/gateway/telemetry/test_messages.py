@@ -5,7 +5,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, get_type_hints
 
 import numpy as np
 import pytest
@@ -32,6 +32,8 @@ from gateway.telemetry import (
     DecisionMessage,
     Dropped,
     HistoryPage,
+    ProbingMessage,
+    ProbingStanding,
     ReadingMessage,
     decode,
     decode_answer,
@@ -39,6 +41,7 @@ from gateway.telemetry import (
     encode,
     schemas,
 )
+from gateway.telemetry.messages import Message
 from talc.frame import Decision
 from talc.learner import Forecast, Misses, PlannedForecast
 from talc.names import THERMAL_ERRORS
@@ -209,3 +212,10 @@ def test_brackets_within_brackets_in_an_unknown_field_are_an_invalid_payload(dee
     with pytest.raises(ValueError, match="HistoryPage: "):
         decode_answer(HistoryPage, b'{"unknown":' + deep + b"}")
     assert decode_refusal(b'{"unknown":' + deep).startswith('{"unknown":[[[')
+
+
+def test_the_message_and_the_status_say_the_same_of_a_wanted_measurement() -> None:
+    """msgspec lets no class have the fields of two others, so both list them."""
+    stamp = get_type_hints(Message)
+    own = {name: hint for name, hint in get_type_hints(ProbingMessage).items() if name not in stamp}
+    assert list(own.items()) == list(get_type_hints(ProbingStanding).items())

@@ -118,7 +118,7 @@ def instances(spec: NodeSpec) -> Iterator[NodeSpec]:
         yield from instances(below)
 
 
-MILL = machine_nodes("mill", ShownMachine(model="X5", location="hall 2").plate("mill"))
+MILL = machine_nodes("mill", ShownMachine(model="X5", location="hall 2"))
 
 
 @pytest.mark.parametrize("spec", OBJECT_TYPES, ids=lambda spec: spec.name)
