@@ -3,6 +3,7 @@
 import queue
 import re
 from collections.abc import Callable, Generator, Iterator, Sequence
+from contextlib import ExitStack
 from datetime import UTC, date, datetime, time, timedelta, tzinfo
 from types import TracebackType
 from typing import TYPE_CHECKING, Self
@@ -28,8 +29,8 @@ from gateway.telemetry import (
     decode,
     keys,
     reader_config,
+    reading_session,
     running,
-    without_path,
 )
 
 if TYPE_CHECKING:
@@ -83,28 +84,27 @@ class Machine:
         self._connect = (connect,) if isinstance(connect, str) else tuple(connect)
         self._config = reader_config(self._connect, access)
         self._session: zenoh.Session | None = None
+        self._leaving = ExitStack()
         self._operator = operator
         self.missed = 0
         """Messages that `follow` had to leave out because they were not taken fast enough."""
 
     def __enter__(self) -> Self:
-        try:
-            self._session = zenoh.open(self._config)
-        except zenoh.ZError as error:
-            where = ", ".join(self._connect)
-            raise MachineError(f"no answer at {where}. Is the gateway running? {without_path(error)}") from error
-        try:
+        where = ", ".join(self._connect)
+
+        def refused(why: str) -> MachineError:
+            return MachineError(f"no answer at {where}. Is the gateway running? {why}")
+
+        with ExitStack() as stack:
+            self._session = stack.enter_context(reading_session(self._config, refused))
             self._name = self._choose(self.running())
-        except BaseException:
-            self._session.close()
-            raise
+            self._leaving = stack.pop_all()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if self._session is not None:
-            self._session.close()
+        self._leaving.close()
 
     @property
     def name(self) -> str:

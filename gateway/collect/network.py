@@ -1,6 +1,7 @@
 """A site's gateways, as a collector reaches them over Zenoh."""
 
 from collections.abc import Mapping
+from contextlib import ExitStack
 from types import TracebackType
 from typing import Self
 
@@ -8,7 +9,7 @@ import zenoh
 
 from gateway.collect.progress import TablePlace
 from gateway.config import Telemetry
-from gateway.telemetry import StoredRows, TelemetryError, ask_only, keys, page_config, running, without_path
+from gateway.telemetry import StoredRows, TelemetryError, ask_only, keys, page_config, reading_session, running
 
 
 class SiteNetwork:
@@ -25,19 +26,17 @@ class SiteNetwork:
     def __init__(self, telemetry: Telemetry, answer_limit_s: float = 10.0) -> None:
         self._telemetry, self._limit_s = telemetry, answer_limit_s
         self._session: zenoh.Session | None = None
+        self._leaving = ExitStack()
 
     def __enter__(self) -> Self:
-        try:
-            self._session = zenoh.open(page_config(self._telemetry))
-        except zenoh.ZError as error:
-            raise TelemetryError(f"no Zenoh session: {without_path(error)}") from error
+        opening = reading_session(page_config(self._telemetry), lambda why: TelemetryError(f"no Zenoh session: {why}"))
+        self._session = self._leaving.enter_context(opening)
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if self._session is not None:
-            self._session.close()
+        self._leaving.close()
 
     @property
     def _open(self) -> zenoh.Session:

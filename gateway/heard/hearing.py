@@ -1,12 +1,13 @@
 """One Zenoh session that hears every gateway below a prefix, and asks each that appears for what it has published."""
 
 from collections.abc import Callable
+from contextlib import ExitStack
 from typing import Self
 
 import zenoh
 
 from gateway.config import Telemetry
-from gateway.telemetry import TelemetryError, keys, page_config, without_path
+from gateway.telemetry import TelemetryError, keys, page_config, reading_session
 
 _ANSWER_LIMIT_S = 10.0
 
@@ -30,24 +31,27 @@ class Hearing:
     ) -> None:
         self._telemetry, self._heard, self._life = telemetry, heard, life
         self._session: zenoh.Session | None = None
+        self._leaving = ExitStack()
 
     def __enter__(self) -> Self:
         where = ", ".join(self._telemetry.connect)
-        try:
-            self._session = zenoh.open(page_config(self._telemetry))
-        except zenoh.ZError as error:
-            raise TelemetryError(f"no Zenoh session to {where}: {without_path(error)}") from error
+
+        def refused(why: str) -> TelemetryError:
+            return TelemetryError(f"no Zenoh session to {where}: {why}")
+
         root = keys.root(self._telemetry.prefix, "*")
-        self._subscriber = self._session.declare_subscriber(f"{root}/**", self._take)
-        token = f"{root}/{keys.ALIVE}"
-        self._watcher = self._session.liveliness().declare_subscriber(token, self._appeared, history=True)
+        with ExitStack() as stack:
+            session = stack.enter_context(reading_session(page_config(self._telemetry), refused))
+            self._session = session
+            stack.callback(session.declare_subscriber(f"{root}/**", self._take).undeclare)
+            token = f"{root}/{keys.ALIVE}"
+            watcher = session.liveliness().declare_subscriber(token, self._appeared, history=True)
+            stack.callback(watcher.undeclare)
+            self._leaving = stack.pop_all()
         return self
 
     def __exit__(self, *_: object) -> None:
-        if self._session is not None:
-            self._watcher.undeclare()
-            self._subscriber.undeclare()
-            self._session.close()
+        self._leaving.close()
 
     @property
     def session(self) -> zenoh.Session:

@@ -56,7 +56,15 @@ if TYPE_CHECKING:
     from gateway.telemetry.publisher import TelemetryPublisher
     from gateway.telemetry.queries import MOST_ROWS, AskedQuery, Replied
     from gateway.telemetry.report_queries import ReportRequest, ReportSource
-    from gateway.telemetry.session import Access, TelemetryError, own_access, page_config, reader_config, without_path
+    from gateway.telemetry.session import (
+        Access,
+        TelemetryError,
+        own_access,
+        page_config,
+        reader_config,
+        reading_session,
+        without_path,
+    )
     from gateway.telemetry.stored_queries import StoredRequest, StoredSource
 else:
     __getattr__ = on_first_use(
@@ -110,7 +118,15 @@ else:
             ".publisher": ("TelemetryPublisher",),
             ".queries": ("MOST_ROWS", "AskedQuery", "Replied"),
             ".report_queries": ("ReportRequest", "ReportSource"),
-            ".session": ("Access", "TelemetryError", "own_access", "page_config", "reader_config", "without_path"),
+            ".session": (
+                "Access",
+                "TelemetryError",
+                "own_access",
+                "page_config",
+                "reader_config",
+                "reading_session",
+                "without_path",
+            ),
             ".stored_queries": ("StoredRequest", "StoredSource"),
         },
     )
@@ -184,6 +200,7 @@ __all__ = [
     "own_access",
     "page_config",
     "reader_config",
+    "reading_session",
     "reason_of_each",
     "running",
     "schemas",

@@ -1,7 +1,8 @@
 """Zenoh's configuration of the gateway's own session and of a reader's, with TLS, passwords and access rules."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -95,6 +96,22 @@ def page_config(settings: TelemetrySettings) -> zenoh.Config:
             **_proof(own_access(settings)),
         }
     )
+
+
+@contextmanager
+def reading_session(config: zenoh.Config, refused: Callable[[str], OSError]) -> Iterator[zenoh.Session]:
+    """A session of a program that only reads, closed at the end whatever happens inside.
+
+    refused: makes the error that is raised when it does not open, from what happened
+    """
+    try:
+        session = zenoh.open(config)
+    except zenoh.ZError as error:
+        raise refused(without_path(error)) from error
+    try:
+        yield session
+    finally:
+        session.close()
 
 
 def without_path(error: zenoh.ZError) -> str:
