@@ -15,7 +15,7 @@ from rich.text import Text
 from drivers.base import Quality, Reading
 from gateway.acquisition import Acquisition, Line, lines_of, reading_text
 from gateway.cli.signals import stop_on_signals, until
-from gateway.cli.terminal import terminal
+from gateway.cli.terminal import duration_text, terminal
 from gateway.clock import RealClock, ServiceClock
 from gateway.config import GatewayConfig
 from gateway.polling import Notice, Notify
@@ -138,13 +138,14 @@ class ProbeView:
     def table(self, now_s: float, width: int, height: int) -> Text:
         """Table for a terminal of this size. Channels that are not good come first when there is no room for all."""
         good, channels = sum(d.good for d in self.devices), len(self._of_channel)
-        head = f"{self._machine}  {good} of {channels} good  {_seconds(now_s - self._began)}  Ctrl-C ends"
+        ran = duration_text(now_s - self._began, tenths=True)
+        head = f"{self._machine}  {good} of {channels} good  {ran}  Ctrl-C ends"
         titles = _columns("device", "bus", "good", "rate", "jitter", "lost", "age")
         top = [Text(head[:width], style="bold"), Text(titles[:width])]
         top += [Text(self._device(d, now_s)[:width], style="" if d.complete else "red") for d in self.devices]
         for device in self.devices:
             if device.error:
-                text = f"{device.name}, {_seconds(now_s - device.error_at)} ago: {device.error}"
+                text = f"{device.name}, {duration_text(now_s - device.error_at, tenths=True)} ago: {device.error}"
                 top += Text(text, style="dim" if device.complete else "red").wrap(_PLAIN, width)[:2]
         return Text("\n").join([*top, Text(""), *self._rows(now_s, width, max(1, height - len(top) - 2))])
 
@@ -154,11 +155,12 @@ class ProbeView:
             values = " ".join(f"{channel}={reading_text(device.latest.get(channel))}" for channel in device.channels)
             rate, jitter = _rate(device.rate_hz), _milliseconds(device.jitter_s)
             counted = f"{device.good}/{len(device.channels)} good, {rate}, jitter {jitter}, {device.lost} lost"
-            age = "" if device.answered_at is None else f", age {_seconds(now_s - device.answered_at)}"
+            at_s = device.answered_at
+            age = "" if at_s is None else f", age {duration_text(now_s - at_s, tenths=True)}"
             yield f"{device.bus} {device.name}: {counted}{age}: {values}"
 
     def _device(self, device: DeviceFigures, now_s: float) -> str:
-        age = "never" if device.answered_at is None else _seconds(now_s - device.answered_at)
+        age = "never" if device.answered_at is None else duration_text(now_s - device.answered_at, tenths=True)
         count = f"{device.good}/{len(device.channels)}"
         rate, jitter = _rate(device.rate_hz), _milliseconds(device.jitter_s)
         return _columns(device.name, device.bus, count, rate, jitter, str(device.lost), age)
@@ -175,7 +177,7 @@ class ProbeView:
     def _cell(self, device: DeviceFigures, channel: str, now_s: float) -> Text:
         reading = device.latest.get(channel)
         since = device.good_at.get(channel)
-        age = "never" if since is None else _seconds(now_s - since)
+        age = "never" if since is None else duration_text(now_s - since, tenths=True)
         good = reading is not None and reading.quality.usable
         text = f"{reading_text(reading):>9}{_unit(reading):<5}" if good else reading_text(reading)
         return Text(f"{_fitted(channel, 17):<17} {text:>14.14} {age:>6.6}", style="" if good else "red")
@@ -204,12 +206,6 @@ def _rate(hertz: float | None) -> str:
 
 def _milliseconds(seconds: float | None) -> str:
     return "-" if seconds is None else f"{seconds * 1e3:.0f} ms"
-
-
-def _seconds(seconds: float) -> str:
-    if seconds < 10:
-        return f"{seconds:.1f} s"
-    return f"{seconds:.0f} s" if seconds < 600 else f"{seconds / 60:.0f} min"
 
 
 def watch_channels(config: GatewayConfig, seconds: float | None, every_s: float | None) -> bool:

@@ -21,7 +21,7 @@ from drivers.recognition import describe
 from drivers.section import host_name
 from gateway.cli.arguments import SCAN_LIMIT_S, FiniteNumber
 from gateway.cli.signals import stop_on_signals
-from gateway.cli.terminal import terminal
+from gateway.cli.terminal import duration_text, terminal
 from gateway.config import ConfigError, Problem, read_text
 from gateway.scan import (
     CanScan,
@@ -238,9 +238,13 @@ def _scan(intro: str, total: int, longest_s: float, limit_s: float, toml: Path |
     """Check the file, print the longest duration, scan with a progress bar, print the table, write the file."""
     _existing(toml)
     said = terminal(stderr=True)
-    said.print(f"{intro}; at most {_duration(longest_s)} if nothing answers", soft_wrap=True, highlight=False)
+    said.print(
+        f"{intro}; at most {duration_text(max(1.0, longest_s))} if nothing answers", soft_wrap=True, highlight=False
+    )
     if longest_s > limit_s:
-        said.print(f"it will be stopped after {_duration(limit_s)}; name fewer speeds or units, or raise --limit")
+        said.print(
+            f"it will be stopped after {duration_text(max(1.0, limit_s))}; name fewer speeds or units, or raise --limit"
+        )
     report, ended = find(said, total, limit_s, run, yes)
     console = terminal(stderr=str(toml) == "-")  # only the configuration goes to a pipe
     print_report(console, report, ended)
@@ -295,7 +299,7 @@ async def _run(
         report = await run(tell, lambda: stop.is_set() or loop.time() > deadline)
     if stop.is_set():
         return report, "interrupted"
-    return report, f"stopped after {_duration(limit_s)}" if loop.time() > deadline else ""
+    return report, f"stopped after {duration_text(max(1.0, limit_s))}" if loop.time() > deadline else ""
 
 
 def print_report(console: Console, report: ScanReport, ended: str) -> None:
@@ -345,7 +349,3 @@ def _agreed(question: str) -> bool:
     except click.Abort:
         click.echo(err=True)
         return False
-
-
-def _duration(seconds: float) -> str:
-    return f"{max(1.0, seconds):.0f} s" if seconds < 100 else f"{seconds / 60:.0f} min"

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from drivers.base import Quality
 from gateway.cli.opening import armed
-from gateway.cli.terminal import printable, terminal
+from gateway.cli.terminal import duration_text, printable, terminal
 from gateway.clock import clock_synchronised
 from gateway.config import GatewayConfig, unarmed
 from gateway.nc import still_wrong
@@ -134,15 +134,8 @@ def _latest(events: Iterable[tuple[datetime, Event]]) -> tuple[str, ...]:
 def _decision(status: Status) -> str:
     if status.decision_age_s is None:
         return "no decision yet"
-    age = f"last decision {_duration(status.decision_age_s)} ago"
+    age = f"last decision {duration_text(status.decision_age_s)} ago"
     return f"{status.phase}, {age}" if status.running else age
-
-
-def _duration(seconds: float) -> str:
-    for size, unit in ((86400.0, "days"), (3600.0, "h"), (60.0, "min")):
-        if seconds >= 2 * size:
-            return f"{seconds / size:.0f} {unit}"
-    return f"{seconds:.0f} s"
 
 
 def _channels(status: Status, count: int) -> Iterator[str]:

@@ -16,6 +16,17 @@ def counted(count: int, one: str, several: str = "") -> str:
     return f"{count} {one if count == 1 else several or one + 's'}"
 
 
+_UNITS = ((86400.0, "days"), (3600.0, "h"), (60.0, "min"))
+
+
+def duration_text(seconds: float, *, tenths: bool = False) -> str:
+    """`119 s`, `2 min`, `47 h`, `2 days`: in the largest unit of which there are two. tenths: of less than 10 s."""
+    for size, unit in _UNITS:
+        if seconds >= 2 * size:
+            return f"{seconds / size:.0f} {unit}"
+    return f"{seconds:.1f} s" if tenths and seconds < 10 else f"{seconds:.0f} s"
+
+
 def terminal(*, stderr: bool = False) -> "Console":
     """A console that prints text as it is: names of files, channels and settings contain brackets and colons."""
     from rich.console import Console

@@ -16,7 +16,7 @@ from rich.table import Table
 from rich.text import Text
 
 from drivers.base import Clock, Quality
-from gateway.cli.terminal import terminal
+from gateway.cli.terminal import duration_text, terminal
 from gateway.events import GatewayEvent, Sink
 from gateway.telemetry import (
     CompensationMessage,
@@ -239,7 +239,7 @@ def _footer(s: ViewState) -> RenderableType:
     age = (
         ""
         if s.measured_at is None or s.time is None
-        else f", last {_age((s.time - s.measured_at).total_seconds())} ago"
+        else f", last {duration_text((s.time - s.measured_at).total_seconds())} ago"
     )
     return Text(
         f"compensation {s.mode or '-'} ({s.source or 'nothing yet'})  X {x:+.1f}  Y {y:+.1f}  Z {z:+.1f} µm\n"
@@ -256,10 +256,6 @@ def _events(s: ViewState) -> RenderableType:
 
 def _tenths(value: float | None) -> str:
     return "-" if value is None else f"{value:z.1f}"
-
-
-def _age(seconds: float) -> str:
-    return f"{seconds / 3600:.1f} h" if seconds >= 3600 else f"{seconds / 60:.0f} min"
 
 
 def feeding(state: ViewState, input_names: Sequence[str], clock: Clock, *, simulated: bool) -> Sink:
