@@ -1,0 +1,65 @@
+"""The import linter's contracts notice what they are for: each import here is made in a copy of the tree's graph."""
+
+from collections.abc import Callable
+from copy import deepcopy
+from pathlib import Path
+
+import grimp
+import pytest
+from importlinter.application.use_cases import read_user_options
+from importlinter.configuration import configure
+from importlinter.contracts.acyclic_siblings import AcyclicSiblingsContract
+from importlinter.contracts.forbidden import ForbiddenContract
+from importlinter.contracts.independence import IndependenceContract
+from importlinter.contracts.layers import LayersContract
+from importlinter.contracts.protected import ProtectedContract
+from importlinter.domain.contract import Contract
+
+ROOT = Path(__file__).parents[1]
+KINDS: dict[str, Callable[..., Contract]] = {
+    "acyclic_siblings": AcyclicSiblingsContract,
+    "forbidden": ForbiddenContract,
+    "independence": IndependenceContract,
+    "layers": LayersContract,
+    "protected": ProtectedContract,
+}
+
+
+@pytest.fixture(scope="module")
+def tree() -> grimp.ImportGraph:
+    configure()
+    options = read_user_options(str(ROOT / "pyproject.toml"))
+    rooms = options.session_options["root_packages"]
+    return grimp.build_graph(*rooms, include_external_packages=True, cache_dir=None)
+
+
+def broken(graph: grimp.ImportGraph) -> set[str]:
+    """Names of the contracts that the graph breaks."""
+    options = read_user_options(str(ROOT / "pyproject.toml"))
+    found = set()
+    for given in options.contracts_options:
+        contract = KINDS[given["type"]](given["name"], options.session_options, given)
+        if not contract.check(deepcopy(graph), verbose=False).kept:
+            found.add(given["name"])
+    return found
+
+
+def test_the_tree_keeps_every_contract(tree: grimp.ImportGraph) -> None:
+    assert broken(tree) == set()
+
+
+LISTENERS = ("gateway.outlets.feed", "gateway.heard.site", "gateway.umati.server", "gateway.web.app")
+
+
+@pytest.mark.parametrize(
+    ("importer", "imported"),
+    [
+        *((room, other) for room in LISTENERS for other in ("service", "past", "watches", "scan", "nc", "storage")),
+        *(("gateway.client.machine", other) for other in ("service", "past", "watches", "scan", "nc", "storage")),
+        *(("gateway.collect.collector", other) for other in ("service", "past", "watches", "scan", "nc")),
+    ],
+)
+def test_a_reader_that_calls_the_service_is_noticed(importer: str, imported: str, tree: grimp.ImportGraph) -> None:
+    graph = deepcopy(tree)
+    graph.add_import(importer=importer, imported=f"gateway.{imported}")
+    assert broken(graph)
