@@ -63,3 +63,10 @@ def test_a_reader_that_calls_the_service_is_noticed(importer: str, imported: str
     graph = deepcopy(tree)
     graph.add_import(importer=importer, imported=f"gateway.{imported}")
     assert broken(graph)
+
+
+@pytest.mark.parametrize("importer", ["gateway.cli.doctor", "gateway.cli.run", "gateway.cli.main", "gateway.service"])
+def test_a_command_that_needs_no_simulator_and_imports_one_is_noticed(importer: str, tree: grimp.ImportGraph) -> None:
+    graph = deepcopy(tree)
+    graph.add_import(importer=importer, imported="simulators.devices")
+    assert broken(graph)
