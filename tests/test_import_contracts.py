@@ -70,3 +70,26 @@ def test_a_command_that_needs_no_simulator_and_imports_one_is_noticed(importer: 
     graph = deepcopy(tree)
     graph.add_import(importer=importer, imported="simulators.devices")
     assert broken(graph)
+
+
+@pytest.mark.parametrize(
+    ("importer", "imported"),
+    [
+        *((room, "tests") for room in ("talc.arx", "gateway.service", "simulators.clock", "studies.page")),
+        ("benchmarks.__main__", "tests"),
+        ("benchmarks.__main__", "gateway.web"),
+        ("benchmarks.__main__", "gateway.cli.run"),
+        ("studies.page", "gateway.config"),
+        ("studies.page", "benchmarks"),
+        *((room, "studies") for room in ("talc.arx", "drivers.base", "gateway.service", "simulators.clock")),
+    ],
+)
+def test_an_arrow_between_rooms_that_must_not_be_is_noticed(
+    importer: str, imported: str, tree: grimp.ImportGraph
+) -> None:
+    graph = deepcopy(tree)
+    assert importer in graph.modules
+    if imported == "tests":
+        graph.add_module("tests", is_squashed=True)
+    graph.add_import(importer=importer, imported=imported)
+    assert broken(graph)
