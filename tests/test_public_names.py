@@ -93,3 +93,47 @@ def test_importing_a_room_imports_none_of_its_modules() -> None:
     own = {name for name in done.stdout.split() if name.partition(".")[0] in ("talc", "drivers", "gateway")}
     assert len(LAZY) > 25
     assert own == {"drivers", "gateway", "drivers.first_use", *LAZY}
+
+
+def by_a_private_path(source: str, file: Path) -> list[str]:
+    """Names that a test imports from a module although the module's room states them. file: below tests.
+
+    The tests in the folder that mirrors the room may: they test its modules one by one.
+    """
+    found = []
+    for node in ast.walk(ast.parse(source)):
+        if not isinstance(node, ast.ImportFrom) or node.level or not node.module or node.module in ROOMS:
+            continue
+        room = max((room for room in ROOMS if node.module.startswith(f"{room}.")), key=len, default="")
+        if not room or file.is_relative_to(room.replace(".", "/")):
+            continue
+        stated = import_module(room).__all__
+        if node.module.removeprefix(f"{room}.").partition(".")[0] not in stated:
+            found += [f"{node.module}.{alias.name}" for alias in node.names if alias.name in stated]
+    return found
+
+
+def test_a_test_imports_what_a_room_states_from_the_room() -> None:
+    """Otherwise a module cannot be divided or renamed without a change of the tests of other rooms."""
+    files = sorted((ROOT / "tests").rglob("*.py"))
+    found = {
+        file: by_a_private_path((ROOT / "tests" / file).read_text("utf-8"), file)
+        for file in (path.relative_to(ROOT / "tests") for path in files)
+    }
+    assert len(found) > 400
+    assert {str(file): names for file, names in found.items() if names} == {}
+
+
+@pytest.mark.parametrize(
+    ("source", "file", "found"),
+    [
+        ("from gateway.acquisition.line import Line", "benches/x.py", ["gateway.acquisition.line.Line"]),
+        ("def f():\n    from drivers.modbus.bus import ModbusBus as B", "x.py", ["drivers.modbus.bus.ModbusBus"]),
+        ("from gateway.acquisition.line import Line", "gateway/acquisition/test_x.py", []),
+        ("from gateway.acquisition import Line", "benches/x.py", []),
+        ("from gateway.storage.readings import Channels", "benches/x.py", []),  # not stated
+        ("from talc.frame import Frame", "benches/x.py", []),  # a module that the room states
+    ],
+)
+def test_a_private_path_is_found(source: str, file: str, found: list[str]) -> None:
+    assert by_a_private_path(source, Path(file)) == found

@@ -4,8 +4,7 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 
 from drivers.build import make_bus
-from drivers.canopen.bus import CanOpenBus
-from drivers.canopen.place import CanObject
+from drivers.canopen import CanObject, CanOpenBus
 from simulators.devices import SlcanAdapter
 from simulators.devices.slcan_adapter import CanNode
 

@@ -21,8 +21,7 @@ from gateway.past import Past, SnapshotKeeper, past_in
 from gateway.replay import replay
 from gateway.service import Service
 from gateway.storage import History, Retention, Store, StoreError, damage_found
-from simulators.nc import Activity, CycleSettings, DayPart, LoadCase, MeanLoads
-from simulators.nc.nck import Nck
+from simulators.nc import Activity, CycleSettings, DayPart, LoadCase, MeanLoads, Nck
 from talc.names import THERMAL_ERRORS
 from tests.benches.disk_faults import HANGS_ONCE, DiskFault, LifeVerdict
 from tests.benches.emulated_bench import DayPlant

@@ -10,8 +10,7 @@ import numpy as np
 
 from drivers.base import Quality, Reading, SystemClock
 from drivers.build import make_bus, make_device
-from gateway.acquisition.acquisition import Acquisition
-from gateway.acquisition.line import Line
+from gateway.acquisition import Acquisition, Line
 from gateway.clock import RealClock
 from gateway.polling import Notice
 from simulators.devices import M7015, RtuLine

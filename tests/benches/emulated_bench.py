@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from drivers.nc import NumericalControl, RequestStatus
 from drivers.sinumerik import SinumerikSettings, StateNode
 from drivers.sinumerik.control import Sinumerik
-from simulators.nc import Activity, CycleSettings, DayPart, EmulatedControl, LoadCase, MeanLoads, User
-from simulators.nc.nine_errors import FollowingTerms
+from simulators.nc import Activity, CycleSettings, DayPart, EmulatedControl, FollowingTerms, LoadCase, MeanLoads, User
 from simulators.nc.variables import COOLANT, PROBE_IN_SPINDLE
 from tests.benches.manual_clock import ManualClock
 

@@ -16,9 +16,8 @@ from pyarrow import parquet
 from drivers.base import DriverError, SystemClock
 from drivers.build import make_bus, make_device
 from drivers.profiles import load_profile
-from gateway.config import ConfigError, Telemetry, load, parse_prior
-from gateway.config.telemetry_rules import credential_problems
-from gateway.outlets.settings import load_outlets
+from gateway.config import ConfigError, Telemetry, credential_problems, load, parse_prior
+from gateway.outlets import load_outlets
 from gateway.recordings import (
     Columns,
     RecordingError,
@@ -28,9 +27,8 @@ from gateway.recordings import (
     read_recording,
     read_wire_log,
 )
-from gateway.storage import Learnt, SnapshotError, learnt_text, parse_learnt
-from gateway.storage.snapshot import Snapshot, decode_snapshot
-from gateway.umati.settings import load_serving
+from gateway.storage import Learnt, Snapshot, SnapshotError, decode_snapshot, learnt_text, parse_learnt
+from gateway.umati import load_serving
 from gateway.web import load_settings
 from talc.control import Controller
 from talc.frame import Frame, Frames, Measurement

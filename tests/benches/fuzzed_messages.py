@@ -17,7 +17,7 @@ import msgspec
 
 from drivers.base import DriverError
 from drivers.faults import Fault
-from drivers.mqtt.profile import MqttTopic
+from drivers.mqtt import MqttTopic
 from drivers.mtconnect import MtConnectSettings
 from drivers.mtconnect.document import data_items, latest_values
 from drivers.mtconnect.exchange import ask_agent

@@ -20,7 +20,8 @@ from drivers.base import Quality, SystemClock
 from gateway.answers import history_of
 from gateway.client import Machine
 from gateway.config import Telemetry
-from gateway.storage.readings import QUALITIES, Channels, Pruning, Retention
+from gateway.storage import QUALITIES, Retention
+from gateway.storage.readings import Channels, Pruning
 from gateway.storage.schema import connect, make_schema
 from gateway.telemetry import TelemetryPublisher
 from tests.benches.free_port import free_port

@@ -12,9 +12,10 @@ from drivers.nc import (
     RequestStatus,
     WatchdogTerms,
 )
-from simulators.nc.cycle import CycleState, ReasonCode
+from simulators.nc import Nck, ReasonCode
+from simulators.nc.cycle import CycleState
 from simulators.nc.moves import AXIS_LETTERS
-from simulators.nc.nck import R_REQUEST, R_VALID_FOR, R_WITHDRAW, Nck
+from simulators.nc.nck import R_REQUEST, R_VALID_FOR, R_WITHDRAW
 from simulators.nc.watchdog import R_BEAT, R_OWNER, R_RAMP, R_SILENCE, R_WATCH, WatchState
 
 MODES = (OperatingMode.JOG, OperatingMode.MDA, OperatingMode.AUTO)

@@ -19,7 +19,7 @@ from gateway.nc import Identity
 from gateway.past import SnapshotKeeper, past_in
 from gateway.service import Service
 from gateway.storage import Store
-from simulators.nc.nck import Nck
+from simulators.nc import Nck
 from talc.control import Controller
 from talc.frame import Decision, Frame
 from tests.benches.death import PROBING, Death

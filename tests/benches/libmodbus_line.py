@@ -9,7 +9,7 @@ from contextlib import asynccontextmanager, contextmanager
 from pathlib import Path
 
 from drivers.build import make_bus
-from drivers.modbus.bus import ModbusBus
+from drivers.modbus import ModbusBus
 from simulators.devices.pty_port import PtyPort
 
 TIMEOUT_S = 5.0

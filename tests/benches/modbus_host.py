@@ -3,8 +3,7 @@
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 
-from drivers.modbus.bus import ModbusTcpBus
-from drivers.modbus.settings import ModbusTcpSettings
+from drivers.modbus import ModbusTcpBus, ModbusTcpSettings
 from tests.benches.stream_server import Serve, stream_server
 
 

@@ -12,12 +12,10 @@ from pathlib import Path
 from drivers.agent import AgentControl, AgentSettings
 from drivers.base import SystemClock
 from drivers.nc import NumericalControl, ProbingState, RequestStatus, WatchdogTerms
-from drivers.sinumerik import make_sinumerik
+from drivers.sinumerik import OffsetRoute, SinumerikSettings, make_sinumerik
 from drivers.sinumerik.control import Sinumerik
-from drivers.sinumerik.settings import OffsetRoute, SinumerikSettings
 from simulators.linuxcnc.machine import HURRY
-from simulators.nc import Nck
-from simulators.nc.nine_errors import FollowingTerms
+from simulators.nc import FollowingTerms, Nck
 from tests.benches import linuxcnc_bench
 from tests.benches.emulated_bench import DayPlant, day, sinumerik_bench, wired
 from tests.benches.in_process_nc import InProcess

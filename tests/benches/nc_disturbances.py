@@ -31,8 +31,8 @@ from gateway.clock import RealClock
 from gateway.config import validate
 from gateway.nc import Earlier, Identity, LinkSettings, Listeners, NcLink
 from gateway.polling import Notice
-from simulators.nc import Activity, CycleSettings, DayPart, EmulatedControl, LoadCase, MeanLoads
-from simulators.nc.nck import CEC_TABLES, R_OFFSETS, Nck
+from simulators.nc import Activity, CycleSettings, DayPart, EmulatedControl, LoadCase, MeanLoads, Nck
+from simulators.nc.nck import CEC_TABLES, R_OFFSETS
 from talc.frame import Decision, FloatArray, Phase
 from tests.benches.cut_wire import CutWire, wire_to
 from tests.benches.emulated_bench import Rigid

@@ -17,8 +17,7 @@ from gateway.config import validate
 from gateway.nc import Earlier, Identity, LinkSettings, Listeners, NcLink, Write
 from gateway.polling import Notice
 from gateway.probing import Outcome
-from simulators.nc import Activity, CycleSettings, DayPart, EmulatedControl, LoadCase, MeanLoads, User
-from simulators.nc.nck import MachineState
+from simulators.nc import Activity, CycleSettings, DayPart, EmulatedControl, LoadCase, MachineState, MeanLoads, User
 from talc.frame import Decision, Phase
 from tests.benches.cut_wire import CutWire, wire_to
 from tests.benches.emulated_bench import Rigid

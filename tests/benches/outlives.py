@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
-from simulators.nc.nck import Nck
+from simulators.nc import Nck
 from simulators.nc.watchdog import Logged
 
 _HEAD = struct.Struct("=QQ")

@@ -3,7 +3,8 @@
 import sqlite3
 from contextlib import closing
 
-from gateway.storage.snapshot import Snapshot, put_snapshots
+from gateway.storage import Snapshot
+from gateway.storage.snapshot import put_snapshots
 
 
 def stored_bytes(snapshot: Snapshot) -> bytes:

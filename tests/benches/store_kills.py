@@ -27,8 +27,7 @@ from pathlib import Path
 
 import click
 
-from gateway.past import SnapshotKeeper, past_in
-from gateway.past.rebuild import marks
+from gateway.past import SnapshotKeeper, marks, past_in
 from gateway.replay import replay
 from gateway.storage import History, Store, damage_found
 from tests.benches.failing_disk import on_failing_disk

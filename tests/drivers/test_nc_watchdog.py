@@ -7,8 +7,8 @@ import pytest
 
 from drivers.base import Refused
 from drivers.nc import WatchdogTerms
+from drivers.sinumerik import SinumerikSettings
 from drivers.sinumerik.control import Sinumerik
-from drivers.sinumerik.settings import SinumerikSettings
 from tests.benches.emulated_bench import OpcUaBench, sinumerik_bench
 
 pytestmark = pytest.mark.simulated_time

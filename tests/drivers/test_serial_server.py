@@ -10,10 +10,10 @@ import pytest
 
 from drivers.base import ConnectError, NoAnswer, SystemClock
 from drivers.build import make_bus, make_device
-from drivers.modbus.bus import ModbusBus
-from drivers.modbus.numbers import Block
-from simulators.devices.me_sensor import MeLine, MeSensor
-from simulators.devices.modbus_servers import RtuLine, crc16
+from drivers.modbus import Block, ModbusBus
+from simulators.devices import MeSensor, RtuLine
+from simulators.devices.me_sensor import MeLine
+from simulators.devices.modbus_servers import crc16
 from simulators.devices.voltage_input import VoltageInput
 from tests.benches.free_port import free_port
 from tests.benches.ser2net import Ser2net, ser2net

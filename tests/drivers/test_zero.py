@@ -11,12 +11,12 @@ import pytest
 
 from drivers.base import Bus, Driver, SystemClock
 from drivers.build import make_bus, make_device
-from drivers.can.dbc_profile import CanDbcProfile
+from drivers.can import CanDbcProfile
 from drivers.profile import LinearValue
 from drivers.profiles import load_profile
-from simulators.devices import Cia404Node, SlcanAdapter, TcpHost
+from simulators.devices import Cia404Node, MeSensor, SlcanAdapter, TcpHost
 from simulators.devices.me_controller import MeController
-from simulators.devices.me_sensor import MeLine, MeSensor
+from simulators.devices.me_sensor import MeLine
 
 pytestmark = pytest.mark.simulated_time
 

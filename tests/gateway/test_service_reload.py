@@ -4,7 +4,7 @@ import asyncio
 
 import pytest
 
-from gateway.acquisition.reload import ReloadError
+from gateway.acquisition import ReloadError
 from gateway.config import GatewayConfig, parse
 from gateway.events import ConfigurationApplied
 from gateway.past import Past

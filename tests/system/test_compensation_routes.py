@@ -16,8 +16,17 @@ from drivers.sinumerik import ErrorTerms, OffsetRoute, SinumerikSettings, errors
 from drivers.sinumerik.settings import PAIRS
 from gateway.config import validate
 from gateway.nc import Earlier, Identity, LinkSettings, Listeners, NcLink
-from simulators.nc import Activity, CycleSettings, DayPart, EmulatedControl, LoadCase, MeanLoads
-from simulators.nc.nck import CEC_TABLES, MachineState, MachineUnderControl
+from simulators.nc import (
+    Activity,
+    CycleSettings,
+    DayPart,
+    EmulatedControl,
+    LoadCase,
+    MachineState,
+    MachineUnderControl,
+    MeanLoads,
+)
+from simulators.nc.nck import CEC_TABLES
 from simulators.plant import RADIUS_MM, Environment, MachineDrive, Plant, load_machine
 from talc.frame import Decision, FloatArray, Phase, Why
 from tests.benches.wire_clock import WireClock

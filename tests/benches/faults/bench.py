@@ -10,8 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from drivers.base import Quality, Reading
-from gateway.acquisition.acquisition import Acquisition
-from gateway.acquisition.line import Line
+from gateway.acquisition import Acquisition, Line
 from gateway.clock import RealClock
 from gateway.config import Limits
 from gateway.polling import Notice

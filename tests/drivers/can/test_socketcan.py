@@ -14,8 +14,7 @@ from drivers.base import Bus, ConnectError, Driver, DriverError, Quality, Readin
 from drivers.build import make_bus, make_device
 from drivers.can.settings import CanInterfaceSettings
 from drivers.can.survey import CanSurvey, Heard
-from gateway.acquisition.acquisition import Acquisition
-from gateway.acquisition.line import Line
+from gateway.acquisition import Acquisition, Line
 from gateway.clock import RealClock
 from simulators.devices import Cia404Node
 from simulators.devices.can_logger import CanLogger

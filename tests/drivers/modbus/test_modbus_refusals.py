@@ -10,11 +10,10 @@ import pytest
 from drivers.base import Busy, NoAnswer, Quality, Reading, SystemClock
 from drivers.build import make_device
 from drivers.modbus.numbers import Block
-from gateway.acquisition.acquisition import Acquisition
-from gateway.acquisition.line import Line
+from gateway.acquisition import Acquisition, Line
 from gateway.clock import RealClock
 from gateway.polling import Notice
-from gateway.scan.registers import read_words
+from gateway.scan import read_words
 from tests.benches.modbus_host import modbus_host
 
 pytestmark = pytest.mark.simulated_time

@@ -10,7 +10,7 @@ from drivers.base import BadAnswer, ConnectError, NoAnswer, Quality, SetupError,
 from drivers.build import make_bus, make_device
 from drivers.modbus.rtu import ModbusRtuTcpBus, RtuFramedBus
 from drivers.modbus.settings import ModbusRtuTcpSettings
-from simulators.devices.modbus_servers import DeviceServer
+from simulators.devices import DeviceServer
 from simulators.devices.modbus_unit import ModbusUnit
 from simulators.devices.voltage_input import VoltageInput
 from tests.benches.late_answers import Late

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from drivers.sinumerik.control import PROBING_REASONS
-from simulators.nc.cycle import CycleSettings
+from simulators.nc import CycleSettings
 from tests.benches.part_program import PartPrograms, ProbedMachine
 
 NOMINAL = CycleSettings()

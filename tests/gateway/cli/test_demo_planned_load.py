@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from gateway.cli.demo_machine import Demo, talc_section
-from simulators.nc.program import LoadCase
+from simulators.nc import LoadCase
 from simulators.plant import Environment, MachineDrive, Plant, load_machine, record_drive
 from simulators.plant.recording import LOAD_NAMES
 from talc.planned import learn_response

@@ -10,7 +10,8 @@ from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.hazmat.primitives.asymmetric import ec, rsa
 from cryptography.x509.oid import NameOID
 
-from drivers.sinumerik.settings import Handshake, LeaseParameters, OffsetRoute, SinumerikSettings, StateNode
+from drivers.sinumerik import OffsetRoute, SinumerikSettings, StateNode
+from drivers.sinumerik.settings import Handshake, LeaseParameters
 from gateway.config import ConfigError, GatewayConfig, LinuxCncNc, SinumerikNc, cautions, parse
 
 HEAD = """

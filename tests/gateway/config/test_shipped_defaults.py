@@ -7,8 +7,9 @@ from typing import Any
 import pytest
 from pydantic import BaseModel
 
-from drivers.mqtt.settings import MqttServer
-from drivers.opcua.settings import OpcUaServer, with_port
+from drivers.mqtt import MqttServer
+from drivers.opcua import OpcUaServer
+from drivers.opcua.settings import with_port
 from gateway.config import (
     AgentNc,
     AgentSection,

@@ -18,8 +18,7 @@ from pathlib import Path
 import pytest
 
 from drivers.base import Quality, Reading
-from gateway.acquisition.acquisition import Acquisition
-from gateway.acquisition.line import Line
+from gateway.acquisition import Acquisition, Line
 from gateway.clock import RealClock
 from gateway.polling import Notice
 from tests.benches.faults.actions import restarted, whole

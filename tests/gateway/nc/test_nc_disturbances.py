@@ -2,8 +2,7 @@
 
 import pytest
 
-from simulators.nc import Activity, DayPart, LoadCase, MeanLoads
-from simulators.nc.nck import Nck
+from simulators.nc import Activity, DayPart, LoadCase, MeanLoads, Nck
 from tests.benches.emulated_bench import Rigid
 from tests.benches.nc_disturbances import (
     KINDS,

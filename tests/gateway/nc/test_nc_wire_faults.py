@@ -15,9 +15,8 @@ import pytest
 
 from drivers.nc import ProbingState
 from gateway.nc.states import Source
-from gateway.probing.cycle import End
-from simulators.nc import User
-from simulators.nc.cycle import ReasonCode
+from gateway.probing import End
+from simulators.nc import ReasonCode, User
 from simulators.nc.variables import AccessRight
 from talc.frame import Why
 from tests.benches.nc_wire_bench import SLEW_UM_PER_S, bench, driver_of_the_other, wants

@@ -10,7 +10,7 @@ from typing import TypeVar
 import numpy as np
 import pytest
 
-from gateway.acquisition.reload import ReloadError, bus_changes
+from gateway.acquisition import ReloadError, bus_changes
 from gateway.config import Compensation, Probing
 from gateway.events import CompensationStepped
 from gateway.nc.states import Source

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gateway.acquisition import ReloadError
-from gateway.acquisition.reload import bus_changes
+from gateway.acquisition import ReloadError, bus_changes
 from gateway.config import GatewayConfig, load
 from gateway.past import controller_of
 from gateway.replay import replay

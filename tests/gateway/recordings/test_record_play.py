@@ -11,7 +11,7 @@ import pytest
 from drivers.base import DriverError, Quality, Reading, SystemClock
 from drivers.build import make_bus, make_device
 from drivers.micro_epsilon.ethernet import find_block
-from gateway.acquisition.build import lines_of
+from gateway.acquisition import lines_of
 from gateway.cli.play import play_bus, read_wire_recording
 from gateway.clock import RealClock
 from gateway.config import parse, wires_toml

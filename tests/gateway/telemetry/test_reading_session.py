@@ -8,7 +8,7 @@ import zenoh
 from gateway.client import Machine, MachineError
 from gateway.collect import SiteNetwork
 from gateway.config import Telemetry
-from gateway.heard.hearing import Hearing
+from gateway.heard import Hearing
 from gateway.telemetry import TelemetryError
 
 GATEWAY = Path(__file__).parents[3] / "gateway"

@@ -6,8 +6,7 @@ import pytest
 from msgspec.structs import replace
 
 from gateway.nc import NcState
-from gateway.telemetry import StatusMessage
-from gateway.telemetry.messages import StorageStanding
+from gateway.telemetry import StatusMessage, StorageStanding
 from gateway.web import parts
 from gateway.web.at_tool import WorkPoint
 from gateway.web.sentences import Amount, SaidRow, ToldName
