@@ -2,7 +2,7 @@
 
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from ipaddress import ip_address
 from pathlib import Path
 from typing import Annotated, TypeVar
@@ -73,8 +73,8 @@ def _believable(value: float) -> float:
     return value
 
 
-def matching(pattern: str, expected: str) -> AfterValidator:
-    """A validator of a text's form, with a message for a person."""
+def in_form(pattern: str, expected: str) -> Callable[[str], str]:
+    """A check of a text's form that returns the text, or raises ValueError with a message for a person."""
     compiled = re.compile(pattern)
 
     def check(text: str) -> str:
@@ -82,7 +82,12 @@ def matching(pattern: str, expected: str) -> AfterValidator:
             raise ValueError(f"{text!r}: expected {expected}")
         return text
 
-    return AfterValidator(check)
+    return check
+
+
+def matching(pattern: str, expected: str) -> AfterValidator:
+    """The same as a validator of a field."""
+    return AfterValidator(in_form(pattern, expected))
 
 
 def name_beside_the_file(name: str, info: ValidationInfo) -> str:

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from gateway.config.controls import AgentNc, LinuxCncNc, MtConnectNc, Nc, SinumerikNc
     from gateway.config.extended import other_kinds, validate
     from gateway.config.extensions import OUTLETS, ControlSection, OtherBus, asked, sections_of_others
-    from gateway.config.fields import NAME_FORM, Name
+    from gateway.config.fields import NAME_FORM, KeyPrefix, Name, key_prefix
     from gateway.config.file import draft, load, parse
     from gateway.config.metrics import Metrics
     from gateway.config.model import Channel, GatewayConfig
@@ -60,7 +60,7 @@ else:
             ".controls": ("AgentNc", "LinuxCncNc", "MtConnectNc", "Nc", "SinumerikNc"),
             ".extended": ("other_kinds", "validate"),
             ".extensions": ("OUTLETS", "ControlSection", "OtherBus", "asked", "sections_of_others"),
-            ".fields": ("NAME_FORM", "Name"),
+            ".fields": ("NAME_FORM", "KeyPrefix", "Name", "key_prefix"),
             ".file": ("draft", "load", "parse"),
             ".metrics": ("Metrics",),
             ".model": ("Channel", "GatewayConfig"),
@@ -98,6 +98,7 @@ __all__ = [
     "EndpointParts",
     "GatewayConfig",
     "Limits",
+    "KeyPrefix",
     "LinuxCncNc",
     "MeEthernetSection",
     "MeRs485Section",
@@ -131,6 +132,7 @@ __all__ = [
     "described",
     "draft",
     "endpoint",
+    "key_prefix",
     "kinds_in",
     "load",
     "load_talc_only",

@@ -5,7 +5,7 @@ from typing import Annotated, Final
 
 from pydantic import AfterValidator, ValidationInfo
 
-from drivers.section import beside_the_file, matching
+from drivers.section import beside_the_file, in_form, matching
 
 MOST_POSES = 64
 LARGEST_BOUND_UM = 1000.0
@@ -22,3 +22,8 @@ NAME_FORM: Final = r"[A-Za-z][A-Za-z0-9_]{0,63}"
 """The form of the names of machines, buses, devices and channels."""
 Name = Annotated[str, matching(NAME_FORM, "a letter, then letters, digits and _, at most 64")]
 """Becomes part of a key, so slash, star, dot and blank are not allowed."""
+
+key_prefix: Final = in_form(r"[A-Za-z0-9_-]+(/[A-Za-z0-9_-]+)*", "letters, digits, _ and -, parts separated by /")
+"""The text, if published keys may begin with it. Raises ValueError."""
+KeyPrefix = Annotated[str, AfterValidator(key_prefix)]
+"""What all keys of a gateway begin with, before the machine's name: no wildcard, and no part is empty."""

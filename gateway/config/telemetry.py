@@ -10,6 +10,7 @@ from pydantic import AfterValidator, Field, model_validator
 from drivers.bus_settings import is_loopback
 from drivers.section import FilePath, NotEmpty, Section, matching
 from gateway.commands import CommandName
+from gateway.config.fields import KeyPrefix
 
 LOOPBACK = "tcp/127.0.0.1:7447"
 _PROTOCOLS = ("tcp", "tls", "quic", "udp", "ws")
@@ -113,9 +114,7 @@ class Telemetry(Section):
 
     enabled: bool = True
     """False: publish nothing and open no session."""
-    prefix: Annotated[
-        str, matching(r"[A-Za-z0-9_-]+(/[A-Za-z0-9_-]+)*", "letters, digits, _ and -, parts separated by /")
-    ] = "talc"
+    prefix: KeyPrefix = "talc"
     """First part of every published key; the machine's name follows."""
     mode: Literal["peer", "client"] = "peer"
     """`peer` meets others directly, `client` goes through a router."""

@@ -10,6 +10,7 @@ from drivers.section import FilePath, NotEmpty, Section
 from gateway.config import (
     ConfigError,
     Endpoint,
+    KeyPrefix,
     Name,
     Problem,
     Telemetry,
@@ -36,7 +37,7 @@ class SourceSettings(Section):
 
     connect: tuple[Endpoint, ...] = Field(default=("tcp/127.0.0.1:7447",), min_length=1)
     """Zenoh endpoints of gateways or of a router. The default is a gateway on this computer."""
-    prefix: NotEmpty = "talc"
+    prefix: KeyPrefix = "talc"
     """`[telemetry] prefix` of the gateways."""
     machines: tuple[Name, ...] = ()
     """Machines that are passed on; empty: all that are heard."""

@@ -34,6 +34,10 @@ def said(tmp_path: Path, text: str) -> tuple[int, str]:
         (f'{MQTT}url = "mqtts://broker"\nkinds = ["readings"]', "'readings': expected one of reading, frame"),
         (f'{MQTT}url = "mqtts://b"\n{MQTT}url = "mqtts://c"', "another outlet has this name already"),
         (f'[source]\nconnect = ["tls/r:7447"]\n{MQTT}url = "mqtts://b"', "'tls/r:7447' needs [source.tls] authority"),
+        (
+            f'[source]\nprefix = "a b"\n{MQTT}url = "mqtts://b"',
+            "[source] prefix: 'a b': expected letters, digits, _ and -",
+        ),
         (f'{MQTT}url = "mqtts://b"\nuser = "u"\npassword_file = "absent"', "password_file = '/absent' cannot be used"),
         (f'{MQTT}url = "mqtts://b"\nauthority = "absent"', "authority = '/absent' cannot be used"),
     ],
