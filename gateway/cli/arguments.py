@@ -39,6 +39,21 @@ class FiniteNumber(click.FloatRange):
         return found
 
 
+class KeyPrefixText(click.ParamType[str]):
+    """What keys may begin with, as `[telemetry] prefix` has it."""
+
+    name = "text"
+
+    def convert(self, value: str, param: Parameter | None, ctx: Context | None) -> str:
+        """Raises BadParameter."""
+        from gateway.config import key_prefix
+
+        try:
+            return key_prefix(value)
+        except ValueError as error:
+            self.fail(str(error), param, ctx)
+
+
 def read_config(path: Path) -> "GatewayConfig":
     """The checked configuration; its warnings go to standard error."""
     from gateway.config import cautions, load

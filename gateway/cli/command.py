@@ -5,7 +5,7 @@ from pathlib import Path
 
 import click
 
-from gateway.cli.arguments import PemPath, access_of, access_options
+from gateway.cli.arguments import KeyPrefixText, PemPath, access_of, access_options
 from gateway.cli.exits import EXIT_WORLD
 from gateway.commands import CommandName
 
@@ -17,7 +17,7 @@ from gateway.commands import CommandName
 )
 @click.option("--operator-key", type=PemPath, required=True, help="File with that operator's key.")
 @click.option("--connect", multiple=True, help="Zenoh endpoint. [default: tcp/127.0.0.1:7447]")
-@click.option("--prefix", default="talc", show_default=True)
+@click.option("--prefix", type=KeyPrefixText(), default="talc", show_default=True)
 @click.option("--machine", help="Name of the machine. Default: the one that runs there, if there is only one.")
 @access_options
 def command(

@@ -13,6 +13,7 @@ from gateway.cli.arguments import (
     SCAN_LIMIT_S,
     ConfigPath,
     FiniteNumber,
+    KeyPrefixText,
     access_of,
     access_options,
     address_of,
@@ -267,7 +268,7 @@ def demo(
 @main.command()
 @click.argument("config", required=False, type=click.Path(exists=True, dir_okay=False, path_type=Path))
 @click.option("--connect", multiple=True, help="Zenoh endpoint. [default: tcp/127.0.0.1:7447]")
-@click.option("--prefix", help="[default: talc]")
+@click.option("--prefix", type=KeyPrefixText(), help="[default: talc]")
 @click.option("--machine", help="Name of the machine. Default: the one that runs there, if there is only one.")
 @access_options
 def watch(
@@ -297,7 +298,7 @@ def watch(
 @click.argument("config", type=click.Path(dir_okay=False, path_type=Path), required=False)
 @click.option("--connect", multiple=True, metavar="ENDPOINT", help="Zenoh endpoint of a gateway or a router, such as "
               "tcp/192.168.1.5:7447; several for a site.")  # fmt: skip
-@click.option("--prefix", help="First part of the keys. Default: as in CONFIG, otherwise talc.")
+@click.option("--prefix", type=KeyPrefixText(), help="First part in the keys. Default: as in CONFIG, otherwise talc.")
 @click.option("--settings", type=click.Path(dir_okay=False, path_type=Path),
               help="TOML file: TLS, users, tolerances (docs/page.md).")  # fmt: skip
 @click.option("--listen", default="127.0.0.1:8080", show_default=True, metavar="HOST:PORT", help="Address of the page.")

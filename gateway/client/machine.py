@@ -1,7 +1,6 @@
 """A program's view of running gateways: follow a machine, ask for its last values and for what it has stored."""
 
 import queue
-import re
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import ExitStack
 from datetime import UTC, date, datetime, time, timedelta, tzinfo
@@ -13,6 +12,7 @@ import zenoh
 
 from gateway.client.history_tables import TimeTable, as_read, asked_s, interval_means
 from gateway.commands import CommandName
+from gateway.config import key_prefix, machine_name
 from gateway.telemetry import (
     COMMAND_LIMIT_S,
     MESSAGE_TYPES,
@@ -38,8 +38,6 @@ if TYPE_CHECKING:
 
 ANSWER_LIMIT_S = 10.0
 _MOST_WAITING = 20_000
-_NAME = re.compile(r"[A-Za-z0-9_-]+(/[A-Za-z0-9_-]+)*")
-"""Name of a prefix or a machine: no wildcard, and nothing that a key may not contain."""
 _ANYONE = Access()
 
 
@@ -77,9 +75,12 @@ class Machine:
         answer_limit_s: float = ANSWER_LIMIT_S,
         operator: CommandSigner | None = None,
     ) -> None:
-        for what, value in (("name", name), ("prefix", prefix)):
-            if value is not None and not _NAME.fullmatch(value):
-                raise ValueError(f"{what} = {value!r}: expected letters, digits, _ and -")
+        for what, value, check in (("name", name, machine_name), ("prefix", prefix, key_prefix)):
+            try:
+                if value is not None:
+                    check(value)
+            except ValueError as error:
+                raise ValueError(f"{what} = {error}") from None
         self._name, self._prefix, self._limit_s = name, prefix, answer_limit_s
         self._connect = (connect,) if isinstance(connect, str) else tuple(connect)
         self._config = reader_config(self._connect, access)

@@ -5,7 +5,7 @@ from typing import Annotated, Final
 
 from pydantic import AfterValidator, ValidationInfo
 
-from drivers.section import beside_the_file, in_form, matching
+from drivers.section import beside_the_file, in_form
 
 MOST_POSES = 64
 LARGEST_BOUND_UM = 1000.0
@@ -20,7 +20,9 @@ ProfileName = Annotated[str, AfterValidator(_profile_beside_the_file)]
 
 NAME_FORM: Final = r"[A-Za-z][A-Za-z0-9_]{0,63}"
 """The form of the names of machines, buses, devices and channels."""
-Name = Annotated[str, matching(NAME_FORM, "a letter, then letters, digits and _, at most 64")]
+machine_name: Final = in_form(NAME_FORM, "a letter, then letters, digits and _, at most 64")
+"""The text, if it can be one of these names. Raises ValueError."""
+Name = Annotated[str, AfterValidator(machine_name)]
 """Becomes part of a key, so slash, star, dot and blank are not allowed."""
 
 key_prefix: Final = in_form(r"[A-Za-z0-9_-]+(/[A-Za-z0-9_-]+)*", "letters, digits, _ and -, parts separated by /")

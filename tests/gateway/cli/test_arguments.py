@@ -13,8 +13,10 @@ def options(command: click.Command, name: str = "") -> Iterator[tuple[str, click
     """Every parameter of a command and of those below it, with the command's words."""
     yield from ((name, parameter) for parameter in command.params)
     if isinstance(command, click.Group):
-        for below in command.commands.values():
-            yield from options(below, f"{name} {below.name}")
+        context = click.Context(command)
+        for word in command.list_commands(context):  # also those whose modules are imported when they are called
+            if (below := command.get_command(context, word)) is not None:
+                yield from options(below, f"{name} {word}")
 
 
 NUMBERS = [
@@ -49,3 +51,14 @@ def test_impossible_values_are_refused_in_words(arguments: tuple[str, ...], said
     done = here(*arguments)
     assert done.code == 2
     assert said in done.err
+
+
+def test_a_prefix_that_no_key_can_have_is_refused_by_every_command_that_takes_one() -> None:
+    commands = [name.split() for name, parameter in options(main) if "--prefix" in parameter.opts]
+    assert sorted(words[0] for words in commands) == ["collect", "command", "opcua", "watch", "web"]
+    for words in commands:
+        for prefix in ("a//b", "talc/*", "a b", ""):
+            done = here(*words, "--prefix", prefix)
+            assert done.code == 2
+            said = f"Invalid value for '--prefix': {prefix!r}: expected letters, digits, _ and -, parts separated by /"
+            assert said in " ".join(done.err.split()), done.err

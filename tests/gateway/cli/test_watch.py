@@ -31,8 +31,7 @@ def publisher(port: int, machine: str) -> TelemetryPublisher:
     ("arguments", "said"),
     [
         (("--connect", "foo"), "'foo': expected Zenoh endpoints such as tcp/192.168.1.5:7447"),
-        (("--machine", "a b*"), "'a b*': expected letters, digits, _ and -"),
-        (("--prefix", "talc/*"), "'talc/*': expected letters, digits, _ and -"),
+        (("--machine", "a b*"), "'a b*': expected a letter, then letters, digits and _"),
     ],
 )
 def test_invalid_values_are_refused_in_words(arguments: tuple[str, ...], said: str) -> None:

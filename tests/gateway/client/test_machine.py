@@ -113,6 +113,8 @@ async def test_an_absent_machine_is_named() -> None:
 def test_invalid_arguments_are_refused_at_once(name: str | None, connect: str, said: str) -> None:
     with pytest.raises(ValueError, match=said):
         Machine(name, connect=connect)
+    with pytest.raises(ValueError, match="prefix = 'a//b': expected letters, digits, _ and -, parts separated by /"):
+        Machine(prefix="a//b", connect="tcp/127.0.0.1:7447")
     with pytest.raises(MachineError, match="not connected"):
         Machine(connect="tcp/127.0.0.1:7447").status()
 

@@ -215,7 +215,6 @@ async def test_the_command_keeps_a_site_in_a_database_and_goes_on_after_it_was_k
         (("--connect", "tls/mill:7447", "--authority", "no.pem"), "no.pem': expected certificates in PEM"),
         (("--connect", "tls/mill:7447", "--certificate", "no.pem"), "certificate and key go together"),
         (("--connect", "tcp/mill:7447", "--user", "me"), "user and password_file go together"),
-        (("--connect", "tcp/mill:7447", "--prefix", "a b"), "--prefix: "),
     ],
 )
 def test_a_wrong_option_is_named(words: tuple[str, ...], said: str, tmp_path: Path) -> None:
