@@ -5,7 +5,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from drivers.section import HostName, Port, Section, SerialPort, wrong
+from drivers.section import AnswerTime, HostName, Port, Section, SerialPort, wrong
 
 Parity = Literal["N", "E", "O"]
 SLOWEST_BAUD, FASTEST_BAUD = 300, 4_000_000
@@ -23,7 +23,7 @@ def is_loopback(host: str) -> bool:
 class BusSettings(Section):
     """Any bus."""
 
-    timeout_s: float = Field(default=0.5, gt=0, le=60)
+    timeout_s: AnswerTime = 0.5
     """How long one answer may take at most. Half of the polling period (`period_s`) or less is best."""
 
 

@@ -134,5 +134,8 @@ HostName = Annotated[NotEmpty, AfterValidator(host_name)]
 SerialPort = Annotated[NotEmpty, AfterValidator(_serial_port)]
 Port = Annotated[int, Field(ge=1, le=65535)]
 """A TCP or UDP port."""
+LONGEST_ANSWER_S = 60
+AnswerTime = Annotated[float, Field(gt=0, le=LONGEST_ANSWER_S)]
+"""How long one answer may take at most, s."""
 Positive = Annotated[float, Field(gt=0), AfterValidator(_believable)]
 NotNegative = Annotated[float, Field(ge=0), AfterValidator(_believable)]

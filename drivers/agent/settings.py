@@ -5,8 +5,9 @@ from typing import ClassVar, Final
 from pydantic import Field
 
 from drivers.base import SetupError
+from drivers.bus_settings import BusSettings
 from drivers.nc import AXES
-from drivers.section import FilePath, HostName, NotNegative, Port, Positive, Section
+from drivers.section import AnswerTime, FilePath, HostName, NotNegative, Port, Positive, Section
 from drivers.signature import shared_key
 
 AGENT_PORT = 7621
@@ -24,11 +25,11 @@ class AgentAddress(Section):
     """The agent's port."""
     key_file: FilePath
     """File with the key shared with the agent: a copy of the agent's."""
-    timeout_s: Positive = 2.0
+    timeout_s: AnswerTime = 2.0
     """How long one answer may take."""
 
 
-class AgentBusSettings(AgentAddress):
+class AgentBusSettings(AgentAddress, BusSettings):
     """A control whose agent reports values that are channels."""
 
     units: ClassVar[tuple[int, int]] = (1, 127)

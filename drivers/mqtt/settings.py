@@ -4,7 +4,8 @@ from typing import ClassVar, Self
 
 from pydantic import Field, model_validator
 
-from drivers.section import FilePath, NotEmpty, Positive
+from drivers.bus_settings import BusSettings
+from drivers.section import AnswerTime, FilePath, NotEmpty
 from drivers.server_url import UrlServer
 
 
@@ -48,11 +49,11 @@ class MqttServer(UrlServer):
         return f"{self.host}:{self.port}"
 
 
-class MqttBusSettings(MqttServer):
+class MqttBusSettings(MqttServer, BusSettings):
     """An MQTT broker whose topics are channels."""
 
     units: ClassVar[tuple[int, int]] = (1, 127)
     """First and last address on the bus."""
 
-    timeout_s: Positive = 2.0
+    timeout_s: AnswerTime = 2.0
     """How long connecting may take, and how long the first read waits for topics that have had no message."""

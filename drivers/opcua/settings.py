@@ -5,7 +5,8 @@ from urllib.parse import urlsplit
 
 from pydantic import model_validator
 
-from drivers.section import FilePath, NotEmpty, Positive, Section, matching, wrong
+from drivers.bus_settings import BusSettings
+from drivers.section import AnswerTime, FilePath, NotEmpty, Section, matching, wrong
 
 _DEFAULT_PORT = 4840
 
@@ -30,7 +31,7 @@ class OpcUaServer(Section):
     """The certificate's key (.pem)."""
     server_certificate: FilePath | None = None
     """The server's certificate (.der or .pem), copied from it: no other server is then accepted."""
-    timeout_s: Positive = 2.0
+    timeout_s: AnswerTime = 2.0
     """How long one answer may take."""
 
     @model_validator(mode="after")
@@ -57,7 +58,7 @@ class OpcUaSettings(OpcUaServer):
     """Namespace of the control's variables; its index is looked up at every connect."""
 
 
-class OpcUaBusSettings(OpcUaServer):
+class OpcUaBusSettings(OpcUaServer, BusSettings):
     """An OPC UA server whose nodes are channels."""
 
     units: ClassVar[tuple[int, int]] = (1, 127)

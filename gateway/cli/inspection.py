@@ -25,6 +25,7 @@ from drivers.modbus import (
 )
 from drivers.problems import read_settings
 from drivers.profiles import load_profile
+from drivers.section import LONGEST_ANSWER_S
 from gateway.acquisition import number_text
 from gateway.cli.arguments import FiniteNumber
 from gateway.cli.exits import EXIT_WORLD
@@ -58,8 +59,8 @@ Draft = click.option("--draft", type=click.Path(dir_okay=False, path_type=Path),
 @click.option("--baud", type=click.IntRange(SLOWEST_BAUD, FASTEST_BAUD), default=9600, show_default=True)
 @click.option("--parity", type=click.Choice(["N", "E", "O"]), default="N", show_default=True)
 @click.option("--rtu", is_flag=True, help="RTU frames over TCP, for a device server; give its port.")
-@click.option("--timeout", "timeout_s", type=FiniteNumber(0.01, 60), default=_TIMEOUT_S, show_default=True,
-              help="Seconds that one answer may take.")  # fmt: skip
+@click.option("--timeout", "timeout_s", type=FiniteNumber(0.01, LONGEST_ANSWER_S), default=_TIMEOUT_S,
+              show_default=True, help="Seconds that one answer may take.")  # fmt: skip
 @Draft
 @click.option("--type", "kind", type=click.Choice(["int16", "uint16", "int32", "uint32", "int64", "uint64", "float32",
               "float64"]), default="int16", show_default=True, help="Type of the numbers in the draft.")  # fmt: skip

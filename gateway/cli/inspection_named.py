@@ -16,6 +16,7 @@ from drivers.canopen import CanObject, CanOpenBus, CanOpenSettings
 from drivers.number_types import BYTE_FORMATS, ByteNumber
 from drivers.opcua import NodeName, NodeValue, OpcUaBus, OpcUaBusSettings, node_name
 from drivers.problems import read_settings
+from drivers.section import LONGEST_ANSWER_S
 from gateway.acquisition import number_text
 from gateway.cli.arguments import FiniteNumber
 from gateway.cli.exits import EXIT_WORLD
@@ -56,7 +57,7 @@ class ObjectPlace(click.ParamType[CanObject]):
 @click.argument("objects", type=ObjectPlace(), nargs=-1, required=True)
 @click.option("--interface", type=click.Choice(CAN_INTERFACES), default="socketcan", show_default=True)
 @click.option("--bitrate", type=click.Choice(CAN_BITRATES), default=125_000, show_default=True)
-@click.option("--timeout", "timeout_s", type=FiniteNumber(0.01, 60), default=1.0, show_default=True)
+@click.option("--timeout", "timeout_s", type=FiniteNumber(0.01, LONGEST_ANSWER_S), default=1.0, show_default=True)
 @click.option(
     "--udp-port", type=click.IntRange(1, 65535), default=43113, show_default=True, help="For udp_multicast only."
 )
@@ -143,7 +144,7 @@ def _number(data: bytes, kind: ByteNumber, order: Literal["<", ">"] = "<") -> st
 @click.option("--certificate", help="The gateway's certificate; needs --private-key. Without it nothing is encrypted.")
 @click.option("--private-key", help="The certificate's key.")
 @click.option("--server-certificate", help="The server's certificate; no other is accepted.")
-@click.option("--timeout", "timeout_s", type=FiniteNumber(0.01, 60), default=5.0, show_default=True)
+@click.option("--timeout", "timeout_s", type=FiniteNumber(0.01, LONGEST_ANSWER_S), default=5.0, show_default=True)
 @Draft
 @click.option("--type", "kind", type=click.Choice(_KINDS), help="How nodes of bytes hold numbers, for the draft.")
 @click.option(

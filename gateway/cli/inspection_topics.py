@@ -12,6 +12,7 @@ from rich.table import Table
 
 from drivers.mqtt import MqttBus, MqttBusSettings, TopicMessage
 from drivers.problems import read_settings
+from drivers.section import LONGEST_ANSWER_S
 from gateway.acquisition import number_text
 from gateway.cli.arguments import FiniteNumber
 from gateway.cli.exits import EXIT_WORLD
@@ -42,7 +43,7 @@ _MOST_SHOWN = 60
 @click.option(
     "--allow-unencrypted", is_flag=True, help="Allow mqtt:// beyond this computer, where everyone can read it."
 )
-@click.option("--timeout", "timeout_s", type=FiniteNumber(0.01, 60), default=5.0, show_default=True)
+@click.option("--timeout", "timeout_s", type=FiniteNumber(0.01, LONGEST_ANSWER_S), default=5.0, show_default=True)
 @Draft
 @click.option(
     "--scale", type=FiniteNumber(), default=1.0, show_default=True, help="Scale in the draft: value = number * scale."

@@ -18,7 +18,7 @@ from drivers.canopen import CanOpenSettings
 from drivers.modbus import ModbusRtuTcpBus
 from drivers.problems import read_settings
 from drivers.recognition import describe
-from drivers.section import host_name
+from drivers.section import LONGEST_ANSWER_S, host_name
 from gateway.cli.arguments import SCAN_LIMIT_S, FiniteNumber
 from gateway.cli.signals import stop_on_signals
 from gateway.cli.terminal import duration_text, terminal
@@ -158,7 +158,7 @@ def serial_command(
 @click.option(
     "--timeout",
     "timeout_s",
-    type=FiniteNumber(0.01, 60),
+    type=FiniteNumber(0.01, LONGEST_ANSWER_S),
     default=TCP_TIMEOUT_S,
     show_default=True,
     help="Seconds to wait for an answer.",

@@ -14,7 +14,7 @@ from typing import Any, Final, Generic, TypeVar
 
 from drivers.base import Bus, Clock, Driver, DriverError, SetupError, SystemClock
 from drivers.nc import NumericalControl
-from drivers.section import Positive
+from drivers.section import AnswerTime
 from drivers.tap import Tap
 from gateway.config.polled import Polled, PolledControl
 from gateway.config.problems import Problem
@@ -86,7 +86,7 @@ class OtherBus(Polled, ABC):
 
     kind: str
     """The entry point's name."""
-    timeout_s: Positive = 1.0
+    timeout_s: AnswerTime = 1.0
     """How long one answer may take."""
 
     @property

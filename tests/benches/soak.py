@@ -53,7 +53,7 @@ AS_ON_A_MACHINE = (("= 100.0", "= 1.0"), ("= 30.0 ", "= 1.0 "), ("watchdog_s = 3
 """The periods of the bench's configuration, and those of a machine."""
 ON_SIMULATED_TIME = (
     ("[telemetry]", "[telemetry]\nenabled = false"),  # its threads would not wait for it
-    ("timeout_s = 2.0", "timeout_s = 100.0"),  # OPC UA's client asks as often as that whether the control is there
+    ("timeout_s = 2.0", "timeout_s = 60.0"),  # OPC UA's client asks as often as that whether the control is there
     ("= 30.0 ", "= 100.0 "),  # the control as often as the buses: most of the work is that of its emulation
     ("slew_um_per_s = 1.0", f"slew_um_per_s = {SLEW_UM_PER_S}"),  # 30 µm in a period, as before
 )

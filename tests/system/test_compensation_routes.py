@@ -72,7 +72,7 @@ def machine() -> WarmMachine:
 
 def settings_of(url: str, compensation: OffsetRoute) -> SinumerikSettings:
     # In real time: on a busy computer an answer may be late, and the library asks by itself whether the server lives.
-    return SinumerikSettings(security="none", url=url, compensation=compensation, timeout_s=300.0)
+    return SinumerikSettings(security="none", url=url, compensation=compensation, timeout_s=60.0)
 
 
 def programs(compensation: OffsetRoute) -> list[str]:

@@ -10,6 +10,7 @@ import pytest
 from drivers.base import Clock, ConnectError, Driver, Quality, Reading, SystemClock
 from drivers.build import make_bus, make_device
 from drivers.mqtt import MqttBus
+from drivers.section import LONGEST_ANSWER_S
 from tests.benches.mosquitto import LIMIT_S, Mosquitto, mosquitto
 
 pytestmark = pytest.mark.peer
@@ -67,7 +68,7 @@ async def until(driver: Driver, quality: Quality, value: float | None = None, de
 async def test_the_payloads_time_is_the_age_also_of_what_the_broker_kept(tmp_path: Path) -> None:
     with mosquitto(tmp_path) as broker:
         say(broker, "plant/timed", timed(20.5, 60.0), "-r")
-        bus, driver = site(broker, tmp_path, {"timed": 0}, LIMIT_S)
+        bus, driver = site(broker, tmp_path, {"timed": 0}, LONGEST_ANSWER_S)
         try:
             await bus.connect()
             await driver.connect()
@@ -99,7 +100,7 @@ class StoppedClock(SystemClock):
 
 async def test_a_value_is_not_younger_than_its_arrival_whatever_the_clocks_say(tmp_path: Path) -> None:
     with mosquitto(tmp_path) as broker:
-        bus, driver = site(broker, tmp_path, {"timed": 0}, LIMIT_S, StoppedClock(), max_age_s=1)
+        bus, driver = site(broker, tmp_path, {"timed": 0}, LONGEST_ANSWER_S, StoppedClock(), max_age_s=1)
         try:
             await bus.connect()
             say(broker, "plant/timed", timed(20.5, 0.0))
@@ -111,7 +112,7 @@ async def test_a_value_is_not_younger_than_its_arrival_whatever_the_clocks_say(t
 async def test_without_a_time_a_kept_message_has_an_unknown_age_and_a_new_one_is_fresh(tmp_path: Path) -> None:
     with mosquitto(tmp_path) as broker:
         say(broker, "plant/plain", "19.5", "-r")
-        bus, driver = site(broker, tmp_path, {"plain": 1}, LIMIT_S)
+        bus, driver = site(broker, tmp_path, {"plain": 1}, LONGEST_ANSWER_S)
         try:
             await bus.connect()
             (kept,) = await driver.read()
@@ -142,7 +143,7 @@ async def test_a_broker_that_goes_ends_the_read_and_the_next_connect_finds_it_ag
     broker = Mosquitto(tmp_path)
     broker.start()
     say(broker, "plant/timed", timed(20.5, 0.0), "-r")
-    bus, driver = site(broker, tmp_path, {"timed": 0}, LIMIT_S)
+    bus, driver = site(broker, tmp_path, {"timed": 0}, LONGEST_ANSWER_S)
     try:
         await bus.connect()
         await until(driver, Quality.GOOD)
@@ -162,7 +163,7 @@ async def test_a_broker_that_goes_ends_the_read_and_the_next_connect_finds_it_ag
 
 async def test_the_rest_of_a_payload_that_is_too_long_is_not_kept(tmp_path: Path) -> None:
     with mosquitto(tmp_path) as broker:
-        bus, driver = site(broker, tmp_path, {"plain": 1}, LIMIT_S)
+        bus, driver = site(broker, tmp_path, {"plain": 1}, LONGEST_ANSWER_S)
         try:
             await bus.connect()
             say(broker, "plant/plain", "1" * 100_000)
@@ -176,7 +177,7 @@ async def test_the_rest_of_a_payload_that_is_too_long_is_not_kept(tmp_path: Path
 
 async def test_mosquittos_limit_keeps_long_messages_from_the_gateway(tmp_path: Path) -> None:
     with mosquitto(tmp_path, ["allow_anonymous true", "message_size_limit 65536"]) as broker:
-        bus, driver = site(broker, tmp_path, {"plain": 1}, LIMIT_S)
+        bus, driver = site(broker, tmp_path, {"plain": 1}, LONGEST_ANSWER_S)
         try:
             await bus.connect()
             say(broker, "plant/plain", "1" * 100_000)

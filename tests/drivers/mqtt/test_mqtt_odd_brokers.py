@@ -15,6 +15,7 @@ from drivers.base import BadAnswer, ConnectError, Driver, DriverError, NoAnswer,
 from drivers.build import make_bus, make_device
 from drivers.mqtt import bus as mqtt_bus
 from drivers.mqtt.bus import MqttBus
+from drivers.section import LONGEST_ANSWER_S
 from drivers.tap import Tap
 from tests.benches.driver_reads import values_or_reasons
 from tests.benches.stream_server import Serve, stream_server
@@ -164,8 +165,8 @@ async def test_a_topic_that_is_refused_is_its_own_channels_fault(codes: bytes, t
 
 async def test_a_topic_that_is_refused_is_not_waited_for(tmp_path: Path) -> None:
     refusing = broker(grants=granting(b"\x01\x80"), then=message(b"a", b"1.5"))
-    async with reading(refusing, tmp_path, timeout_s=10 * LIMIT_S) as (bus, driver):
-        async with asyncio.timeout(LIMIT_S):
+    async with reading(refusing, tmp_path, timeout_s=LONGEST_ANSWER_S) as (bus, driver):
+        async with asyncio.timeout(LONGEST_ANSWER_S / 2.0):
             assert values_or_reasons(await read(bus, driver))[0] == 1.5
 
 

@@ -9,7 +9,7 @@ from gateway.outlets import Feed, OutletError, Unacceptable
 from gateway.outlets.influxdb import InfluxDbOutlet, InfluxDbSettings
 from tests.benches.feed_talk import heard, reading
 from tests.benches.free_port import free_port
-from tests.benches.line_servers import LIMIT_S, asked, influxdb1, victoria_metrics
+from tests.benches.line_servers import asked, influxdb1, victoria_metrics
 
 pytestmark = pytest.mark.peer
 
@@ -17,7 +17,7 @@ AT, NANOSECONDS = "2026-01-05T06:00:00.25+00:00", 1767592800250000000
 
 
 def settings(url: str, **changes: object) -> InfluxDbSettings:
-    fields: dict[str, object] = {"name": "plant", "kind": "influxdb", "url": url, "timeout_s": LIMIT_S}
+    fields: dict[str, object] = {"name": "plant", "kind": "influxdb", "url": url, "timeout_s": 60.0}
     return InfluxDbSettings.model_validate(fields | changes)
 
 

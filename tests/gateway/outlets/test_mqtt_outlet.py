@@ -20,7 +20,7 @@ HERE = OutletMessage("mill", "alive", None)
 
 
 def settings(url: str, **changes: object) -> MqttOutletSettings:
-    fields: dict[str, object] = {"name": "plant", "kind": "mqtt", "url": url, "timeout_s": LIMIT_S}
+    fields: dict[str, object] = {"name": "plant", "kind": "mqtt", "url": url, "timeout_s": 60.0}
     return MqttOutletSettings.model_validate(fields | changes)
 
 

@@ -11,6 +11,7 @@ import pytest
 from drivers.base import Quality, SystemClock
 from drivers.build import make_bus, make_device
 from drivers.mqtt.packets import publish_packet
+from drivers.section import LONGEST_ANSWER_S
 from gateway.cli.play import Played, play_bus
 from gateway.recordings import WireEvent, WireLogWriter, read_wire_log
 from tests.benches.mosquitto import LIMIT_S, mosquitto
@@ -57,7 +58,7 @@ async def test_what_was_recorded_is_read_again_and_recorded_alike(tmp_path: Path
     path = tmp_path / "again.wire"
     try:
         with WireLogWriter(path, "", datetime.now(UTC), most_bytes=1_000_000) as log:
-            bus = make_bus("hall", "mqtt", {**given(one), "timeout_s": LIMIT_S}, log.tap("hall"))
+            bus = make_bus("hall", "mqtt", {**given(one), "timeout_s": LONGEST_ANSWER_S}, log.tap("hall"))
             device = make_device("sensors", bus, str(tmp_path / "hall.toml"), 1, {"n": 0, "s": 1}, {}, SystemClock())
             await bus.connect()
             readings = await device.read()
@@ -102,7 +103,7 @@ async def test_a_real_brokers_messages_are_recorded(tmp_path: Path) -> None:
         for topic, payload in (("hall/north", "20.5"), ("hall/south", "21.5")):
             await asyncio.to_thread(subprocess.run, [*say, "-t", topic, "-m", payload], check=True, timeout=LIMIT_S)
         with WireLogWriter(path, "", datetime.now(UTC), most_bytes=1_000_000) as log:
-            bus = make_bus("hall", "mqtt", {"url": broker.url, "timeout_s": LIMIT_S}, log.tap("hall"))
+            bus = make_bus("hall", "mqtt", {"url": broker.url, "timeout_s": LONGEST_ANSWER_S}, log.tap("hall"))
             device = make_device("sensors", bus, str(tmp_path / "hall.toml"), 1, {"n": 0, "s": 1}, {}, SystemClock())
             await bus.connect()
             await device.read()
