@@ -3,15 +3,14 @@
 import math
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, fields
-from typing import Final, Literal, Self
+from typing import Annotated, Final, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from drivers.base import SetupError
 from drivers.nc import AXES, ERRORS, LINEAR_AXES, ROTARY_AXES, Triple
 from drivers.opcua import OpcUaSettings
-from drivers.section import NotNegative, Positive
+from drivers.section import NotNegative, Positive, Section, matching
 
 _DEGREES_PER_TURN = 360.0
 ERROR_TERMS: Final = 7
@@ -25,74 +24,66 @@ PAIRS: Final = {
 """Pairs of axes that a sag compensation table connects: shifted axis, axis whose position counts."""
 
 
-@dataclass(frozen=True, slots=True)
-class StateNode:
+def _not_zero(value: float) -> float:
+    if not value:
+        raise ValueError(f"{value!r}: expected a number that is not 0")
+    return value
+
+
+NodePath = Annotated[str, matching(r"(?s)/.*", "a node name beginning with /")]
+NodePathOrNone = Annotated[str, matching(r"(?s)(/.*)?", "a node name beginning with /, or an empty text")]
+NumberedPath = Annotated[str, matching(r"/[^{}]*\{n\}[^{}]*", "a node name beginning with / that holds {n} once")]
+NumberedPathOrNone = Annotated[
+    str, matching(r"(/[^{}]*\{n\}[^{}]*)?", "a node name beginning with / that holds {n} once, or an empty text")
+]
+RNumber = Annotated[int, Field(ge=0)]
+"""Number of an R-parameter."""
+Sign = Literal[-1, 1]
+
+
+class StateNode(Section):
     """A machine state that the control provides."""
 
-    path: str
+    path: NodePath
     """Node name, such as `/Plc/Q4.0`."""
-    divisor: float = 1.0
+    divisor: Annotated[float, AfterValidator(_not_zero)] = 1.0
     """Divisor of the node's value."""
 
-    def __post_init__(self) -> None:
-        if not self.path.startswith("/"):
-            raise SetupError(f"path = {self.path!r}: expected a node name beginning with /")
-        if not (math.isfinite(self.divisor) and self.divisor):
-            raise SetupError(f"divisor = {self.divisor!r}: expected a number that is not 0")
 
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Paths:
+class Paths(Section):
     """Node names without a namespace. `{n}` stands for the number of an axis or of an R-parameter."""
 
-    position: str = "/Channel/MachineAxis/actToolBasePos[u1,{n}]"
+    position: NumberedPath = "/Channel/MachineAxis/actToolBasePos[u1,{n}]"
     """Position of a machine axis, mm or degrees, machine coordinates."""
-    r_parameter: str = "/Channel/Parameter/R[u1,{n}]"
+    r_parameter: NumberedPath = "/Channel/Parameter/R[u1,{n}]"
     """R-parameters of the channel that probes."""
-    k0: str = "/NC/_N_AX_SEA_ACX/$SA_TEMP_COMP_ABS_VALUE[u{n}]"
+    k0: NumberedPath = "/NC/_N_AX_SEA_ACX/$SA_TEMP_COMP_ABS_VALUE[u{n}]"
     """K0 of an axis, SD43900, mm."""
-    slope: str = "/NC/_N_AX_SEA_ACX/$SA_TEMP_COMP_SLOPE[u{n}]"
+    slope: NumberedPath = "/NC/_N_AX_SEA_ACX/$SA_TEMP_COMP_SLOPE[u{n}]"
     """tanβ of an axis, SD43910."""
-    reference: str = "/NC/_N_AX_SEA_ACX/$SA_TEMP_COMP_REF_POSITION[u{n}]"
+    reference: NumberedPath = "/NC/_N_AX_SEA_ACX/$SA_TEMP_COMP_REF_POSITION[u{n}]"
     """P0 of an axis, SD43920, mm."""
-    weight: str = "/NC/_N_NC_SEA_ACX/$SN_CEC_TABLE_WEIGHT[{n}]"
+    weight: NumberedPath = "/NC/_N_NC_SEA_ACX/$SN_CEC_TABLE_WEIGHT[{n}]"
     """Weight of a sag compensation table, SD41310; `{n}` stands for the table's number from 1 on."""
-    mode: str = "/Bag/State/opMode[u1]"
+    mode: NodePathOrNone = "/Bag/State/opMode[u1]"
     """Operating mode: 0 JOG, 1 MDA, 2 AUTO. Empty: not read; likewise for the next three."""
-    program: str = "/Channel/State/progStatus[u1]"
+    program: NodePathOrNone = "/Channel/State/progStatus[u1]"
     """State of the program: 1 interrupted, 2 stopped, 3 running, 4 waiting, 5 aborted."""
-    tool: str = "/Channel/State/actTNumber[u1]"
+    tool: NodePathOrNone = "/Channel/State/actTNumber[u1]"
     """Number of the tool in the spindle."""
-    referenced: str = "/Channel/MachineAxis/refPtStatus[u1,{n}]"
+    referenced: NumberedPathOrNone = "/Channel/MachineAxis/refPtStatus[u1,{n}]"
     """Whether X, Y, Z are referenced: an odd number when so. Empty: not read."""
-    probe_in_spindle: str = ""
+    probe_in_spindle: NodePathOrNone = ""
     """A bit of the machine builder's PLC program, such as `/Plc/M120.1`; there is no standard one."""
-    metric: str = "/NC/_N_NC_TEA_ACX/$MN_SCALING_SYSTEM_IS_METRIC"
+    metric: NodePathOrNone = "/NC/_N_NC_TEA_ACX/$MN_SCALING_SYSTEM_IS_METRIC"
     """Whether the control's basic system is metric, MD10240: with an inch system nothing is used and nothing written.
     Needs the right TeaRead. Empty: not read; then set it by what the control shows."""
-    drives_on: str = ""
+    drives_on: NodePathOrNone = ""
     """A bit that is on while the drives are, such as `/Plc/M120.2`; there is no standard one. While it is off no offset
     is written. Empty: not read."""
-    alarms: tuple[str, ...] = tuple(f"/Nck/SequencedAlarms/textIndex[{n}]" for n in range(1, 17))
+    alarms: tuple[NodePath, ...] = tuple(f"/Nck/SequencedAlarms/textIndex[{n}]" for n in range(1, 17))
     """Numbers of the NC's alarms, the oldest first, 0 where there is none. When all places are taken, or one has no
     good value, an emergency stop may be among the hidden alarms: no offset is written."""
-
-    def __post_init__(self) -> None:
-        for name in ("position", "r_parameter", "k0", "slope", "reference", "weight"):
-            path = getattr(self, name)
-            if not re.fullmatch(r"/[^{}]*\{n\}[^{}]*", path):
-                raise SetupError(f"{name} = {path!r}: expected a node name beginning with / that holds {{n}} once")
-        if self.referenced and not re.fullmatch(r"/[^{}]*\{n\}[^{}]*", self.referenced):
-            raise SetupError(
-                f"referenced = {self.referenced!r}: expected a node name that holds {{n}} once, or an empty text"
-            )
-        for name in ("mode", "program", "tool", "probe_in_spindle", "metric", "drives_on"):
-            path = getattr(self, name)
-            if path and not path.startswith("/"):
-                raise SetupError(f"{name} = {path!r}: expected a node name beginning with /, or an empty text")
-        for path in self.alarms:
-            if not path.startswith("/"):
-                raise SetupError(f"alarms holds {path!r}: expected node names beginning with /")
 
 
 def default_states(axis_numbers: Mapping[str, int]) -> dict[str, StateNode]:
@@ -101,45 +92,39 @@ def default_states(axis_numbers: Mapping[str, int]) -> dict[str, StateNode]:
     The control reports rotary axes in degrees per minute; models use 1/min.
     """
     feed = "/Channel/MachineAxis/actFeedRate[u1,{n}]"
-    states = {"spindle_speed": StateNode("/Channel/Spindle/actSpeed[u1,1]")}
+    states = {"spindle_speed": StateNode(path="/Channel/Spindle/actSpeed[u1,1]")}
     for axis, number in axis_numbers.items():
         divisor = _DEGREES_PER_TURN if axis in ROTARY_AXES else 1.0
-        states[f"speed_{axis}"] = StateNode(feed.format(n=number), divisor)
+        states[f"speed_{axis}"] = StateNode(path=feed.format(n=number), divisor=divisor)
     return states
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Handshake:
+class Handshake(Section):
     """R-parameters of the probing handshake (docs/nc.md). The gateway writes the first three, the control the rest."""
 
-    request: int = 60
+    request: RNumber = 60
     """Number of the request."""
-    withdraw: int = 61
+    withdraw: RNumber = 61
     """Number of a withdrawn request."""
-    valid_for: int = 62
+    valid_for: RNumber = 62
     """Time in seconds within which the cycle must begin."""
-    answers: int = 64
+    answers: RNumber = 64
     """Number of the request to which state and reason refer."""
-    state: int = 65
+    state: RNumber = 65
     """0 idle, 1 accepted, 2 running, 3 done, 4 refused, 5 failed."""
-    reason: int = 66
+    reason: RNumber = 66
     """Why it was refused or failed."""
-    result_of: int = 67
+    result_of: RNumber = 67
     """Number of the request that the results belong to."""
-    results: int = 70
+    results: RNumber = 70
     """First of three R-parameters per pose."""
-    spread: int = 88
+    spread: RNumber = 88
     """Largest difference between repeated touches in the cycle, mm."""
-    request_valid_for_s: float = 900.0
+    request_valid_for_s: NotNegative = 900.0
     """A control that reaches its safe point later than this refuses: the gateway may be gone by then. 0: no limit."""
 
-    def __post_init__(self) -> None:
-        if not (math.isfinite(self.request_valid_for_s) and self.request_valid_for_s >= 0):
-            raise SetupError(f"request_valid_for_s = {self.request_valid_for_s!r}: expected 0 or more")
 
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class OffsetRoute:
+class OffsetRoute(Section):
     """How offsets reach the control."""
 
     route: Literal["k0", "k0_slope", "errors", "r"] = "k0"
@@ -147,34 +132,27 @@ class OffsetRoute:
     follows its position by itself; `errors`: the nine errors over R-parameters, from which a program on the control
     (`talc-gateway nc sinumerik-files`) computes SD43900 in each of its own cycles, or `k0` if that program is missing;
     `r`: three R-parameters in mm that the NC program adds."""
-    signs: tuple[int, int, int] | None = None
+    signs: tuple[Sign, Sign, Sign] | None = None
     """+1 if a positive value moves the tool in the positive direction, -1 if in the negative. None: -1, because a
     compensation value states an error to be removed, and +1 for route `r`. Check with a dial gauge (docs/nc.md)."""
     travel_mm: tuple[tuple[float, float], tuple[float, float], tuple[float, float]] | None = None
     """Routes `k0_slope` and `errors`: travel of X, Y, Z in machine coordinates; bound and slew hold over all of it."""
-    axis_names: Mapping[str, str] = field(default_factory=lambda: {"X": "X", "Y": "Y", "Z": "Z", "A": "A"})
+    axis_names: Mapping[str, str] = Field(default_factory=lambda: {"X": "X", "Y": "Y", "Z": "Z", "A": "A"})
     """Route `errors`: identifiers of the machine axes X, Y, Z, A on the control (MD10000), such as `{X = "X1", ...}`"""
     reference_mm: Triple = (0.0, 0.0, 0.0)
     """Route `k0_slope`: P0 of X, Y, Z (SD43920) and zero of the tables, in machine coordinates."""
-    tables: Mapping[str, int] = field(default_factory=dict)
+    tables: Mapping[str, Annotated[int, Field(ge=0)]] = Field(default_factory=dict)
     """Route `k0_slope`: sag compensation table ($AN_CEC, from 0 on) of each pair of axes, such as `{XY = 0}`: X is
     shifted by Y's position. The gateway follows a pair without a table itself, once per period."""
-    table_signs: tuple[int, int, int] | None = None
+    table_signs: tuple[Sign, Sign, Sign] | None = None
     """Like `signs`, for the tables; None: the same as `signs`."""
-    first_r: int = 90
+    first_r: RNumber = 90
     """First of the three R-parameters of route `r`."""
-    largest_um: float = 500.0
+    largest_um: Positive = 500.0
     """No offset beyond this is ever sent, whatever the caller requests: the last defence against a wrong unit."""
 
-    def __post_init__(self) -> None:
-        if self.route not in ("k0", "k0_slope", "errors", "r"):
-            raise SetupError(f"route = {self.route!r}: expected 'k0', 'k0_slope', 'errors' or 'r'")
-        for name in ("signs", "table_signs"):
-            signs = getattr(self, name)
-            if signs is not None and sorted({-1, 1, *signs}) != [-1, 1]:
-                raise SetupError(f"{name} = {signs!r}: expected three of +1 or -1")
-        if not 0 < self.largest_um < math.inf:
-            raise SetupError(f"largest_um = {self.largest_um!r}: expected more than 0")
+    @model_validator(mode="after")
+    def _complete(self) -> Self:
         if self.route in ("k0_slope", "errors"):
             self._check_travel()
         elif self.travel_mm is not None:
@@ -185,12 +163,13 @@ class OffsetRoute:
             raise SetupError(f"tables are for route 'k0_slope', not for {self.route!r}")
         if self.route == "errors":
             self._check_names()
+        return self
 
     def _check_travel(self) -> None:
         if self.travel_mm is None:
             raise SetupError(f"travel_mm is missing: route {self.route!r} needs it to keep bound and slew everywhere")
         for axis, (low, high) in zip(LINEAR_AXES, self.travel_mm, strict=True):
-            if not -math.inf < low < high < math.inf:
+            if low >= high:
                 raise SetupError(f"travel_mm of {axis} = {(low, high)!r}: expected the lower end before the upper one")
 
     def _check_names(self) -> None:
@@ -201,13 +180,9 @@ class OffsetRoute:
                 raise SetupError(f"axis_names.{axis} = {name!r}: expected capital letters, digits and _")
 
     def _check_slopes(self) -> None:
-        if not all(math.isfinite(v) for v in self.reference_mm):
-            raise SetupError(f"reference_mm = {self.reference_mm!r}: expected three finite numbers")
-        for pair, table in self.tables.items():
+        for pair in self.tables:
             if pair not in PAIRS:
                 raise SetupError(f"tables.{pair}: expected one of {', '.join(PAIRS)}")
-            if table < 0:
-                raise SetupError(f"tables.{pair} = {table}: expected the number of a table, 0 or more")
         if len(set(self.tables.values())) != len(self.tables):
             raise SetupError(f"tables = {dict(self.tables)!r}: expected a different table for each pair")
 
@@ -222,39 +197,37 @@ class OffsetRoute:
         return 1 if self.route == "r" else -1
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LeaseParameters:
+class LeaseParameters(Section):
     """R-parameters of claim and watchdog (docs/nc.md). The gateway writes all but `state`."""
 
-    owner: int = 93
+    owner: RNumber = 93
     """Number of the gateway that writes offsets; 0: none."""
-    beat: int = 94
+    beat: RNumber = 94
     """A different number at every heartbeat."""
-    silence: int = 95
+    silence: RNumber = 95
     """Seconds without a new beat after which the control considers the gateway dead."""
-    state: int = 96
+    state: RNumber = 96
     """0 the watchdog has seen no beat since power on, 1 alive, 2 silent."""
-    ramp: int = 97
+    ramp: RNumber = 97
     """mm/s towards zero on silence; 0 holds."""
-    slope_ramp: int = 98
+    slope_ramp: RNumber = 98
     """Route `k0_slope`: the same for slopes, mm/mm per second."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ErrorParameters:
+class ErrorParameters(Section):
     """R-parameters of route `errors` (docs/nc.md). The gateway writes `wanted`, the control the rest."""
 
-    version: int = 99
+    version: RNumber = 99
     """Version of the program on the control; 0: no program."""
-    wanted: int = 100
+    wanted: RNumber = 100
     """First of the nine errors, µm and µm/m."""
-    in_force: int = 110
+    in_force: RNumber = 110
     """First of the nine errors after the slew."""
-    echo: int = 119
+    echo: RNumber = 119
     """The beat, as the last of the program's actions saw it."""
-    probed: int = 120
+    probed: RNumber = 120
     """First of three: shift of the tool in mm that was held during the last probing cycle."""
-    terms: int = 123
+    terms: RNumber = 123
     """First of seven: slew in µm/s, radius of ER0T in mm, three bounds in µm, two reaches in mm."""
 
 
@@ -305,11 +278,9 @@ class SinumerikSettings(SinumerikControl):
 
     @model_validator(mode="after")
     def _check_r_parameters(self) -> Self:
-        """No number is below 0, and none has two meanings."""
+        """No number has two meanings."""
         meaning: dict[int, str] = {}
         for name, number in self.r_numbers():
-            if number < 0:
-                raise SetupError(f"{name} = {number}: expected the number of an R-parameter, 0 or more")
             if number in meaning:
                 raise SetupError(
                     f"R{number} is {meaning[number]} as well as {name}", hint="give one of them another R-parameter"
@@ -321,12 +292,12 @@ class SinumerikSettings(SinumerikControl):
         """Every R-parameter in use, with its meaning; one field may give several."""
         for group in ("handshake", "lease"):
             section = getattr(self, group)
-            for item in fields(section):
-                number = getattr(section, item.name)
-                if item.name == "results":
+            for field, info in type(section).model_fields.items():
+                number = getattr(section, field)
+                if field == "results":
                     yield from ((f"{group}.results (of {self.poses} poses)", number + i) for i in range(3 * self.poses))
-                elif item.type is int:
-                    yield f"{group}.{item.name}", number
+                elif info.annotation is int:
+                    yield f"{group}.{field}", number
         if self.compensation.route == "errors":
             yield "errors.version", self.errors.version
             yield "errors.echo", self.errors.echo

@@ -4,7 +4,7 @@ import asyncio
 import math
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -87,8 +87,8 @@ def day() -> LoadCase:
 
 def wired(plain: SinumerikSettings) -> SinumerikSettings:
     """Settings with the bits that the emulated control's machine builder has wired."""
-    states = {**plain.state_sources, "coolant": StateNode(COOLANT)}
-    nodes = replace(plain.nodes, probe_in_spindle=PROBE_IN_SPINDLE)
+    states = {**plain.state_sources, "coolant": StateNode(path=COOLANT)}
+    nodes = plain.nodes.model_copy(update={"probe_in_spindle": PROBE_IN_SPINDLE})
     return plain.model_copy(update={"nodes": nodes, "states": states})
 
 

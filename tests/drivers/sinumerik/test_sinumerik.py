@@ -300,7 +300,9 @@ async def test_an_axis_is_referenced_only_when_the_control_says_so(
     bench: OpcUaBench, value: float, ready: bool
 ) -> None:
     plain = SinumerikSettings(security="none", url=bench.url)
-    settings = plain.model_copy(update={"nodes": replace(plain.nodes, referenced="/Channel/Parameter/R[u1,{n}]")})
+    settings = plain.model_copy(
+        update={"nodes": plain.nodes.model_copy(update={"referenced": "/Channel/Parameter/R[u1,{n}]"})}
+    )
     bench.control.nck.r[1:4] = [3.0, value, 3.0]
     nc = Sinumerik(settings, bench.clock)
     await nc.connect()
@@ -327,7 +329,9 @@ async def test_a_control_is_ready_that_shows_no_emergency_stop_and_has_room_to_s
 
 async def test_drives_that_are_off_are_not_ready_where_the_control_has_a_bit_for_it(bench: OpcUaBench) -> None:
     plain = SinumerikSettings(security="none", url=bench.url)
-    nc = Sinumerik(plain.model_copy(update={"nodes": replace(plain.nodes, drives_on=DRIVES_ON)}), bench.clock)
+    nc = Sinumerik(
+        plain.model_copy(update={"nodes": plain.nodes.model_copy(update={"drives_on": DRIVES_ON})}), bench.clock
+    )
     await nc.connect()
     assert (await nc.snapshot()).ready is True
     bench.control.nck.drives_on = False
@@ -338,7 +342,7 @@ async def test_drives_that_are_off_are_not_ready_where_the_control_has_a_bit_for
 
 async def test_without_alarm_nodes_none_are_read(bench: OpcUaBench) -> None:
     plain = SinumerikSettings(security="none", url=bench.url)
-    nc = Sinumerik(plain.model_copy(update={"nodes": replace(plain.nodes, alarms=())}), bench.clock)
+    nc = Sinumerik(plain.model_copy(update={"nodes": plain.nodes.model_copy(update={"alarms": ()})}), bench.clock)
     await nc.connect()
     bench.control.nck.raise_alarm(21612, bench.clock.now)
     snapshot = await nc.snapshot()

@@ -10,6 +10,7 @@ import pytest
 from pydantic import ValidationError
 
 from drivers.base import SetupError
+from drivers.problems import settings_of
 from drivers.sinumerik import ErrorTerms, OffsetRoute, SinumerikSettings, errors_program
 from drivers.sinumerik.settings import Handshake
 from simulators.nc.synchronised import ProgramAlarm
@@ -320,7 +321,7 @@ def test_both_pages_name_the_room_that_the_program_needs(page: str) -> None:
 )
 def test_invalid_settings_are_refused(route: dict[str, object], cause: str) -> None:
     with pytest.raises(SetupError, match=cause):
-        OffsetRoute(**route)  # type: ignore[arg-type]
+        settings_of(OffsetRoute, route)
 
 
 def test_no_r_parameter_has_two_meanings_and_another_route_needs_no_program() -> None:

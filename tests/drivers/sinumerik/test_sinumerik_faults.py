@@ -220,7 +220,7 @@ async def test_a_server_that_is_not_a_sinumerik() -> None:
 
 async def test_a_path_that_does_not_exist_is_named_when_connecting() -> None:
     async with running(emulated()) as url:
-        wrong_state = SinumerikSettings(security="none", url=url, states={"coolant": StateNode("/Plc/Q77.7")})
+        wrong_state = SinumerikSettings(security="none", url=url, states={"coolant": StateNode(path="/Plc/Q77.7")})
         wrong_axis = SinumerikSettings(
             security="none", url=url, nodes=Paths(position="/Channel/machineAxis/pos[u1,{n}]")
         )
@@ -241,7 +241,7 @@ async def test_a_missing_right_to_read_is_named_when_connecting(tmp_path: Path, 
             url=url,
             user="watcher",
             password_file=password,
-            states={"coolant": StateNode("/Plc/M120.0")},
+            states={"coolant": StateNode(path="/Plc/M120.0")},
         )
         nc = Sinumerik(settings, SystemClock())
         with pytest.raises(Refused, match=f"'watcher' the right {right.value}"):

@@ -2,7 +2,6 @@
 
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
-from dataclasses import fields
 
 import pytest
 
@@ -23,7 +22,7 @@ TRAVEL = ((-300.0, 300.0), (-200.0, 200.0), (0.0, 400.0))
 TABLES = {"XY": 0, "XZ": 1, "YX": 2, "YZ": 3, "ZX": 4, "ZY": 5}
 PLAIN = OffsetRoute()
 SLOPES = OffsetRoute(route="k0_slope", travel_mm=TRAVEL, tables=TABLES)
-LEASE = [field.name for field in fields(LeaseParameters)]
+LEASE = [*LeaseParameters.model_fields]
 ASKING = ("request", "withdraw", "valid_for")
 
 

@@ -11,6 +11,7 @@ import pytest
 
 from drivers.base import Refused, SetupError, WrongDevice
 from drivers.nc import FollowsPosition, LinearOffsets, Triple, WatchdogTerms
+from drivers.problems import settings_of
 from drivers.sinumerik.settings import PAIRS, OffsetRoute, Paths, SinumerikSettings
 from drivers.sinumerik.slope import SinumerikWithSlopes
 from simulators.nc.nck import CEC_TABLES
@@ -31,7 +32,7 @@ OWN_AXES = LinearOffsets((10.0, -20.0, 5.0), ((0.05, 0.0, 0.0), (0.0, -0.04, 0.0
 async def with_slopes(**changes: object) -> AsyncIterator[tuple[OpcUaBench, SinumerikWithSlopes]]:
     async with sinumerik_bench() as bench:
         fields: dict[str, object] = {"route": "k0_slope", "travel_mm": TRAVEL, "tables": TABLES}
-        compensation = OffsetRoute(**(fields | changes))  # type: ignore[arg-type]
+        compensation = OffsetRoute(**(fields | changes))
         nc = SinumerikWithSlopes(
             SinumerikSettings(security="none", url=bench.url, compensation=compensation), bench.clock
         )
@@ -210,12 +211,18 @@ async def test_a_table_that_does_not_exist_is_named_when_connecting() -> None:
         ({"route": "r", "tables": {"XY": 0}}, "for route 'k0_slope', not for 'r'"),
         ({"route": "k0_slope", "travel_mm": (TRAVEL[0], (5.0, 5.0), TRAVEL[2])}, r"travel_mm of Y = \(5.0, 5.0\)"),
         ({"route": "k0_slope", "travel_mm": TRAVEL, "tables": {"XX": 0}}, "tables.XX: expected one of XY, XZ"),
-        ({"route": "k0_slope", "travel_mm": TRAVEL, "tables": {"XY": -1}}, "tables.XY = -1"),
+        ({"route": "k0_slope", "travel_mm": TRAVEL, "tables": {"XY": -1}}, "tables.XY: -1: expected at least 0"),
         ({"route": "k0_slope", "travel_mm": TRAVEL, "tables": {"XY": 0, "YX": 0}}, "a different table for each pair"),
-        ({"route": "k0_slope", "travel_mm": TRAVEL, "table_signs": (1, 1, 2)}, "table_signs"),
-        ({"route": "k0_slope", "travel_mm": TRAVEL, "reference_mm": (0.0, math.nan, 0.0)}, "reference_mm"),
+        (
+            {"route": "k0_slope", "travel_mm": TRAVEL, "table_signs": (1, 1, 2)},
+            r"table_signs\[2\]: 2: expected -1 or 1",
+        ),
+        (
+            {"route": "k0_slope", "travel_mm": TRAVEL, "reference_mm": (0.0, math.nan, 0.0)},
+            r"reference_mm\[1\]: nan: expected a finite number",
+        ),
     ],
 )
 def test_invalid_settings_are_named(fields: dict[str, object], message: str) -> None:
     with pytest.raises(SetupError, match=message):
-        OffsetRoute(**fields)  # type: ignore[arg-type]
+        settings_of(OffsetRoute, fields)

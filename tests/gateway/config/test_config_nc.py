@@ -128,8 +128,8 @@ def test_every_key_reaches_the_driver() -> None:
     assert settings.r(160) == "/Channel/Parameter/R[u2,160]"
     assert settings.poses == 7
     assert settings.state_sources == {
-        "speed_C": StateNode("/Channel/Parameter/R[u2,40]", 1.0),
-        "coolant": StateNode("/Plc/Q4.0"),
+        "speed_C": StateNode(path="/Channel/Parameter/R[u2,40]", divisor=1.0),
+        "coolant": StateNode(path="/Plc/Q4.0"),
     }
     assert settings.handshake == Handshake(
         request=160, withdraw=161, valid_for=162, answers=163, state=164, reason=165, result_of=166, results=170,
