@@ -18,6 +18,10 @@ ERRORS: Final = 9
 """Number of thermal errors."""
 FARTHEST_MM: Final = 1e5
 """No linear axis is longer; what lies beyond is not a position."""
+LARGEST_UM: Final = 500.0
+"""Larger offsets are never sent to a control, unless its settings say otherwise."""
+REQUEST_VALID_FOR_S: Final = 900.0
+"""For so long a request for a probing cycle waits for a safe point, unless the settings say otherwise."""
 LARGEST_NUMBER: Final = 2**31 - 1
 """Largest request or owner number that a control stores exactly, both as an integer and as a floating-point number."""
 

@@ -13,7 +13,6 @@ if TYPE_CHECKING:
     from drivers.agent.settings import (
         AGENT_PORT,
         AGENT_STATES,
-        LARGEST_UM,
         AgentAddress,
         AgentBusSettings,
         AgentRequests,
@@ -30,7 +29,6 @@ else:
             ".profile": ("AgentProfile",),
             ".settings": (
                 "AGENT_PORT",
-                "LARGEST_UM",
                 "AGENT_STATES",
                 "AgentAddress",
                 "AgentBusSettings",
@@ -43,7 +41,6 @@ else:
 __all__ = [
     "AGENT_PORT",
     "AGENT_STATES",
-    "LARGEST_UM",
     "PROTOCOL_VERSION",
     "AgentAddress",
     "AgentBus",

@@ -6,12 +6,11 @@ from pydantic import Field
 
 from drivers.base import SetupError
 from drivers.bus_settings import BusSettings
-from drivers.nc import AXES
+from drivers.nc import AXES, LARGEST_UM, REQUEST_VALID_FOR_S
 from drivers.section import AnswerTime, FilePath, HostName, NotNegative, Port, Positive, Section
 from drivers.signature import shared_key
 
 AGENT_PORT = 7621
-LARGEST_UM = 500.0
 AGENT_STATES: Final = ("spindle_speed", *(f"speed_{axis}" for axis in AXES), "coolant")
 """Every machine state that an agent is expected to report: 1/min, mm/min, 0 or 1."""
 
@@ -44,7 +43,7 @@ class AgentBusSettings(AgentAddress, BusSettings):
 class AgentRequests(AgentAddress):
     """The same of an agent that is asked for probing cycles."""
 
-    request_valid_for_s: NotNegative = 900.0
+    request_valid_for_s: NotNegative = REQUEST_VALID_FOR_S
     """A request for a probing cycle that reaches no safe point within this time is refused; 0: never."""
 
 

@@ -8,7 +8,7 @@ from typing import Annotated, Final, Literal, Self
 from pydantic import AfterValidator, Field, model_validator
 
 from drivers.base import SetupError
-from drivers.nc import AXES, ERRORS, LINEAR_AXES, ROTARY_AXES, Triple
+from drivers.nc import AXES, ERRORS, LARGEST_UM, LINEAR_AXES, REQUEST_VALID_FOR_S, ROTARY_AXES, Triple
 from drivers.opcua import OpcUaSettings
 from drivers.section import NotNegative, Positive, Section, matching
 
@@ -120,7 +120,7 @@ class Handshake(Section):
     """First of three R-parameters per pose."""
     spread: RNumber = 88
     """Largest difference between repeated touches in the cycle, mm."""
-    request_valid_for_s: NotNegative = 900.0
+    request_valid_for_s: NotNegative = REQUEST_VALID_FOR_S
     """A control that reaches its safe point later than this refuses: the gateway may be gone by then. 0: no limit."""
 
 
@@ -148,7 +148,7 @@ class OffsetRoute(Section):
     """Like `signs`, for the tables; None: the same as `signs`."""
     first_r: RNumber = 90
     """First of the three R-parameters of route `r`."""
-    largest_um: Positive = 500.0
+    largest_um: Positive = LARGEST_UM
     """No offset beyond this is ever sent, whatever the caller requests: the last defence against a wrong unit."""
 
     @model_validator(mode="after")

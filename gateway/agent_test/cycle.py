@@ -6,7 +6,7 @@ from collections.abc import Container
 from contextlib import suppress
 
 from drivers.agent import Capability
-from drivers.nc import LARGEST_NUMBER, ProbingState
+from drivers.nc import LARGEST_NUMBER, REQUEST_VALID_FOR_S, ProbingState
 from gateway.agent_test.clause import Clauses, Moves, Trial
 from gateway.agent_test.connection import (
     BareConnection,
@@ -23,7 +23,7 @@ CYCLE = Clauses()
 _PROBE = frozenset({Capability.PROBE})
 _WAITING = {ProbingState.REQUESTED, ProbingState.ACCEPTED, ProbingState.RUNNING}
 _ENDED = {ProbingState.DONE, ProbingState.REFUSED, ProbingState.FAILED}
-_POLL_S, _VALID_S = 0.05, 900.0
+_POLL_S, _VALID_S = 0.05, REQUEST_VALID_FOR_S
 _HELD_UM, _LATER_UM = (3.0, -2.0, 1.0), (-3.0, 2.0, -1.0)
 
 

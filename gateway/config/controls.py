@@ -6,10 +6,11 @@ from urllib.parse import urlsplit
 
 from pydantic import Field
 
-from drivers.agent import AGENT_STATES, LARGEST_UM, AgentAddress, AgentRequests, AgentSettings
+from drivers.agent import AGENT_STATES, AgentAddress, AgentRequests, AgentSettings
 from drivers.bus_settings import is_loopback
 from drivers.linuxcnc import LinuxCncSettings
 from drivers.mtconnect import MtConnectSettings
+from drivers.nc import LARGEST_UM
 from drivers.problems import settings_of
 from drivers.sinumerik import SinumerikControl, SinumerikSettings, StateNode, default_states
 from gateway.config.credentials import agent_cautions

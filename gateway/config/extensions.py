@@ -13,7 +13,7 @@ from importlib.metadata import EntryPoint, entry_points
 from typing import Any, Final, Generic, TypeVar
 
 from drivers.base import Bus, Clock, Driver, DriverError, SetupError, SystemClock
-from drivers.nc import NumericalControl
+from drivers.nc import LARGEST_UM, NumericalControl
 from drivers.section import AnswerTime
 from drivers.tap import Tap
 from gateway.config.polled import Polled, PolledControl
@@ -53,7 +53,7 @@ class ControlSection(PolledControl, ABC):
     @property
     def largest_um(self) -> float:
         """Larger offsets are never sent."""
-        return 500.0
+        return LARGEST_UM
 
     def other_states(self, name: str) -> str:  # noqa: ARG002
         """Hint for an unknown state."""

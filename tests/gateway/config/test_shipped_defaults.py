@@ -7,9 +7,11 @@ from typing import Any
 import pytest
 from pydantic import BaseModel
 
+from drivers.agent import AgentSettings
 from drivers.mqtt import MqttServer
 from drivers.opcua import OpcUaServer
 from drivers.opcua.settings import with_port
+from drivers.sinumerik.settings import Handshake
 from gateway.config import (
     AgentNc,
     AgentSection,
@@ -24,6 +26,7 @@ from gateway.config import (
     ModbusTcpSection,
     MqttSection,
     MtConnectNc,
+    Nc,
     OpcUaSection,
     SinumerikNc,
     Storage,
@@ -85,3 +88,20 @@ def test_a_server_whose_port_is_not_given_is_looked_for_at_the_usual_one() -> No
     assert [InfluxDbSettings.model_validate(given | {"url": url}).port for url in urls] == [8086, 8086]
     server = OpcUaServer(url="opc.tcp://127.0.0.1", security="none")
     assert with_port(server.url) == "opc.tcp://127.0.0.1:4840"
+
+
+def test_no_control_is_sent_more_than_half_a_millimetre_or_keeps_a_request_for_more_than_a_quarter_of_an_hour() -> None:
+    agent = {"key_file": "talc.key"}
+    items = {axis: f"{axis}abs" for axis in "XYZAC"}
+    controls: list[Nc] = [
+        SinumerikNc.model_validate({"kind": "sinumerik", "url": "opc.tcp://127.0.0.1", "security": "none"}),
+        AgentNc.model_validate({"kind": "agent"} | agent),
+        LinuxCncNc.model_validate({"kind": "linuxcnc"} | agent),
+        MtConnectNc.model_validate({"kind": "mtconnect", "url": "http://127.0.0.1:5000", "positions": items}),
+    ]
+    assert {type(nc).__name__: nc.largest_um for nc in controls} == {
+        "SinumerikNc": 500.0, "AgentNc": 500.0, "LinuxCncNc": 500.0, "MtConnectNc": 500.0,
+    }  # fmt: skip
+    assert AgentSettings.model_validate(agent).largest_um == 500.0
+    assert AgentSettings.model_validate(agent).request_valid_for_s == 900.0
+    assert Handshake().request_valid_for_s == 900.0
