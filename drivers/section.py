@@ -56,6 +56,17 @@ def wrong(what: str, *at: str | int) -> PydanticCustomError:
     return PydanticCustomError(WRONG, "{what}", {"what": what, "at": at})
 
 
+def both_or_neither(first: str, given: object, second: str, other: object) -> None:
+    """Raises ValueError if one of these two fields is given, and the other is None."""
+    if (given is None) != (other is None):
+        raise ValueError(f"{first} and {second} go together: give both or neither")
+
+
+def user_and_password(user: str | None, password_file: Path | None) -> None:
+    """Raises ValueError for one without the other."""
+    both_or_neither("user", user, "password_file", password_file)
+
+
 def beside_the_file(path: Path, info: ValidationInfo) -> Path:
     """A relative path starts at the file's folder (`folder` of the context), not at the working directory."""
     if "\0" in str(path):

@@ -5,7 +5,7 @@ from typing import ClassVar, Self
 from pydantic import Field, model_validator
 
 from drivers.bus_settings import BusSettings
-from drivers.section import AnswerTime, FilePath, NotEmpty
+from drivers.section import AnswerTime, FilePath, NotEmpty, both_or_neither, user_and_password
 from drivers.server_url import UrlServer
 
 
@@ -35,10 +35,8 @@ class MqttServer(UrlServer):
 
     @model_validator(mode="after")
     def _sensible(self) -> Self:
-        if (self.user is None) != (self.password_file is None):
-            raise ValueError("user and password_file go together: give both or neither")
-        if (self.certificate is None) != (self.key is None):
-            raise ValueError("certificate and key go together: give both or neither")
+        user_and_password(self.user, self.password_file)
+        both_or_neither("certificate", self.certificate, "key", self.key)
         if not self.encrypted and self.certificate:
             raise ValueError("certificate and key have no effect without TLS: write mqtts:// in url")
         return self

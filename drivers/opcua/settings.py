@@ -6,7 +6,7 @@ from urllib.parse import urlsplit
 from pydantic import model_validator
 
 from drivers.bus_settings import BusSettings
-from drivers.section import AnswerTime, FilePath, NotEmpty, Section, matching, wrong
+from drivers.section import AnswerTime, FilePath, NotEmpty, Section, matching, user_and_password, wrong
 
 _DEFAULT_PORT = 4840
 
@@ -21,7 +21,7 @@ class OpcUaServer(Section):
     security: Literal["none", "Basic256Sha256"] = "Basic256Sha256"
     """`Basic256Sha256` signs and encrypts; `none` sends everything unencrypted: never for a
     control to which offsets are written."""
-    user: str | None = None
+    user: NotEmpty | None = None
     """OPC UA user; the server grants it the rights to read and write."""
     password_file: FilePath | None = None
     """File that contains the user's password, so that it never appears in this file, the store or a message."""
@@ -38,8 +38,7 @@ class OpcUaServer(Section):
     def _complete(self) -> Self:
         if not _has_possible_port(self.url):
             raise wrong(f"{self.url!r}: expected a port of 1 to 65535", "url")
-        if (self.user is None) != (self.password_file is None):
-            raise ValueError("user and password_file go together: give both or neither")
+        user_and_password(self.user, self.password_file)
         if self.security == "none":
             return self
         if self.certificate is None or self.private_key is None:

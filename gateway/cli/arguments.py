@@ -75,12 +75,14 @@ def access_of(
     authority: Path | None, certificate: Path | None, key: Path | None, user: str | None, password_file: Path | None
 ) -> "Access":
     """What these options say. Raises UsageError when one is missing."""
+    from drivers.section import both_or_neither
     from gateway.telemetry import Access
 
-    if (certificate is None) != (key is None) or (user is None) != (password_file is None):
-        raise click.UsageError(
-            "--certificate and --key go together, and so do --user and --password-file: give both or neither"
-        )
+    try:
+        both_or_neither("--certificate", certificate, "--key", key)
+        both_or_neither("--user", user, "--password-file", password_file)
+    except ValueError as error:
+        raise click.UsageError(str(error)) from None
     password = None if password_file is None else password_file.read_text(encoding="utf-8").strip()
     return Access(authority=authority, certificate=certificate, key=key, user=user, password=password)
 

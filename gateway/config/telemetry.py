@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, Field, model_validator
 
 from drivers.bus_settings import is_loopback
-from drivers.section import FilePath, NotEmpty, Section, matching
+from drivers.section import FilePath, NotEmpty, Section, both_or_neither, matching, user_and_password
 from gateway.commands import CommandName
 from gateway.config.fields import KeyPrefix
 
@@ -90,8 +90,7 @@ class TelemetryTls(Section):
 
     @model_validator(mode="after")
     def _together(self) -> "TelemetryTls":
-        if (self.certificate is None) != (self.key is None):
-            raise ValueError("certificate and key go together: give both or neither")
+        both_or_neither("certificate", self.certificate, "key", self.key)
         if self.mutual and (self.authority is None or self.certificate is None):
             raise ValueError("mutual = true: expected certificate, key and authority too")
         return self
@@ -141,8 +140,7 @@ class Telemetry(Section):
 
     @model_validator(mode="after")
     def _together(self) -> "Telemetry":
-        if (self.user is None) != (self.password_file is None):
-            raise ValueError("user and password_file go together: give both or neither")
+        user_and_password(self.user, self.password_file)
         return self
 
     @property

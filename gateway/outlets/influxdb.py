@@ -16,7 +16,7 @@ from pydantic import Field, model_validator
 
 from drivers.base import SetupError
 from drivers.hang_up import HangUp
-from drivers.section import FilePath, NotEmpty, NotNegative
+from drivers.section import FilePath, NotEmpty, NotNegative, user_and_password
 from drivers.server_url import UrlServer
 from gateway.outlets.line_protocol import WRITTEN, lines
 from gateway.outlets.outlet import OutletError, OutletMessage, OutletSettings, Unacceptable
@@ -61,8 +61,7 @@ class InfluxDbSettings(OutletSettings, UrlServer):
             raise ValueError("org and token_file are for a bucket of InfluxDB 2")
         if self.bucket is not None and (self.user or self.password_file):
             raise ValueError("user and password_file are for a database of InfluxDB 1; a bucket needs token_file")
-        if (self.user is None) != (self.password_file is None):
-            raise ValueError("user and password_file go together: give both or neither")
+        user_and_password(self.user, self.password_file)
         return self
 
     @property

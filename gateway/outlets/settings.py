@@ -2,11 +2,11 @@
 
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Self
 
-from pydantic import Field, create_model
+from pydantic import Field, create_model, model_validator
 
-from drivers.section import FilePath, NotEmpty, Section
+from drivers.section import FilePath, NotEmpty, Section, user_and_password
 from gateway.config import (
     ConfigError,
     Endpoint,
@@ -47,6 +47,11 @@ class SourceSettings(Section):
     """Where user and password are asked for."""
     password_file: FilePath | None = None
     """File that contains only the user's password."""
+
+    @model_validator(mode="after")
+    def _together(self) -> Self:
+        user_and_password(self.user, self.password_file)
+        return self
 
     @property
     def telemetry(self) -> Telemetry:
@@ -108,8 +113,6 @@ def _with(sections: list[type[Any]]) -> type[OutletFile]:
 
 def _problems(file: OutletFile) -> Iterator[Problem]:
     tls = file.source.tls
-    if (file.source.user is None) != (file.source.password_file is None):
-        yield Problem("[source] user", "user and password_file go together: give both or neither")
     if tls.authority is None:
         for place in (endpoint(text) for text in file.source.connect):
             if place.encrypted:

@@ -1,0 +1,48 @@
+"""A user and the file of the password, wherever a section has them: both or neither, and the user has a name."""
+
+from collections.abc import Mapping
+
+import pytest
+from pydantic import BaseModel, ValidationError
+
+from drivers.mqtt import MqttBusSettings
+from drivers.opcua import OpcUaBusSettings
+from gateway.config import SinumerikNc, Telemetry
+from gateway.outlets.influxdb import InfluxDbSettings
+from gateway.outlets.mqtt import MqttOutletSettings
+from gateway.outlets.settings import SourceSettings
+from tests.benches.command import here
+
+OPC_UA = {"url": "opc.tcp://127.0.0.1", "security": "none"}
+SECTIONS: Mapping[type[BaseModel], Mapping[str, object]] = {
+    Telemetry: {},
+    SourceSettings: {},
+    MqttBusSettings: {"url": "mqtt://127.0.0.1"},
+    MqttOutletSettings: {"name": "plant", "kind": "mqtt", "url": "mqtt://127.0.0.1"},
+    InfluxDbSettings: {"name": "plant", "kind": "influxdb", "url": "http://127.0.0.1", "database": "talc"},
+    OpcUaBusSettings: OPC_UA,
+    SinumerikNc: {"kind": "sinumerik"} | OPC_UA,
+}
+
+
+@pytest.mark.parametrize("section", SECTIONS, ids=lambda section: section.__name__)
+@pytest.mark.parametrize(
+    ("login", "said"),
+    [
+        ({"user": "mill"}, "user and password_file go together: give both or neither"),
+        ({"password_file": "secret"}, "user and password_file go together: give both or neither"),
+        ({"user": "", "password_file": "secret"}, "String should have at least 1 character"),
+    ],
+)
+def test_a_login_that_is_incomplete_is_refused(
+    section: type[BaseModel], login: Mapping[str, object], said: str
+) -> None:
+    with pytest.raises(ValidationError, match=said):
+        section.model_validate({**SECTIONS[section], **login})
+    section.model_validate({**SECTIONS[section], "user": "mill", "password_file": "secret"})
+
+
+@pytest.mark.parametrize("option", ["--user", "--password-file"])
+def test_so_it_is_on_the_command_line(option: str) -> None:
+    done = here("watch", option, __file__)
+    assert (done.code, "--user and --password-file go together: give both or neither" in done.err) == (2, True)
