@@ -5,6 +5,7 @@ Checking imports no library of a bus; building imports those of its kind.
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import get_args
 
 from drivers import (
     agent,
@@ -59,18 +60,7 @@ AnyBusSettings = (
     | AgentBusSettings
 )
 
-BUS_KINDS: Mapping[str, type[AnyBusSettings]] = {
-    "modbus_rtu": ModbusRtuSettings,
-    "modbus_rtu_tcp": ModbusRtuTcpSettings,
-    "modbus_tcp": ModbusTcpSettings,
-    "canopen": CanOpenSettings,
-    "can": CanSettings,
-    "me_rs485": MeRs485Settings,
-    "me_ethernet": MeEthernetSettings,
-    "opcua": OpcUaBusSettings,
-    "mqtt": MqttBusSettings,
-    "agent": AgentBusSettings,
-}
+BUS_KINDS: Mapping[str, type[AnyBusSettings]] = {settings.bus_kind: settings for settings in get_args(AnyBusSettings)}
 
 
 class NoOptions(Section):
@@ -130,8 +120,9 @@ def check_device(
 
     Raises SetupError naming the bus, the device, the channel and the value.
     """
-    kind = next(kind for kind, its in BUS_KINDS.items() if isinstance(settings, its))
-    _SettingsCheck(device_name, bus_name, kind, settings.units).check(_loaded(profile), unit, channels, options)
+    _SettingsCheck(device_name, bus_name, settings.bus_kind, settings.units).check(
+        _loaded(profile), unit, channels, options
+    )
 
 
 def make_device(

@@ -1,7 +1,7 @@
 """Bus settings that several families share."""
 
 from ipaddress import ip_address
-from typing import Annotated, Literal, Self
+from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -22,6 +22,9 @@ def is_loopback(host: str) -> bool:
 
 class BusSettings(Section):
     """Any bus."""
+
+    bus_kind: ClassVar[str]
+    """`kind` of such a bus in a configuration, and of the profiles that fit it."""
 
     timeout_s: AnswerTime = 0.5
     """How long one answer may take at most. Half of the polling period (`period_s`) or less is best."""

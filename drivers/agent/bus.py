@@ -29,7 +29,7 @@ class ToldValues:
 class AgentBus:
     """One connection to an agent, beside the one that writes offsets, which it can neither end nor displace."""
 
-    kind = "agent"
+    kind = AgentBusSettings.bus_kind
     units = AgentBusSettings.units
 
     def __init__(self, name: str, settings: AgentBusSettings, tap: Tap | None = None) -> None:  # noqa: ARG002

@@ -31,6 +31,7 @@ class AgentAddress(Section):
 class AgentBusSettings(AgentAddress, BusSettings):
     """A control whose agent reports values that are channels."""
 
+    bus_kind: ClassVar[str] = "agent"
     units: ClassVar[tuple[int, int]] = (1, 127)
     """First and last address on the bus."""
 

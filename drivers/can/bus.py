@@ -31,7 +31,7 @@ class KeptFrame:
 class CanBus:
     """A bus that listens and sends nothing."""
 
-    kind = "can"
+    kind = CanSettings.bus_kind
     units = CanSettings.units
 
     def __init__(self, name: str, settings: CanSettings, tap: Tap | None = None) -> None:

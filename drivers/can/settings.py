@@ -65,5 +65,6 @@ class CanSettings(CanInterfaceSettings):
     It must be longer than the devices' cycle.
     """
 
+    bus_kind: ClassVar[str] = "can"
     units: ClassVar[tuple[int, int]] = (1, 127)
     """First and last address on the bus."""

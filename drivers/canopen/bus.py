@@ -48,7 +48,7 @@ class Uncounted(bytes):
 class CanOpenBus:
     """Nodes on one CAN interface. Requests to all nodes queue for one thread."""
 
-    kind = "canopen"
+    kind = CanOpenSettings.bus_kind
     units = CanOpenSettings.units
 
     def __init__(self, name: str, settings: CanOpenSettings, tap: Tap | None = None) -> None:

@@ -11,6 +11,7 @@ from drivers.section import Section
 class CanOpenSettings(CanInterfaceSettings):
     """CANopen nodes on a CAN bus."""
 
+    bus_kind: ClassVar[str] = "canopen"
     units: ClassVar[tuple[int, int]] = (1, 127)
     """First and last address on the bus."""
 

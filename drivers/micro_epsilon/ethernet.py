@@ -39,7 +39,7 @@ class MeBlock:
 class MeEthernetBus(StreamBus):
     """The data port of one controller."""
 
-    kind = "me_ethernet"
+    kind = MeEthernetSettings.bus_kind
     units = MeEthernetSettings.units
 
     def __init__(self, name: str, settings: MeEthernetSettings, tap: Tap | None = None) -> None:

@@ -34,7 +34,7 @@ _COUNTED = struct.Struct("<HBx")
 class MeRs485Bus(StreamBus):
     """Sensors on one serial line."""
 
-    kind = "me_rs485"
+    kind = MeRs485Settings.bus_kind
     units = MeRs485Settings.units
 
     def __init__(self, name: str, settings: MeRs485Settings, tap: Tap | None = None) -> None:

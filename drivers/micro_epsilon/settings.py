@@ -11,6 +11,7 @@ from drivers.section import Port, Section
 class MeRs485Settings(SerialSettings):
     """Micro-Epsilon displacement sensors on RS-485."""
 
+    bus_kind: ClassVar[str] = "me_rs485"
     units: ClassVar[tuple[int, int]] = (2, 126)
     """First and last address on the bus."""
 
@@ -23,6 +24,7 @@ class MeRs485Settings(SerialSettings):
 class MeEthernetSettings(HostSettings):
     """The data port of a Micro-Epsilon controller on Ethernet."""
 
+    bus_kind: ClassVar[str] = "me_ethernet"
     units: ClassVar[tuple[int, int]] = (1, 1)
     """First and last address on the bus."""
 

@@ -158,7 +158,7 @@ class ModbusBus(StreamBus, ABC):
 class ModbusTcpBus(ModbusBus):
     """Units behind one host. Answers carry the request's number, which identifies late and foreign ones."""
 
-    kind = "modbus_tcp"
+    kind = ModbusTcpSettings.bus_kind
     units = ModbusTcpSettings.units
     reopens = True
 

@@ -298,7 +298,7 @@ def _is_frame_of(heard: bytes | bytearray, unit: int) -> bool:
 class ModbusRtuBus(RtuFramedBus):
     """Units on a serial line of this computer, or on one of a device server."""
 
-    kind = "modbus_rtu"
+    kind = ModbusRtuSettings.bus_kind
 
     def __init__(self, name: str, settings: ModbusRtuSettings, tap: Tap | None = None) -> None:
         gap_s = 3.5 * 11 / settings.baud
@@ -316,7 +316,7 @@ class ModbusRtuBus(RtuFramedBus):
 class ModbusRtuTcpBus(RtuFramedBus):
     """Units on the serial line of a device server, which passes on the bytes of a TCP connection."""
 
-    kind = "modbus_rtu_tcp"
+    kind = ModbusRtuTcpSettings.bus_kind
     reopens = True
 
     def __init__(self, name: str, settings: ModbusRtuTcpSettings, tap: Tap | None = None) -> None:

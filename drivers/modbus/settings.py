@@ -19,6 +19,7 @@ class LineSettings(Section):
 class ModbusRtuSettings(SerialSettings, LineSettings):
     """Modbus RTU on a serial line (RS-485)."""
 
+    bus_kind: ClassVar[str] = "modbus_rtu"
     units: ClassVar[tuple[int, int]] = (1, 247)
     """First and last address on the bus."""
 
@@ -29,6 +30,7 @@ class ModbusRtuTcpSettings(HostSettings, LineSettings):
     The server sets speed and parity of the line.
     """
 
+    bus_kind: ClassVar[str] = "modbus_rtu_tcp"
     units: ClassVar[tuple[int, int]] = (1, 247)
     """First and last address on the bus."""
 
@@ -36,6 +38,7 @@ class ModbusRtuTcpSettings(HostSettings, LineSettings):
 class ModbusTcpSettings(HostSettings):
     """Modbus TCP to one host, which is a device itself or a gateway to several units."""
 
+    bus_kind: ClassVar[str] = "modbus_tcp"
     units: ClassVar[tuple[int, int]] = (0, 255)
     """First and last address on the bus."""
 

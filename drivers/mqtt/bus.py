@@ -41,7 +41,7 @@ class TopicMessage:
 class MqttBus:
     """One connection to a broker, which several devices share."""
 
-    kind = "mqtt"
+    kind = MqttBusSettings.bus_kind
     units = MqttBusSettings.units
 
     def __init__(self, name: str, settings: MqttBusSettings, tap: Tap | None = None) -> None:

@@ -50,6 +50,7 @@ class MqttServer(UrlServer):
 class MqttBusSettings(MqttServer, BusSettings):
     """An MQTT broker whose topics are channels."""
 
+    bus_kind: ClassVar[str] = "mqtt"
     units: ClassVar[tuple[int, int]] = (1, 127)
     """First and last address on the bus."""
 

@@ -11,7 +11,7 @@ from drivers.tap import Tap
 class OpcUaBus:
     """One session with a server. It is never the control's, whose errors end the session that writes offsets."""
 
-    kind = "opcua"
+    kind = OpcUaBusSettings.bus_kind
     units = OpcUaBusSettings.units
 
     def __init__(self, name: str, settings: OpcUaBusSettings, tap: Tap | None = None) -> None:  # noqa: ARG002

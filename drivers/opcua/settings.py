@@ -60,6 +60,7 @@ class OpcUaSettings(OpcUaServer):
 class OpcUaBusSettings(OpcUaServer, BusSettings):
     """An OPC UA server whose nodes are channels."""
 
+    bus_kind: ClassVar[str] = "opcua"
     units: ClassVar[tuple[int, int]] = (1, 127)
     """First and last address on the bus."""
 

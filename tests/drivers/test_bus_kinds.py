@@ -1,0 +1,33 @@
+"""Every bus has the kind by which a configuration names it."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import pytest
+
+from drivers.base import SetupError
+from drivers.build import BUS_KINDS, check_device, make_bus
+from drivers.problems import read_settings
+
+HOST = {"host": "127.0.0.1", "port": 1}
+LINE = {"port": "/nowhere"}
+PLACES: Mapping[str, Mapping[str, object]] = {
+    "modbus_rtu": LINE, "modbus_rtu_tcp": HOST, "modbus_tcp": HOST, "me_rs485": LINE, "me_ethernet": HOST,
+    "canopen": {"channel": "can0"}, "can": {"channel": "can0"}, "mqtt": {"url": "mqtt://127.0.0.1"},
+    "opcua": {"url": "opc.tcp://127.0.0.1", "security": "none"}, "agent": {"key_file": "agent.key"},
+}  # fmt: skip
+
+
+def test_these_are_all_kinds() -> None:
+    assert BUS_KINDS.keys() == PLACES.keys()
+
+
+@pytest.mark.parametrize("kind", PLACES)
+def test_a_bus_is_of_its_kind_and_a_message_names_it(kind: str, tmp_path: Path) -> None:
+    (tmp_path / "agent.key").write_text("k" * 40)
+    place = dict(PLACES[kind]) | ({"key_file": str(tmp_path / "agent.key")} if kind == "agent" else {})
+    assert make_bus("bus1", kind, place).kind == kind
+    settings = read_settings(BUS_KINDS[kind], place)
+    profile = "icpdas_m7015" if kind == "canopen" else "cia404"
+    with pytest.raises(SetupError, match=f"profile {profile} does not fit a {kind} bus"):
+        check_device("device1", "bus1", settings, profile, 1, {"t0": 0}, {})
