@@ -5,7 +5,7 @@ from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
 
-from drivers.section import AnswerTime, HostName, Port, Section, SerialPort, wrong
+from drivers.section import AnswerTime, HostName, Port, Section, SerialPort, host_and_port, wrong
 
 Parity = Literal["N", "E", "O"]
 SLOWEST_BAUD, FASTEST_BAUD = 300, 4_000_000
@@ -82,4 +82,4 @@ class HostSettings(BusSettings):
     @property
     def place(self) -> str:
         """Host and port, which no two buses may share; as in a URL."""
-        return f"[{self.host}]:{self.port}" if ":" in self.host else f"{self.host}:{self.port}"
+        return host_and_port(self.host, self.port)

@@ -15,6 +15,7 @@ from serial.rs485 import RS485Settings
 
 from drivers.base import ConnectError
 from drivers.bus_settings import SerialSettings
+from drivers.section import host_and_port
 from drivers.tap import Tap
 
 _READ_SIZE = 4096
@@ -305,13 +306,15 @@ class TcpStream:
                 )
         except TimeoutError as error:
             raise ConnectError(
-                f"{self._host}:{self._tcp_port} did not answer within {timeout_s:g} s",
+                f"{host_and_port(self._host, self._tcp_port)} did not answer within {timeout_s:g} s",
                 bus=self._bus,
                 hint="check power, cable and address",
             ) from error
         except (OSError, UnicodeError) as error:  # UnicodeError: of a name that no host can have
             raise ConnectError(
-                f"cannot connect to {self._host}:{self._tcp_port}: {error}", bus=self._bus, hint="check host and port"
+                f"cannot connect to {host_and_port(self._host, self._tcp_port)}: {error}",
+                bus=self._bus,
+                hint="check host and port",
             ) from error
         notice_dead_peer(transport.get_extra_info("socket"))
         self._transport = transport

@@ -138,6 +138,11 @@ def host_name(text: str) -> str:
     return text
 
 
+def host_and_port(host: str, port: int) -> str:
+    """As in a URL: an IPv6 address is in brackets."""
+    return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
+
+
 FilePath = Annotated[Path, AfterValidator(beside_the_file)]
 NotEmpty = Annotated[str, Field(min_length=1)]
 HostName = Annotated[NotEmpty, AfterValidator(host_name)]

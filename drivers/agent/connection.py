@@ -7,6 +7,7 @@ import secrets
 from drivers.agent.settings import AgentSettings
 from drivers.base import BadAnswer, ConnectError, NoAnswer, Refused, WrongDevice
 from drivers.byte_stream import TcpStream
+from drivers.section import host_and_port
 from drivers.signature import is_signed, session_key, signature
 
 _LONGEST_LINE = 65536
@@ -99,7 +100,7 @@ class AgentConnection:
         return line
 
     def _stranger(self) -> WrongDevice:
-        where = f"{self._settings.host}:{self._settings.port}"
+        where = host_and_port(self._settings.host, self._settings.port)
         return WrongDevice(f"what answers at {where} is not the agent with this key", device=self._device)
 
 

@@ -7,7 +7,7 @@ from pydantic import Field
 from drivers.base import SetupError
 from drivers.bus_settings import BusSettings
 from drivers.nc import AXES, LARGEST_UM, REQUEST_VALID_FOR_S
-from drivers.section import AnswerTime, FilePath, HostName, NotNegative, Port, Positive, Section
+from drivers.section import AnswerTime, FilePath, HostName, NotNegative, Port, Positive, Section, host_and_port
 from drivers.signature import shared_key
 
 AGENT_PORT = 7621
@@ -38,7 +38,7 @@ class AgentBusSettings(AgentAddress, BusSettings):
     @property
     def place(self) -> str:
         """Host and port, which no two buses may share."""
-        return f"{self.host}:{self.port}"
+        return host_and_port(self.host, self.port)
 
 
 class AgentRequests(AgentAddress):

@@ -5,7 +5,7 @@ from typing import ClassVar, Self
 from pydantic import Field, model_validator
 
 from drivers.bus_settings import BusSettings
-from drivers.section import AnswerTime, FilePath, NotEmpty, both_or_neither, user_and_password
+from drivers.section import AnswerTime, FilePath, NotEmpty, both_or_neither, host_and_port, user_and_password
 from drivers.server_url import UrlServer
 
 
@@ -44,7 +44,7 @@ class MqttServer(UrlServer):
     @property
     def place(self) -> str:
         """Host and port."""
-        return f"{self.host}:{self.port}"
+        return host_and_port(self.host, self.port)
 
 
 class MqttBusSettings(MqttServer, BusSettings):

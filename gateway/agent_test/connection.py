@@ -10,6 +10,8 @@ from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass
 from typing import Any
 
+from drivers.section import host_and_port
+
 LONGEST_ANSWER = 65536
 
 
@@ -153,7 +155,8 @@ async def connected(target: AgentUnderTest) -> AsyncIterator[BareConnection]:
         async with asyncio.timeout(target.timeout_s):
             reader, writer = await asyncio.open_connection(target.host, target.port, limit=LONGEST_ANSWER)
     except (OSError, TimeoutError) as error:
-        raise Unreachable(f"{target.host}:{target.port}: {str(error) or 'no connection'}") from None
+        where = host_and_port(target.host, target.port)
+        raise Unreachable(f"{where}: {str(error) or 'no connection'}") from None
     agent = BareConnection(target, reader, writer)
     try:
         await agent.greeted()

@@ -18,7 +18,7 @@ from drivers.canopen import CanOpenSettings
 from drivers.modbus import ModbusRtuTcpBus
 from drivers.problems import read_settings
 from drivers.recognition import describe
-from drivers.section import LONGEST_ANSWER_S, host_name
+from drivers.section import LONGEST_ANSWER_S, host_and_port, host_name
 from gateway.cli.arguments import SCAN_LIMIT_S, FiniteNumber
 from gateway.cli.signals import stop_on_signals
 from gateway.cli.terminal import duration_text, terminal
@@ -181,7 +181,7 @@ def tcp_command(
     if rtu and not lowest <= min(units) <= max(units) <= highest:
         raise click.UsageError(f"--units: expected {lowest} to {highest} with --rtu")
     what = TcpScan(hosts, units, timeout_s, rtu)
-    listed = ", ".join(host if port is None else f"{host}:{port}" for host, port in hosts)
+    listed = ", ".join(host if port is None else host_and_port(host, port) for host, port in hosts)
     intro = f"{listed}: {what.requests} requests"
     _scan(intro, what.requests, what.longest_s, limit, toml, yes, lambda p, s, _: scan_hosts(what, p, s))
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import click
 import uvicorn
 
+from drivers.section import host_and_port
 from gateway.cli.heard import heard_at
 from gateway.heard import SiteSeen, SiteSubscription
 from gateway.web import (
@@ -70,8 +71,7 @@ def serve_pages(command: WebCommand) -> None:
             )
         )
         host, port = listening.getsockname()[:2]
-        shown = f"[{host}]" if ":" in host else host
-        click.echo(f"{'http' if tls is None else 'https'}://{shown}:{port}/")
+        click.echo(f"{'http' if tls is None else 'https'}://{host_and_port(host, port)}/")
         server.run([listening])
 
 
@@ -88,5 +88,7 @@ def _listening(host: str, port: int) -> socket.socket:
             found.close()
             raise
     except OSError as error:
-        raise OSError(f"--listen {host}:{port} cannot be used: {error.strerror}; give another port") from error
+        raise OSError(
+            f"--listen {host_and_port(host, port)} cannot be used: {error.strerror}; give another port"
+        ) from error
     return found

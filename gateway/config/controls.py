@@ -12,6 +12,7 @@ from drivers.linuxcnc import LinuxCncSettings
 from drivers.mtconnect import MtConnectSettings
 from drivers.nc import LARGEST_UM
 from drivers.problems import settings_of
+from drivers.section import host_and_port
 from drivers.sinumerik import SinumerikControl, SinumerikSettings, StateNode, default_states
 from gateway.config.credentials import agent_cautions
 from gateway.config.extensions import ControlSection, Poses
@@ -98,7 +99,7 @@ class PolledAgent(PolledControl, AgentAddress):
     @property
     def address(self) -> str:
         """Where the agent is, for messages."""
-        return f"{self.host}:{self.port}"
+        return host_and_port(self.host, self.port)
 
     @property
     def largest_um(self) -> float:

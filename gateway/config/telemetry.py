@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, Field, model_validator
 
 from drivers.bus_settings import is_loopback
-from drivers.section import FilePath, NotEmpty, Section, both_or_neither, matching, user_and_password
+from drivers.section import FilePath, NotEmpty, Section, both_or_neither, host_and_port, matching, user_and_password
 from gateway.commands import CommandName
 from gateway.config.fields import KeyPrefix
 
@@ -50,8 +50,8 @@ class EndpointParts:
             everywhere = False
         if not everywhere:
             return self.text
-        host = "[::1]" if ":" in self.host else "127.0.0.1"
-        return f"{self.protocol}/{host}:{self.port}"
+        host = "::1" if ":" in self.host else "127.0.0.1"
+        return f"{self.protocol}/{host_and_port(host, self.port)}"
 
 
 def endpoint(text: str) -> EndpointParts:

@@ -8,6 +8,7 @@ from drivers.can import Stopped
 from drivers.micro_epsilon import MeEthernetBus, MeEthernetSettings
 from drivers.modbus import Block, ModbusBus, ModbusRtuTcpBus, ModbusRtuTcpSettings, ModbusTcpBus, ModbusTcpSettings
 from drivers.recognition import Recognition, recognise_me_ethernet, recognise_modbus
+from drivers.section import host_and_port
 from gateway.polling import UnexpectedError, contained
 from gateway.scan.alike import UNUSUAL_UNITS, told_apart
 from gateway.scan.found import Found, Place, ScanProgress, ScanReport, open_bus, read_inputs
@@ -51,7 +52,7 @@ async def scan_hosts(scan: TcpScan, progress: ScanProgress, stopped: Stopped) ->
         if stopped():
             break
         if port is None or (len(report.places) == before and not scan.rtu):
-            progress(report.asked, f"{host}:{port or _CONTROLLER_PORT}")
+            progress(report.asked, host_and_port(host, port or _CONTROLLER_PORT))
             await _controller(host, port or _CONTROLLER_PORT, scan.timeout_s, report)
         if len(report.places) > before:  # errors of the other protocol need no remark
             report.remarks = [text for i, text in enumerate(report.remarks) if i < remarks or _ONE_DEVICE in text]
@@ -63,6 +64,7 @@ async def _modbus(
     scan: TcpScan, host: str, port: int, report: ScanReport, progress: ScanProgress, stopped: Stopped
 ) -> None:
     bus: ModbusRtuTcpBus | ModbusTcpBus
+    place = host_and_port(host, port)
     if scan.rtu:
         bus = ModbusRtuTcpBus("scan", ModbusRtuTcpSettings(host=host, port=port, timeout_s=scan.timeout_s))
     else:
@@ -76,7 +78,7 @@ async def _modbus(
             for unit in scan.units:
                 if stopped() or (len(odd) >= _MOST_ODD and not found and not as_unknown):
                     break
-                progress(report.asked, f"{host}:{port} unit {unit}")
+                progress(report.asked, f"{place} unit {unit}")
                 report.asked += 1
                 await contained(bus.connect(), "connect")  # some hosts close the connection on an unknown unit
                 if not (answer := await _answers(bus, unit, odd)):
@@ -86,10 +88,10 @@ async def _modbus(
                 else:
                     found.append(await _look(bus, unit))
             found, remark = await _told_apart(bus, scan.units, found, as_unknown, unknown, stopped)
-            report.remarks += [f"{host}:{port} {remark}"] if remark else []
+            report.remarks += [f"{place} {remark}"] if remark else []
             if not found and not stopped():
                 nobody = "accepts connections, but none of the units that were asked answers (try --units 1-16)"
-                report.remarks.append(f"Modbus: {odd[0]}" if odd else f"{host}:{port} {nobody}")
+                report.remarks.append(f"Modbus: {odd[0]}" if odd else f"{place} {nobody}")
     except (ConnectError, UnexpectedError) as error:
         report.remarks.append(f"Modbus: {error.advice}")
     if found:

@@ -15,6 +15,7 @@ from asyncua.server.server import Server
 from asyncua.ua.uaerrors import UaError
 
 from drivers.opcua.certificates import application_uri, check_key, valid_certificate
+from drivers.section import host_and_port
 from gateway.clock import RealClock
 from gateway.heard import SiteSeen
 from gateway.polling import Periodic
@@ -74,8 +75,7 @@ class MachineToolServer:
         for machine, shown in self._machines.items():
             await self._space.add_machine(machine_nodes(machine, shown))
         await self.show()
-        host = f"[{self._host}]" if ":" in self._host else self._host
-        server.set_endpoint(f"opc.tcp://{host}:{self._port}/")
+        server.set_endpoint(f"opc.tcp://{host_and_port(self._host, self._port)}/")
         await server.start()
         self._server = server
         showing = Periodic(RealClock(), _EVERY_S).run(self._show_again)
@@ -97,7 +97,7 @@ class MachineToolServer:
         """Where clients connect."""
         listening = None if self._server is None else self._server.bserver
         port = self._port if listening is None else listening.port
-        return f"opc.tcp://{f'[{self._host}]' if ':' in self._host else self._host}:{port}/"
+        return f"opc.tcp://{host_and_port(self._host, port)}/"
 
     async def show(self) -> None:
         """What was heard until now."""

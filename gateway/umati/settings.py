@@ -7,7 +7,7 @@ from typing import Annotated
 from pydantic import Field, model_validator
 
 from drivers.base import SetupError
-from drivers.section import FilePath, NotEmpty, Section
+from drivers.section import FilePath, NotEmpty, Section, host_and_port
 from gateway.config import Name, endpoint, read_as
 from gateway.passwords import UserName, hash_printed_by
 
@@ -58,9 +58,8 @@ def load_serving(path: Path | None) -> OpcUaServing:
 
 def check_serving(host: str, serving: OpcUaServing) -> None:
     """Raises SetupError for an address beyond this computer without certificate and users."""
-    shown = f"[{host}]" if ":" in host else host
     try:
-        local = endpoint(f"tcp/{shown}:4840").local
+        local = endpoint(f"tcp/{host_and_port(host, 4840)}").local
     except ValueError:
         local = False
     if not local and serving.security is None:
