@@ -12,6 +12,7 @@ import click
 
 from gateway.cli.arguments import FiniteNumber, KeyPrefixText, PemPath, access_options
 from gateway.cli.extras import need_extra
+from gateway.config import DEFAULT_PREFIX
 
 if TYPE_CHECKING:
     from gateway.config import Telemetry
@@ -21,7 +22,9 @@ if TYPE_CHECKING:
 @click.argument("site", metavar="FOLDER|ADDRESS")
 @click.option("--connect", multiple=True, required=True, metavar="ENDPOINT", help="Zenoh endpoint of a gateway or a "
               "router, such as tcp/192.168.1.5:7447; several for a site.")  # fmt: skip
-@click.option("--prefix", type=KeyPrefixText(), default="talc", show_default=True, help="First part of the keys.")
+@click.option(
+    "--prefix", type=KeyPrefixText(), default=DEFAULT_PREFIX, show_default=True, help="First part of the keys."
+)
 @click.option("--every", type=FiniteNumber(min=0.1), default=30.0, show_default=True,
               help="Seconds after which a gateway is asked again.")  # fmt: skip
 @click.option("--database-password-file", type=PemPath, help="File that contains only the password of ADDRESS's user.")

@@ -8,6 +8,7 @@ import click
 from gateway.cli.arguments import KeyPrefixText, PemPath, access_of, access_options
 from gateway.cli.exits import EXIT_WORLD
 from gateway.commands import CommandName
+from gateway.config import DEFAULT_PREFIX, LOOPBACK
 
 
 @click.command()
@@ -16,8 +17,8 @@ from gateway.commands import CommandName
     "--as", "operator", required=True, help="Your name in a [[telemetry.operator]] of the gateway's configuration."
 )
 @click.option("--operator-key", type=PemPath, required=True, help="File with that operator's key.")
-@click.option("--connect", multiple=True, help="Zenoh endpoint. [default: tcp/127.0.0.1:7447]")
-@click.option("--prefix", type=KeyPrefixText(), default="talc", show_default=True)
+@click.option("--connect", multiple=True, help=f"Zenoh endpoint. [default: {LOOPBACK}]")
+@click.option("--prefix", type=KeyPrefixText(), default=DEFAULT_PREFIX, show_default=True)
 @click.option("--machine", help="Name of the machine. Default: the one that runs there, if there is only one.")
 @access_options
 def command(
@@ -53,9 +54,7 @@ def command(
     except (OSError, ValueError) as error:
         raise click.BadParameter(str(error), param_hint="--operator-key") from None
     try:
-        followed = Machine(
-            machine, connect=connect or ("tcp/127.0.0.1:7447",), prefix=prefix, access=access, operator=signer
-        )
+        followed = Machine(machine, connect=connect or (LOOPBACK,), prefix=prefix, access=access, operator=signer)
     except ValueError as error:
         raise click.BadParameter(str(error)) from None
     try:

@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from gateway.config import Telemetry, endpoint
+from gateway.config import DEFAULT_PREFIX, Telemetry, endpoint
 from gateway.heard import listened_to
 from gateway.passwords import make_hash
 
@@ -29,7 +29,7 @@ def heard_at(config: "GatewayConfig | None", connect: tuple[str, ...], prefix: s
         except ValueError as error:
             raise click.BadParameter(str(error), param_hint="--connect") from None
     if config is None:
-        return Telemetry(connect=connect, prefix=prefix or "talc")
+        return Telemetry(connect=connect, prefix=prefix or DEFAULT_PREFIX)
     telemetry = config.telemetry
     if not telemetry.enabled:
         raise click.UsageError("[telemetry] enabled = false: this gateway publishes nothing that could be shown")

@@ -22,6 +22,7 @@ from gateway.cli.arguments import (
 from gateway.cli.exits import EXIT_WORLD, Commands
 from gateway.cli.extras import need_extra
 from gateway.cli.log import log_to_stderr
+from gateway.config import DEFAULT_PREFIX, LOOPBACK
 
 _ELSEWHERE = {
     "agent-test": "gateway.cli.agent_test",
@@ -267,8 +268,8 @@ def demo(
 
 @main.command()
 @click.argument("config", required=False, type=click.Path(exists=True, dir_okay=False, path_type=Path))
-@click.option("--connect", multiple=True, help="Zenoh endpoint. [default: tcp/127.0.0.1:7447]")
-@click.option("--prefix", type=KeyPrefixText(), help="[default: talc]")
+@click.option("--connect", multiple=True, help=f"Zenoh endpoint. [default: {LOOPBACK}]")
+@click.option("--prefix", type=KeyPrefixText(), help=f"[default: {DEFAULT_PREFIX}]")
 @click.option("--machine", help="Name of the machine. Default: the one that runs there, if there is only one.")
 @access_options
 def watch(
@@ -291,14 +292,15 @@ def watch(
             raise click.UsageError("CONFIG says where and how; give either it or options")
         sys.exit(watch_own(read_config(config)))
     access = access_of(authority, certificate, key, user, password_file)
-    sys.exit(follow(connect or ("tcp/127.0.0.1:7447",), prefix or "talc", machine, access))
+    sys.exit(follow(connect or (LOOPBACK,), prefix or DEFAULT_PREFIX, machine, access))
 
 
 @main.command()
 @click.argument("config", type=click.Path(dir_okay=False, path_type=Path), required=False)
 @click.option("--connect", multiple=True, metavar="ENDPOINT", help="Zenoh endpoint of a gateway or a router, such as "
               "tcp/192.168.1.5:7447; several for a site.")  # fmt: skip
-@click.option("--prefix", type=KeyPrefixText(), help="First part in the keys. Default: as in CONFIG, otherwise talc.")
+@click.option("--prefix", type=KeyPrefixText(),
+              help=f"First part in the keys. Default: as in CONFIG, otherwise {DEFAULT_PREFIX}.")  # fmt: skip
 @click.option("--settings", type=click.Path(dir_okay=False, path_type=Path),
               help="TOML file: TLS, users, tolerances (docs/page.md).")  # fmt: skip
 @click.option("--listen", default="127.0.0.1:8080", show_default=True, metavar="HOST:PORT", help="Address of the page.")

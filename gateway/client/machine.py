@@ -12,7 +12,7 @@ import zenoh
 
 from gateway.client.history_tables import TimeTable, as_read, asked_s, interval_means
 from gateway.commands import CommandName
-from gateway.config import key_prefix, machine_name
+from gateway.config import DEFAULT_PREFIX, key_prefix, machine_name
 from gateway.telemetry import (
     COMMAND_LIMIT_S,
     MESSAGE_TYPES,
@@ -70,7 +70,7 @@ class Machine:
         name: str | None = None,
         *,
         connect: str | Sequence[str],
-        prefix: str = "talc",
+        prefix: str = DEFAULT_PREFIX,
         access: Access = _ANYONE,
         answer_limit_s: float = ANSWER_LIMIT_S,
         operator: CommandSigner | None = None,

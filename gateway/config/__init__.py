@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from gateway.config.controls import AgentNc, LinuxCncNc, MtConnectNc, Nc, SinumerikNc
     from gateway.config.extended import other_kinds, validate
     from gateway.config.extensions import OUTLETS, ControlSection, OtherBus, asked, sections_of_others
-    from gateway.config.fields import NAME_FORM, KeyPrefix, Name, key_prefix, machine_name
+    from gateway.config.fields import DEFAULT_PREFIX, LOOPBACK, NAME_FORM, KeyPrefix, Name, key_prefix, machine_name
     from gateway.config.file import draft, load, parse
     from gateway.config.metrics import Metrics
     from gateway.config.model import Channel, GatewayConfig
@@ -60,7 +60,7 @@ else:
             ".controls": ("AgentNc", "LinuxCncNc", "MtConnectNc", "Nc", "SinumerikNc"),
             ".extended": ("other_kinds", "validate"),
             ".extensions": ("OUTLETS", "ControlSection", "OtherBus", "asked", "sections_of_others"),
-            ".fields": ("NAME_FORM", "KeyPrefix", "Name", "key_prefix", "machine_name"),
+            ".fields": ("DEFAULT_PREFIX", "LOOPBACK", "NAME_FORM", "KeyPrefix", "Name", "key_prefix", "machine_name"),
             ".file": ("draft", "load", "parse"),
             ".metrics": ("Metrics",),
             ".model": ("Channel", "GatewayConfig"),
@@ -79,6 +79,8 @@ else:
     )
 
 __all__ = [
+    "DEFAULT_PREFIX",
+    "LOOPBACK",
     "NAME_FORM",
     "OUTLETS",
     "PERIOD_S",

@@ -7,6 +7,10 @@ from pydantic import AfterValidator, ValidationInfo
 
 from drivers.section import beside_the_file, in_form
 
+LOOPBACK: Final = "tcp/127.0.0.1:7447"
+"""Zenoh endpoint on which a gateway listens, and is looked for, unless somebody says otherwise: this computer alone."""
+DEFAULT_PREFIX: Final = "talc"
+"""What its keys begin with, unless somebody says otherwise."""
 MOST_POSES = 64
 LARGEST_BOUND_UM = 1000.0
 

@@ -10,9 +10,8 @@ from pydantic import AfterValidator, Field, model_validator
 from drivers.bus_settings import is_loopback
 from drivers.section import FilePath, NotEmpty, Section, both_or_neither, host_and_port, matching, user_and_password
 from gateway.commands import CommandName
-from gateway.config.fields import KeyPrefix
+from gateway.config.fields import DEFAULT_PREFIX, LOOPBACK, KeyPrefix
 
-LOOPBACK = "tcp/127.0.0.1:7447"
 _PROTOCOLS = ("tcp", "tls", "quic", "udp", "ws")
 _ENCRYPTED = ("tls", "quic")
 _ENDPOINT = re.compile(
@@ -113,7 +112,7 @@ class Telemetry(Section):
 
     enabled: bool = True
     """False: publish nothing and open no session."""
-    prefix: KeyPrefix = "talc"
+    prefix: KeyPrefix = DEFAULT_PREFIX
     """First part of every published key; the machine's name follows."""
     mode: Literal["peer", "client"] = "peer"
     """`peer` meets others directly, `client` goes through a router."""

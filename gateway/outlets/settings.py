@@ -8,6 +8,8 @@ from pydantic import Field, create_model, model_validator
 
 from drivers.section import FilePath, NotEmpty, Section, user_and_password
 from gateway.config import (
+    DEFAULT_PREFIX,
+    LOOPBACK,
     ConfigError,
     Endpoint,
     KeyPrefix,
@@ -35,9 +37,9 @@ _OWN: Mapping[str, type[OutletSettings]] = {"mqtt": MqttOutletSettings, "influxd
 class SourceSettings(Section):
     """Where the gateways are heard over Zenoh."""
 
-    connect: tuple[Endpoint, ...] = Field(default=("tcp/127.0.0.1:7447",), min_length=1)
+    connect: tuple[Endpoint, ...] = Field(default=(LOOPBACK,), min_length=1)
     """Zenoh endpoints of gateways or of a router. The default is a gateway on this computer."""
-    prefix: KeyPrefix = "talc"
+    prefix: KeyPrefix = DEFAULT_PREFIX
     """`[telemetry] prefix` of the gateways."""
     machines: tuple[Name, ...] = ()
     """Machines that are passed on; empty: all that are heard."""

@@ -11,7 +11,7 @@ from drivers.bus_settings import FASTEST_BAUD, SLOWEST_BAUD
 from drivers.mtconnect import AgentUrl, MachineOfAgent, SuggestedItems
 from drivers.opcua import ServerUrl
 from drivers.section import HostName, NotEmpty, Section, matching
-from gateway.config import Name, parse, read_as, toml_value
+from gateway.config import LOOPBACK, Name, parse, read_as, toml_value
 from gateway.scan.found import Place
 from gateway.scan.fragment import CONFIRM, merged
 
@@ -95,7 +95,7 @@ def first_configuration(
     there: its database gets the Debian package's folder. Raises ConfigError: nothing was found that has a profile
     (there is nothing to learn from), or an answer is invalid in a configuration.
     """
-    head = _HEAD.format(name=toml_value(answers.machine))
+    head = _HEAD.format(name=toml_value(answers.machine), listen=toml_value(LOOPBACK))
     if path.resolve().is_relative_to("/etc"):
         head += _STORAGE
     text = merged(head, places, path)
@@ -121,7 +121,7 @@ _HEAD = """\
 name = {name}
 
 [telemetry]
-listen = ["tcp/127.0.0.1:7447"]    # this computer only"""
+listen = [{listen}]    # this computer only"""
 
 _STORAGE = """
 
