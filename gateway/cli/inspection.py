@@ -53,7 +53,9 @@ Draft = click.option("--draft", type=click.Path(dir_okay=False, path_type=Path),
 @click.command("registers")
 @click.argument("where")
 @click.argument("addresses", type=Numbers(0, 65535))
-@click.option("--unit", type=click.IntRange(0, 255), default=1, show_default=True, help="Modbus unit id.")
+@click.option(
+    "--unit", type=click.IntRange(*ModbusTcpSettings.units), default=1, show_default=True, help="Modbus unit id."
+)
 @click.option("--function", type=click.Choice([1, 2, 3, 4]), default=3, show_default=True,
               help="1 and 2 read bits, 3 holding registers, 4 input registers.")  # fmt: skip
 @click.option("--baud", type=click.IntRange(SLOWEST_BAUD, FASTEST_BAUD), default=9600, show_default=True)

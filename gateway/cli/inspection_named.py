@@ -53,7 +53,7 @@ class ObjectPlace(click.ParamType[CanObject]):
 
 @click.command("objects")
 @click.argument("channel")
-@click.argument("node", type=click.IntRange(1, 127))
+@click.argument("node", type=click.IntRange(*CanOpenSettings.units))
 @click.argument("objects", type=ObjectPlace(), nargs=-1, required=True)
 @click.option("--interface", type=click.Choice(CAN_INTERFACES), default="socketcan", show_default=True)
 @click.option("--bitrate", type=click.Choice(CAN_BITRATES), default=125_000, show_default=True)

@@ -15,7 +15,8 @@ from rich.table import Table
 from drivers.bus_settings import FASTEST_BAUD, SLOWEST_BAUD, Parity
 from drivers.can import CAN_BITRATES, CAN_INTERFACES, Stopped
 from drivers.canopen import CanOpenSettings
-from drivers.modbus import ModbusRtuTcpBus
+from drivers.micro_epsilon import MeRs485Settings
+from drivers.modbus import ModbusRtuSettings, ModbusRtuTcpSettings, ModbusTcpSettings
 from drivers.problems import read_settings
 from drivers.recognition import describe
 from drivers.section import LONGEST_ANSWER_S, host_and_port, host_name
@@ -118,10 +119,12 @@ def ports_command() -> None:
 @click.option(
     "--parity", "parities", type=click.Choice(["N", "E", "O"]), multiple=True, default=("N",), show_default=True
 )
-@click.option("--units", type=Numbers(1, 247), default="1-32", show_default=True, help="Modbus unit ids to ask.")
+@click.option(
+    "--units", type=Numbers(*ModbusRtuSettings.units), default="1-32", show_default=True, help="Modbus unit ids to ask."
+)
 @click.option("--me-baud", "me_bauds", type=_BaudOption, multiple=True, default=ME_BAUDS,
               show_default=True, help="Speeds at which Micro-Epsilon sensors are asked, parity N and E.")  # fmt: skip
-@click.option("--me-addresses", type=Numbers(2, 126), default="126", show_default=True)
+@click.option("--me-addresses", type=Numbers(*MeRs485Settings.units), default="126", show_default=True)
 @click.option("--protocol", type=click.Choice(["both", "modbus_rtu", "me_rs485"]), default="both", show_default=True)
 @click.option("--function", type=click.Choice([3, 4]), default=3, show_default=True,
               help="Function code for reading; some simple units support only 4 and do not refuse 3.")  # fmt: skip
@@ -152,7 +155,13 @@ def serial_command(
 
 @click.command("tcp")
 @click.argument("hosts", type=Host(), nargs=-1, required=True)
-@click.option("--units", type=Numbers(0, 255), default="1", show_default=True, help="Units to ask behind each host.")
+@click.option(
+    "--units",
+    type=Numbers(*ModbusTcpSettings.units),
+    default="1",
+    show_default=True,
+    help="Units to ask behind each host.",
+)
 @click.option("--rtu", is_flag=True,
               help="Ask with RTU frames: for a device server that passes on the bytes of its serial line.")  # fmt: skip
 @click.option(
@@ -177,7 +186,7 @@ def tcp_command(
     """
     if rtu and (portless := [host for host, port in hosts if port is None]):
         raise click.UsageError(f"--rtu: {portless[0]}: give the device server's port, such as {portless[0]}:4001")
-    lowest, highest = ModbusRtuTcpBus.units
+    lowest, highest = ModbusRtuTcpSettings.units
     if rtu and not lowest <= min(units) <= max(units) <= highest:
         raise click.UsageError(f"--units: expected {lowest} to {highest} with --rtu")
     what = TcpScan(hosts, units, timeout_s, rtu)
@@ -191,7 +200,9 @@ def tcp_command(
 @click.option("--interface", type=click.Choice(CAN_INTERFACES), default="socketcan", show_default=True)
 @click.option("--bitrate", "bitrates", type=click.Choice(CAN_BITRATES),
               multiple=True, help=f"Bit rates to try on slcan. Default: {', '.join(map(str, BITRATES))}.")  # fmt: skip
-@click.option("--nodes", type=Numbers(1, 127), default="1-127", show_default=True, help="CANopen nodes to ask.")
+@click.option(
+    "--nodes", type=Numbers(*CanOpenSettings.units), default="1-127", show_default=True, help="CANopen nodes to ask."
+)
 @click.option("--listen", "listen_s", type=FiniteNumber(0, 3600), default=LISTEN_S, show_default=True,
               help="Listen this many seconds before asking.")  # fmt: skip
 @click.option(
