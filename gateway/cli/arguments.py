@@ -64,6 +64,29 @@ def read_config(path: Path) -> "GatewayConfig":
     return config
 
 
+def heard_options(command: Decorated) -> Decorated:
+    """Add what says whose telemetry a command shows: CONFIG, or endpoints and a prefix."""
+    from gateway.config import DEFAULT_PREFIX
+
+    options = (
+        click.argument("config", type=click.Path(dir_okay=False, path_type=Path), required=False),
+        click.option(
+            "--connect",
+            multiple=True,
+            metavar="ENDPOINT",
+            help="Zenoh endpoint of a gateway or a router, such as tcp/192.168.1.5:7447; several for a site.",
+        ),
+        click.option(
+            "--prefix",
+            type=KeyPrefixText(),
+            help=f"First part in the keys. Default: as in CONFIG, otherwise {DEFAULT_PREFIX}.",
+        ),
+    )
+    for option in reversed(options):
+        command = option(command)
+    return command
+
+
 def access_options(command: Decorated) -> Decorated:
     """Add the options by which a reader proves who it is, and whom it believes."""
     for option in reversed(_ACCESS):

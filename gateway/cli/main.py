@@ -17,6 +17,7 @@ from gateway.cli.arguments import (
     access_of,
     access_options,
     address_of,
+    heard_options,
     read_config,
 )
 from gateway.cli.exits import EXIT_WORLD, Commands
@@ -296,11 +297,7 @@ def watch(
 
 
 @main.command()
-@click.argument("config", type=click.Path(dir_okay=False, path_type=Path), required=False)
-@click.option("--connect", multiple=True, metavar="ENDPOINT", help="Zenoh endpoint of a gateway or a router, such as "
-              "tcp/192.168.1.5:7447; several for a site.")  # fmt: skip
-@click.option("--prefix", type=KeyPrefixText(),
-              help=f"First part in the keys. Default: as in CONFIG, otherwise {DEFAULT_PREFIX}.")  # fmt: skip
+@heard_options
 @click.option("--settings", type=click.Path(dir_okay=False, path_type=Path),
               help="TOML file: TLS, users, tolerances (docs/page.md).")  # fmt: skip
 @click.option("--listen", default="127.0.0.1:8080", show_default=True, metavar="HOST:PORT", help="Address of the page.")

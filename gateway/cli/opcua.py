@@ -5,17 +5,12 @@ from pathlib import Path
 
 import click
 
-from gateway.cli.arguments import KeyPrefixText, address_of, read_config
+from gateway.cli.arguments import address_of, heard_options, read_config
 from gateway.cli.signals import stop_on_signals
-from gateway.config import DEFAULT_PREFIX
 
 
 @click.command()
-@click.argument("config", type=click.Path(dir_okay=False, path_type=Path), required=False)
-@click.option("--connect", multiple=True, metavar="ENDPOINT", help="Zenoh endpoint of a gateway or a router, such as "
-              "tcp/192.168.1.5:7447; several for a site.")  # fmt: skip
-@click.option("--prefix", type=KeyPrefixText(),
-              help=f"First part in the keys. Default: as in CONFIG, otherwise {DEFAULT_PREFIX}.")  # fmt: skip
+@heard_options
 @click.option("--settings", type=click.Path(dir_okay=False, path_type=Path),
               help="TOML file: nameplates, certificate, users (docs/umati.md).")  # fmt: skip
 @click.option("--listen", default="127.0.0.1:4840", show_default=True, metavar="HOST:PORT",

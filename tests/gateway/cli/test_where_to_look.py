@@ -27,4 +27,4 @@ def test_the_help_says_where_a_command_looks(command: str) -> None:
 
 @pytest.mark.parametrize("command", ["opcua", "web"])
 def test_the_help_says_under_which_prefix_machines_are_shown(command: str) -> None:
-    assert f"Default: that of CONFIG, else {PREFIX}." in " ".join(here(command, "--help").out.split())
+    assert f"Default: as in CONFIG, otherwise {PREFIX}." in " ".join(here(command, "--help").out.split())

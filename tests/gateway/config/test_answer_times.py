@@ -8,7 +8,7 @@ from pydantic import BaseModel, ValidationError
 from drivers.build import BUS_KINDS
 from drivers.bus_settings import BusSettings
 from gateway.config import AgentNc, LinuxCncNc, MtConnectNc, OtherBus, SinumerikNc
-from gateway.outlets.outlet import OutletSettings
+from gateway.outlets import OutletSettings
 from gateway.outlets.settings import AnyOutlet
 
 OUTLETS = get_args(get_args(AnyOutlet)[0])

@@ -8,7 +8,8 @@ from drivers.byte_stream import TcpStream
 from drivers.modbus import ModbusTcpSettings
 from drivers.mqtt import MqttBusSettings
 from drivers.section import host_and_port
-from gateway.agent_test.connection import AgentUnderTest, Unreachable, connected
+from gateway.agent_test import AgentUnderTest, Unreachable
+from gateway.agent_test.connection import connected
 from gateway.config import AgentNc, endpoint
 from gateway.scan import ScanReport, TcpScan, scan_hosts
 from tests.benches.free_port import free_port
