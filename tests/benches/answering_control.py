@@ -1,4 +1,4 @@
-"""A control that gives any answer that a test sets, right or wrong, in each of the three forms of a control."""
+"""A control that gives any answer that a test sets, right or wrong, in each form of a control."""
 
 from dataclasses import dataclass, field
 from typing import Any, cast
@@ -53,6 +53,14 @@ class AnsweringControl:
 
     async def release(self, owner: int) -> None:
         self.answer("release", owner)
+
+
+class AnsweringLate(AnsweringControl):
+    """Says for how long an unanswered write may take effect."""
+
+    @property
+    def late_write_s(self) -> float:
+        return cast("float", self.answer("late_write_s"))
 
 
 class AnsweringSlopes(AnsweringControl):

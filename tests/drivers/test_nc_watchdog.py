@@ -9,6 +9,7 @@ from drivers.base import Refused
 from drivers.nc import WatchdogTerms
 from drivers.sinumerik import SinumerikSettings
 from drivers.sinumerik.control import Sinumerik
+from simulators.nc.watchdog import R_BEAT, R_OWNER, R_RAMP, R_SILENCE
 from tests.benches.emulated_bench import OpcUaBench, sinumerik_bench
 
 pytestmark = pytest.mark.simulated_time
@@ -84,6 +85,24 @@ async def test_a_second_gateway_is_refused_until_the_first_is_silent_or_gone() -
         await other.release(8)
         await bench.nc.claim(7, WATCH)
         assert await beat_at(bench, 21.0) == [True]
+
+
+async def test_the_control_has_the_terms_before_the_owner_and_the_owner_before_the_beat() -> None:
+    """A gateway that is killed between two of these writes leaves no owner whose terms are another's."""
+    async with sinumerik_bench() as bench:
+        nck = bench.control.nck
+        await bench.nc.claim(6, WatchdogTerms(silence_s=600.0, ramp_um_per_s=0.0))
+        await bench.nc.release(6)
+        after_each_write: list[tuple[float, ...]] = []
+        wake = bench.control.wake
+
+        def noted() -> None:
+            after_each_write.append(tuple(nck.r[n] for n in (R_SILENCE, R_RAMP, R_OWNER, R_BEAT)))
+            wake()
+
+        bench.control.wake = noted  # type: ignore[method-assign]
+        await bench.nc.claim(7, WATCH)
+        assert after_each_write == [(5.0, 1e-3, 0.0, 1.0), (5.0, 1e-3, 7.0, 1.0), (5.0, 1e-3, 7.0, 2.0)]
 
 
 async def test_the_same_gateway_may_claim_again_after_it_was_killed() -> None:

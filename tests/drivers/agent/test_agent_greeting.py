@@ -14,7 +14,7 @@ from tests.benches.reference_agent import POSES_DEG, REFERENCE, served_agent
 
 pytestmark = pytest.mark.simulated_time
 
-TRAVEL = {"pairs": ["XX", "YX"], "reference_mm": [10, 0, 0], "reach_mm": [300, 200, 100]}
+TRAVEL = {"pairs": ["XX", "XY", "YX"], "reference_mm": [10, 0, 0], "reach_mm": [300, 200, 100]}
 FLAT = ((0.0, 0.0, 0.0),) * 3
 
 
@@ -119,7 +119,7 @@ async def test_slopes_go_to_an_agent_that_has_them_and_come_back(tmp_path: Path)
         await nc.connect()
         slopes = nc.slopes
         assert slopes is not None
-        assert (slopes.pairs, slopes.reference_mm) == (frozenset({(0, 0), (1, 0)}), (10.0, 0.0, 0.0))
+        assert (slopes.pairs, slopes.reference_mm) == (frozenset({(0, 0), (0, 1), (1, 0)}), (10.0, 0.0, 0.0))
         await nc.heartbeat(7)
         rows = ((0.02, 0.0, 0.0), *FLAT[1:])
         wanted = LinearOffsets((1.0, 0.0, 0.0), (rows[0], rows[1], rows[2]), (10.0, 0.0, 0.0))
@@ -133,6 +133,7 @@ async def test_slopes_go_to_an_agent_that_has_them_and_come_back(tmp_path: Path)
     ("k0", "slope", "reference", "says"),
     [
         (499.0, ((0.02, 0.0, 0.0), *FLAT[1:]), (10.0, 0.0, 0.0), "beyond largest_um"),
+        (0.0, ((1.0, -1.5, 0.0), *FLAT[1:]), (10.0, 0.0, 0.0), "beyond largest_um"),
         (0.0, (*FLAT[:2], (0.0, 0.0, 0.1)), (10.0, 0.0, 0.0), "no slope of Z by Z"),
         (0.0, ((float("nan"), 0.0, 0.0), *FLAT[1:]), (10.0, 0.0, 0.0), "finite slopes"),
         (0.0, FLAT, (0.0, 0.0, 0.0), "P0 = "),

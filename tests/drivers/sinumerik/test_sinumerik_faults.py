@@ -2,7 +2,7 @@
 
 import asyncio
 import logging
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Mapping
 from contextlib import asynccontextmanager
 from datetime import datetime
 from pathlib import Path
@@ -36,11 +36,12 @@ class NextCycle(FrozenProgram):
     """It begins cycle 42 after this many read requests."""
 
     requests_left: int | None = None
+    changes: Mapping[int, float] = {R_ANSWERS: 42.0, R_STATE: 1.0, R_RESULT_OF: 0.0}
 
     def utc(self) -> datetime:  # every read request stamps its values with the time, once and first
         if self.requests_left == 0:
-            r = self.nck.r
-            r[R_ANSWERS], r[R_STATE], r[R_RESULT_OF] = 42.0, 1.0, 0.0
+            for number, value in self.changes.items():
+                self.nck.r[number] = value
         if self.requests_left is not None:
             self.requests_left -= 1
         return super().utc()
@@ -320,9 +321,15 @@ async def test_the_tool_moves_the_way_it_was_asked_to(route: str, machine_sign: 
         await nc.close()
 
 
-@pytest.mark.parametrize("state", [3.0, 4.0, 5.0])
-async def test_an_answer_that_changes_between_two_looks_is_not_used_yet(state: float) -> None:
+@pytest.mark.parametrize(
+    ("state", "changes"),
+    [*((state, NextCycle.changes) for state in (3.0, 4.0, 5.0)), (3.0, {R_STATE: 5.0}), (5.0, {R_STATE: 3.0})],
+)
+async def test_an_answer_that_changes_between_two_looks_is_not_used_yet(
+    state: float, changes: Mapping[int, float]
+) -> None:
     control = of_kind(NextCycle)
+    control.changes = changes
     async with running(control) as url:
         nc = Sinumerik(SinumerikSettings(security="none", url=url), SystemClock())
         await nc.connect()

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from drivers.base import Refused, SetupError, WrongDevice
-from drivers.nc import FollowsPosition, LinearOffsets, Triple, WatchdogTerms
+from drivers.nc import FollowsPosition, LinearOffsets, NotSendable, Triple, WatchdogTerms
 from drivers.problems import settings_of
 from drivers.sinumerik.settings import PAIRS, OffsetRoute, Paths, SinumerikSettings
 from drivers.sinumerik.slope import SinumerikWithSlopes
@@ -165,6 +165,8 @@ BAD = [
     (LinearOffsets(ZERO, ((math.inf, 0.0, 0.0), ZERO, ZERO), ZERO), "offsets of X: expected finite"),
     (LinearOffsets((0.0, 501.0, 0.0), (ZERO, ZERO, ZERO), ZERO), "offsets of Y reach 501.0 µm .* largest_um = 500"),
     (LinearOffsets((0.0, 0.0, 300.0), (ZERO, ZERO, (0.0, 0.0, 0.6)), ZERO), "offsets of Z reach 540.0 µm"),
+    # At one corner they cancel, at another they add up.
+    (LinearOffsets(ZERO, ((1.0, -1.5, 0.0), ZERO, ZERO), ZERO), "offsets of X reach 600.0 µm .* largest_um = 500"),
     (LinearOffsets(ZERO, (ZERO, ZERO, ZERO), (1.0, 0.0, 0.0)), "reference_mm"),
 ]
 
@@ -174,7 +176,7 @@ async def test_invalid_offsets_are_refused_before_anything_is_sent(offsets: Line
     async with with_slopes() as (bench, nc):
         await nc.write_linear(OFFSETS)
         before = added(bench)
-        with pytest.raises(ValueError, match=f"{message}.*nothing was sent"):
+        with pytest.raises(NotSendable, match=f"{message}.*nothing was sent"):
             await nc.write_linear(offsets)
         assert added(bench) == before
 

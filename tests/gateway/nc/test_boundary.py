@@ -16,6 +16,7 @@ from drivers.nc import (
     LINEAR_AXES,
     FollowsErrors,
     FollowsPosition,
+    ForgetsWrites,
     LinearOffsets,
     NcSnapshot,
     NineErrors,
@@ -29,7 +30,7 @@ from drivers.nc import (
 )
 from gateway.nc.boundary import contained_control
 from gateway.polling import UnexpectedError
-from tests.benches.answering_control import AnsweringControl, AnsweringErrors, AnsweringSlopes
+from tests.benches.answering_control import AnsweringControl, AnsweringErrors, AnsweringLate, AnsweringSlopes
 from tests.benches.fake_agent import agent_and_driver
 from tests.benches.nc_link_bench import LinkBench, answer_wrongly, decision
 
@@ -371,6 +372,17 @@ def test_an_invalid_reach_is_refused(value: object) -> None:
 @pytest.mark.parametrize("value", [None, (0.0, 0.0), (0.0, 400.0)])
 def test_a_valid_reach_passes(value: object) -> None:
     assert following(error_reach_mm=value)[1].error_reach_mm == value
+
+
+@pytest.mark.parametrize("value", [math.nan, -1.0, None, "soon"])
+def test_what_is_no_time_for_a_late_write_is_refused(value: object) -> None:
+    control = AnsweringLate({"late_write_s": 3})
+    nc = behind(control)
+    assert isinstance(nc, ForgetsWrites)
+    assert nc.late_write_s == 3.0
+    control.answers["late_write_s"] = value
+    with pytest.raises(UnexpectedError, match="in late_write_s"):
+        _ = nc.late_write_s
 
 
 @pytest.mark.parametrize("name", ["error_reach_mm", "slopes"])
