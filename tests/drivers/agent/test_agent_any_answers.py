@@ -75,10 +75,17 @@ async def test_an_agent_that_takes_the_nine_errors_says_how_far_its_tools_reach(
             await nc.connect()
 
 
-async def test_a_cycle_of_such_an_agent_is_done_with_what_was_in_force(tmp_path: Path) -> None:
+TELLS_IN_FORCE = [
+    {"capabilities": ["errors"], "reach_mm": [300.0, 400.0]},
+    {"version": 3, "capabilities": ["probe", "shift"], "poses": 6},
+]
+
+
+@pytest.mark.parametrize("greeting", TELLS_IN_FORCE, ids=["takes the nine errors", "speaks version 3"])
+async def test_a_cycle_of_such_an_agent_is_done_with_what_was_in_force(greeting: object, tmp_path: Path) -> None:
     async with agent_and_driver(tmp_path) as (agent, nc):
         done = {"state": "done", "centres": [[0.0, 0.0, 0.0]] * 6, "spread": 0.0}
-        agent.answers |= {"": {"capabilities": ["errors"], "reach_mm": [300.0, 400.0]}, "probing": done}
+        agent.answers |= {"": greeting, "probing": done}
         await nc.connect()
         with pytest.raises(BadAnswer, match="offsets during the cycle"):
             await nc.probing_status(7)

@@ -150,3 +150,33 @@ async def test_slopes_that_the_agent_cannot_have_are_never_sent(
         with pytest.raises(NotSendable, match=says):
             await nc.slopes.write_linear(LinearOffsets((k0, 0.0, 0.0), slope, reference))
         assert len(agent.heard) == heard
+
+
+async def test_connected_again_to_an_agent_without_slopes_it_has_none(tmp_path: Path) -> None:
+    async with agent_and_driver(tmp_path) as (agent, nc):
+        agent.answers[""] = {"version": 3, "capabilities": ["slopes"], "travel": TRAVEL}
+        await nc.connect()
+        assert nc.slopes is not None
+        await nc.close()
+        agent.answers[""] = {"version": 3, "capabilities": ["shift"]}
+        await nc.connect()
+        assert nc.slopes is None
+
+
+async def test_it_writes_as_the_owner_whose_heartbeat_this_agent_has_confirmed(tmp_path: Path) -> None:
+    async with agent_and_driver(tmp_path) as (agent, nc):
+        agent.answers["heartbeat"] = True
+
+        async def owner_of_a_write() -> object:
+            await nc.write_compensation((0.0, 0.0, 0.0))
+            return next(message for message in reversed(agent.heard) if message.get("do") == "write")["owner"]
+
+        agent.says.append(agent.signed(b'{"error": "belongs to gateway 8"}'))
+        with pytest.raises(Refused, match="belongs to gateway 8"):
+            await nc.heartbeat(7)
+        assert await owner_of_a_write() == 0
+        await nc.heartbeat(7)
+        assert await owner_of_a_write() == 7
+        await nc.close()
+        await nc.connect()
+        assert await owner_of_a_write() == 0, "another agent may have it now"

@@ -62,6 +62,16 @@ async def test_what_a_driver_raises_loses_the_connection_and_it_comes_back_witho
     assert bench.notices[-1] == "NC: connected again"
 
 
+async def test_exceptions_of_two_kinds_are_reported_as_two_problems() -> None:
+    bench = LinkBench("monitor")
+    async with bench.running():
+        for error in (ValueError("bad value"), ValueError("another value"), IndexError("list index")):
+            spoil(bench, "snapshot", error)
+            await bench.clock.run_until(bench.clock.monotonic() + 60.0)
+    named = [text for text in bench.notices if "unexpected" in text]
+    assert [("bad value" in text, "list index" in text) for text in named] == [(True, False), (False, True)]
+
+
 @pytest.mark.parametrize("operation", AT_ITS_BEGIN)
 async def test_what_a_driver_raises_when_it_connects_is_tried_again(operation: str) -> None:
     bench = LinkBench("compensate")

@@ -4,14 +4,25 @@ It makes no step larger than one period's, and the gateway recognises its own wr
 """
 
 import asyncio
+import logging
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from itertools import pairwise
 
+import numpy as np
 import pytest
 
+from drivers.base import NoAnswer
 from drivers.nc import Triple
-from tests.benches.nc_link_bench import LinkBench, decision
+from gateway.config import Compensation
+from gateway.nc import Identity, Write
+from gateway.nc.lease import Lease
+from gateway.nc.routes import form_of
+from gateway.nc.states import Source
+from gateway.nc.writer import OffsetWriter
+from gateway.polling import Notice, Problems
+from tests.benches.nc_link_bench import LinkBench, ScriptedControl, decision
+from tests.benches.stepped_clock import SteppedClock
 
 SLEW = 1.0
 """µm in a period of 1 s."""
@@ -141,6 +152,46 @@ async def test_what_another_program_sets_after_a_lost_write_still_disarms() -> N
         await bench.clock.run_until(45.0)
         assert bench.control.in_force == (5.0, 0.0, 3.0)
     assert not bench.link.armed
+
+
+async def test_a_process_that_stood_still_while_it_looked_for_a_late_write_connects_again() -> None:
+    """watchdog_s = 10: after 6 s the control may be about to take the offsets away."""
+    async with losing() as bench:
+        await bench.clock.run_until(12.5)
+        closed, written = bench.control.closed, len(bench.control.writes)
+        bench.control.hangs = "look"
+        await bench.clock.run_until(19.5)
+        assert (bench.control.closed, len(bench.control.writes)) == (closed + 1, written)
+        assert len([text for text in bench.notices if "since the heartbeat" in text]) == 1
+        await bench.clock.run_until(58.0)
+        assert bench.control.in_force == (0.0, 0.0, 25.0)
+    assert bench.control.writes[written][1][2] <= 1.0 + SLEW, "from where the watchdog had them"
+    assert bench.link.armed
+
+
+async def test_after_a_write_without_an_answer_the_offsets_in_force_are_not_known() -> None:
+    clock, settings = SteppedClock(), Compensation(mode="compensate")
+    control, notices = ScriptedControl(clock), list[Notice]()
+    problems = Problems(clock, 1.0, notices.append, logging.getLogger(__name__))
+    lease = Lease(control, clock, Identity(), settings, problems, notices.append)
+    form, stored = form_of(control, 0.12, (50.0, 50.0, 50.0)), list[Write]()
+    writer = OffsetWriter(form, lease, clock, settings, 1.0, lambda: 0.0, stored.append)
+    wanted = np.array([[0.0], [0.0], [9.0]])
+
+    async def step() -> None:
+        clock.spend(1.0)
+        await lease.beat()
+        snapshot = await control.snapshot()
+        await writer.follow(clock.monotonic(), snapshot, wanted, Source.PREDICTION, 1, send=True)
+
+    await lease.claim()
+    await writer.begin()
+    await step()
+    assert writer.knows
+    control.swallows = True
+    with pytest.raises(NoAnswer):
+        await step()
+    assert not writer.knows
 
 
 @pytest.mark.parametrize("halt_s", [0.3, 0.95])

@@ -183,6 +183,30 @@ async def test_stopping_withdraws_the_request_that_nobody_waits_for() -> None:
     assert bench.control.withdrawn == bench.control.requests == [41]
 
 
+async def test_stopping_withdraws_a_request_before_the_offsets_move() -> None:
+    bench = LinkBench("compensate")
+    async with bench.running():
+        bench.link.follow(decision(4.0))
+        await bench.clock.run_until(10.0)
+        cycle = asyncio.create_task(bench.link.measure(Why.INTERVAL))
+        await bench.clock.run_until(12.0)
+        cycle.cancel()
+        await asyncio.gather(cycle, return_exceptions=True)
+    written, withdraw = len(bench.control.writes), bench.control.withdraw_probing
+    before_it: list[int] = []
+
+    async def withdrawn(number: int) -> None:
+        before_it.append(len(bench.control.writes) - written)
+        await withdraw(number)
+
+    bench.control.withdraw_probing = withdrawn  # type: ignore[method-assign]
+    stopping = asyncio.create_task(bench.link.stop())
+    await bench.clock.run_until(30.0)
+    await stopping
+    assert before_it == [0]
+    assert len(bench.control.writes) - written == 4, "the ramp to zero"
+
+
 async def test_what_has_ended_is_not_withdrawn() -> None:
     bench = LinkBench("monitor")
     bench.control.answer = RequestStatus(41, ProbingState.REFUSED, reason="alarm")
