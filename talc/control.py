@@ -314,7 +314,7 @@ class Controller:
             name = THERMAL_ERRORS[i]
             text = f"{name}: residual {residual[i]:.1f} {ERROR_UNITS[name]} above its limit {limits[i]:.1f}"
             events.append(Event(EventKind.LIMIT_EXCEEDED, text, name, float(residual[i]), float(limits[i])))
-            if self._stage.phase is Phase.COMPENSATION and not self._learning:
+            if self._stage.phase is Phase.COMPENSATION:
                 self._stage.enter(Phase.NO_GOOD, events)
 
     def _job(self, k: int, events: list[Event]) -> TrainingJob | None:
