@@ -5,7 +5,8 @@ The machine is a warm, moving one of the simulators; the errors are known exactl
 
 import asyncio
 import itertools
-from collections.abc import AsyncIterator
+from collections import deque
+from collections.abc import AsyncIterator, Sequence
 from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import replace
 
@@ -36,6 +37,7 @@ pytestmark = pytest.mark.slow
 WARM_S = 6 * 3600.0
 SETTLED_S, END_S, SAMPLE_S = 90.0, 240.0, 0.5
 BOUND_UM, SLEW_UM_PER_S = 300.0, 5.0
+LESS_THAN_A_PERIOD_S = 0.98
 TRAVEL = ((-150.0, 150.0), (-150.0, 150.0), (50.0, 250.0))
 """The travel that the emulated control's program covers."""
 NAMES = {pair: name for name, pair in PAIRS.items()}
@@ -92,7 +94,8 @@ class ShiftRecorder(EmulatedControl):
     """Notes the shift in every corner of the travel at each read, write and look; it can make the caller hang."""
 
     hang_in: int | None = None
-    """The gateway stands still for 14 s within the read that comes after this many; its watchdog_s is 10."""
+    """The gateway stands still before it gets the answer to the request that comes after this many."""
+    hang_s = 0.0
     hung = 0
 
     def __init__(
@@ -104,36 +107,52 @@ class ShiftRecorder(EmulatedControl):
         compensation: OffsetRoute,
     ) -> None:
         self.corners: list[tuple[float, FloatArray]] = []
-        self._stepped = clock
+        self.requests: list[str] = []
+        self._stepped, self._is_read = clock, False
         super().__init__(machine, clock, program, cycle=cycle, programs=programs(compensation), r_count=130)
+        self.before_read = self._asked
 
     def now(self) -> float:
         now = super().now()
         self.note()
         return now
 
+    async def _asked(self, _: Sequence[str]) -> None:
+        self._is_read = True
+
     def state(self) -> MachineState:
-        now = super().state()
-        if self.hang_in is not None:
-            self.hang_in -= 1
-            if self.hang_in < 0:
-                self._stepped.spend(14.0)
-                self.hang_in, self.hung = None, self.hung + 1
-        return now
+        state = super().state()
+        if self._is_read:  # otherwise it is the control itself that looks
+            self._is_read = False
+            self._answers("read")
+        return state
 
     def wake(self) -> None:
         self.note()
         super().wake()
+        self._answers("write")
+
+    def _answers(self, request: str) -> None:
+        self.requests.append(request)
+        if self.hang_in is not None:
+            self.hang_in -= 1
+            if self.hang_in < 0:
+                self._stepped.spend(self.hang_s)
+                self.hang_in, self.hung = None, self.hung + 1
 
     def note(self) -> None:
         shifts = np.array([self.nck.shift_um(corner) for corner in itertools.product(*TRAVEL)])
         self.corners.append((self._stepped.monotonic(), shifts))
 
     def largest_step_um(self) -> float:
-        """The largest change anywhere within one moment: between moments only the control's own ramp moves."""
-        moments = itertools.groupby(self.corners, key=lambda noted: noted[0])
-        found = [[shifts for _, shifts in moment] for _, moment in moments]
-        return max(float(np.abs(shifts[-1] - shifts[0]).max()) for shifts in found)
+        """The largest change anywhere within less than a period, in which there is one write at most."""
+        largest, recent = 0.0, deque[tuple[float, FloatArray]]()
+        for now, shifts in self.corners:
+            while recent and now - recent[0][0] > LESS_THAN_A_PERIOD_S:
+                recent.popleft()
+            largest = max([largest, *(float(np.abs(shifts - before).max()) for _, before in recent)])
+            recent.append((now, shifts))
+        return largest
 
 
 @asynccontextmanager
@@ -245,18 +264,24 @@ async def test_nowhere_in_the_travel_does_a_write_make_a_step_or_pass_the_bound(
     assert np.abs(before).max() > 0.5 * BOUND_UM
 
 
+@pytest.mark.parametrize("hang_s", [0.95, 14.0], ids=["for less than a period", "for longer than watchdog_s"])
 @pytest.mark.parametrize("compensation", [PLAIN, EVERY_PAIR], ids=["k0", "k0_slope"])
 async def test_a_process_that_stands_still_within_any_request_leaves_no_step_behind(
-    machine: WarmMachine, compensation: OffsetRoute
+    machine: WarmMachine, compensation: OffsetRoute, hang_s: float
 ) -> None:
-    reads_of_a_cycle = 6
     async with moving(machine) as (control, clock, url), linked(machine, clock, url, compensation) as (link, problems):
-        for number in range(reads_of_a_cycle):
-            link.follow(perfect(machine))
-            await clock.run_until(clock.monotonic() + 30.5)
-            control.hang_in = number
-            await clock.run_until(clock.monotonic() + 30.0)
-        assert control.hung == reads_of_a_cycle
+        await clock.run_until(30.5)
+        before = len(control.requests)
+        await clock.run_until(31.5)
+        of_a_period = control.requests[before:]
+        assert of_a_period.count("write") == 2, "the heartbeat and the offsets"
+        assert of_a_period.count("read") >= 3, "the owner, and what is in force before and after the write"
+        for number in range(len(of_a_period)):
+            link.follow(replace(perfect(machine), corrected=(-1) ** number * 8.0 * machine.plant.errors()))
+            await clock.run_until(clock.monotonic() + 10.0)
+            control.hang_in, control.hang_s = number, hang_s
+            await clock.run_until(clock.monotonic() + 50.0)
+        assert control.hung == len(of_a_period)
         assert link.armed, problems
         assert control.largest_step_um() <= SLEW_UM_PER_S * 1.0 + 1e-6
         assert np.abs(control.corners[-1][1]).max() > 10.0, "an offset of zero cannot step"
