@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.benches.safety_page import ROOT, Mutation, mutations, promises
+from tests.benches.safety_page import ROOT, Mutation, mutations, named_in, promises
 
 MUTATIONS = mutations()
 
@@ -31,29 +31,32 @@ def code_of_c(source: str) -> list[str]:
     return re.sub(r"/\*.*?\*/|//[^\n]*", " ", source, flags=re.DOTALL).split()
 
 
-def named_functions() -> frozenset[str]:
-    """Test functions that the page names, without `test_`; it also names files."""
-    named = {name for promise in promises() for name in promise.tests}
-    paths = (ROOT / "tests").rglob("test_*.py")
-    looks = {path for path in paths if named & set(re.findall(r"def test_(\w+)", path.read_text(encoding="utf-8")))}
-    tests = {name.removeprefix("test_") for path in looks for name in functions(path) if "test_" in name}
-    return frozenset(named & tests)
-
-
 def test_every_test_that_the_safety_page_names_exists() -> None:
-    files = {path.stem for path in (ROOT / "tests").rglob("test_*.py")}  # several may have one name
-    others = {name for promise in promises() for name in promise.tests} - named_functions()
-    assert len(named_functions()) > 60
-    assert {name for name in others if not (Path(name).name in files or (ROOT / name).is_dir())} == set()
+    every = [named for promise in promises() for named in promise.named]
+    assert len({name for named in every for name in named.functions}) > 60
+    wanted = [({f"test_{name}" for name in named.functions}, named) for named in every]
+    assert [named for tests, named in wanted if not any(tests <= functions(path) for path in named.paths)] == []
+
+
+@pytest.mark.parametrize("column", ["`test_a`", "`test_a` in `tests`", "`test_a`: `b`, `test_c`; `test_d`", "a: `b`"])
+def test_a_row_that_names_a_file_without_functions_is_refused(column: str) -> None:
+    with pytest.raises(ValueError, match="expected `file`: `function`"):
+        named_in(column)
+
+
+def test_a_row_names_the_functions_of_each_file() -> None:
+    first, second = named_in("`nc/test_boundary`: `a`, `b`; `test_training` in `tests/talc`: `c`")
+    assert (first.file, sorted(first.functions), sorted(second.functions)) == ("nc/test_boundary", ["a", "b"], ["c"])
+    assert first.paths == [ROOT / "tests" / "gateway" / "nc" / "test_boundary.py"]
+    assert second.paths == [ROOT / "tests" / "talc" / "test_training.py"]
 
 
 def test_every_test_in_a_line_has_a_mutation_that_makes_it_fail() -> None:
     """A mutation of this row: what breaks another promise may leave this one unproved."""
-    tests = named_functions()
     lacking = {}
     for promise in promises():
         proved = {mutation.function for mutation in MUTATIONS if promise.text.startswith(mutation.promise)}
-        lacking[promise.text] = (promise.tests & tests) - proved
+        lacking[promise.text] = promise.tests - proved
     assert {text: sorted(names) for text, names in lacking.items() if names} == {}
 
 

@@ -9,14 +9,50 @@ ROOT = Path(__file__).parents[2]
 TABLE = ROOT / "tests" / "safety_mutations.toml"
 
 
+_NAMED = re.compile(r"`([\w/]+)`(?: in `([\w/]+)`)?: ((?:`\w+`, )*`\w+`)")
+
+
+@dataclass(frozen=True, slots=True)
+class NamedTests:
+    """Functions of one file, as a row names them: `file` in `folder`: `function`, `function`."""
+
+    file: str
+    """Without suffix, perhaps with folders before it."""
+    folder: str
+    """From the root; empty: anywhere in tests."""
+    functions: frozenset[str]
+    """Without `test_`."""
+
+    @property
+    def paths(self) -> list[Path]:
+        """Those that it can mean; several files may have one name."""
+        within, last = ROOT / (self.folder or "tests"), self.file.rpartition("/")[2]
+        return [
+            path for path in within.rglob(f"{last}.py") if path.with_suffix("").as_posix().endswith(f"/{self.file}")
+        ]
+
+
+def named_in(column: str) -> tuple[NamedTests, ...]:
+    """What a row's last column names. Raises ValueError for anything but functions with their file."""
+    parts = [(part, _NAMED.fullmatch(part)) for part in column.split("; ")]
+    if wrong := [part for part, named in parts if named is None]:
+        raise ValueError(f"{wrong[0]!r}: expected `file`: `function`, or `file` in `folder`: `function`")
+    groups = [named.groups(default="") for _, named in parts if named is not None]
+    return tuple(NamedTests(file, folder, frozenset(re.findall(r"\w+", names))) for file, folder, names in groups)
+
+
 @dataclass(frozen=True, slots=True)
 class Promise:
     """One row of the page's tables."""
 
     text: str
     """Without backticks."""
-    tests: frozenset[str]
-    """Names in its last column: test functions without `test_`, test files without suffix, or their paths."""
+    named: tuple[NamedTests, ...]
+
+    @property
+    def tests(self) -> frozenset[str]:
+        """Test functions in its last column, without `test_`."""
+        return frozenset(name for named in self.named for name in named.functions)
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +79,10 @@ class Mutation:
 
 
 def promises() -> list[Promise]:
-    """Every row of the page's tables of promises, in the page's order; a table of figures has no column `test`."""
+    """Every row of the page's tables of promises, in the page's order; a table of figures has no column `test`.
+
+    Raises ValueError for a row that names anything but functions with their file.
+    """
     lines = (ROOT / "docs" / "safety.md").read_text(encoding="utf-8").splitlines()
     found, inside, promising = [], False, False
     for line in lines:
@@ -53,7 +92,7 @@ def promises() -> list[Promise]:
             inside, promising = True, line.endswith("| test |")
         elif promising and not set(line) <= set("|- "):
             text, tests = line.strip("| ").rsplit(" | ", 1)
-            found.append(Promise(text.replace("`", "").strip(), frozenset(re.findall(r"`([^`]+)`", tests))))
+            found.append(Promise(text.replace("`", "").strip(), named_in(tests)))
     return found
 
 
