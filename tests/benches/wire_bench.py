@@ -118,12 +118,12 @@ def assert_never_stepped(
 
 
 @asynccontextmanager
-async def wire_bench(folder: Path, cycle_s: float = 120.0) -> AsyncIterator[WireBench]:
-    """cycle_s: duration of a probing cycle"""
+async def wire_bench(folder: Path, cycle_s: float = 120.0, loads: MeanLoads | None = None) -> AsyncIterator[WireBench]:
+    """cycle_s: duration of a probing cycle; loads: of the program that runs, None: the axes stand still"""
     clock = WireClock()
     cycle = CycleSettings(noise_um=0.0, duration_s=cycle_s, approach_s=cycle_s / 12)
-    rest = LoadCase([DayPart(0.0, 1e9, Activity.PAUSE, MeanLoads())])
-    control = EmulatedControl(StillMachine(), clock, rest, cycle=cycle)
+    part = DayPart(0.0, 1e9, Activity.FINISHING if loads else Activity.PAUSE, loads or MeanLoads())
+    control = EmulatedControl(StillMachine(), clock, LoadCase([part]), cycle=cycle)
     url = await control.start()
     try:
         yield WireBench(clock, control, url, folder)
