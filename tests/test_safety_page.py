@@ -5,6 +5,8 @@ That they do fail is the subject of test_safety_mutations, which takes minutes.
 
 import ast
 import re
+import subprocess
+import sys
 from functools import cache
 from pathlib import Path
 
@@ -76,3 +78,10 @@ def test_a_mutation_can_be_applied_and_its_test_stands_in_its_line(mutation: Mut
     [promise] = [p for p in promises() if p.text.startswith(mutation.promise)]
     assert mutation.function in promise.tests
     assert f"test_{mutation.function}" in functions(ROOT / re.split("::", mutation.test)[0])
+
+
+def test_every_test_of_a_mutation_is_collected_with_its_parameters() -> None:
+    command = [sys.executable, "-m", "pytest", "--collect-only", "-q", "-p", "no:cacheprovider"]
+    tests = sorted({mutation.test for mutation in MUTATIONS})
+    done = subprocess.run([*command, *tests], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, (done.stdout + done.stderr)[-3000:]
