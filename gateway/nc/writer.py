@@ -192,8 +192,9 @@ class OffsetWriter:
             self._lease.disarm(f"{text}; {DISARMED}")
             return False
         except (NoAnswer, ConnectError):
-            late_s = min(max(self._late_write_s(), _LATE_S), _LATEST_S)
-            self._unanswered, self._until_s = coefficients, self._clock.monotonic() + late_s
+            now_s = self._clock.monotonic()
+            self._unanswered, self._until_s = coefficients, now_s + _LATEST_S  # stays so if the driver cannot say
+            self._until_s = now_s + min(max(self._late_write_s(), _LATE_S), _LATEST_S)
             raise
         answered_s = self._clock.monotonic()
         self._acted_s = sent_s if answered_s - sent_s < _WAITS * self._period else answered_s

@@ -5,6 +5,7 @@ It makes no step larger than one period's, and the gateway recognises its own wr
 
 import asyncio
 import logging
+import math
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from itertools import pairwise
@@ -97,6 +98,17 @@ async def test_it_stands_for_as_long_as_the_control_would_take_the_write_within_
         assert bench.control.in_force == stood
         await bench.clock.run_until(13.0 + stands_s)
         assert bench.control.in_force[2] != stood[2], "towards the target again, or from it when that is stale"
+
+
+async def test_a_driver_that_cannot_say_how_late_may_not_make_the_gateway_forget_the_write() -> None:
+    async with losing() as bench:
+        bench.control.late_write_s = math.nan
+        await bench.clock.run_until(11.0)
+        stood = bench.control.in_force
+        await bench.clock.run_until(60.0)
+        assert bench.control.in_force == stood, "it connected again, and writes nothing meanwhile"
+        assert sources(bench)[-1] == "unanswered"
+        assert 0.0 < lands(bench) <= SLEW
 
 
 async def test_stopped_meanwhile_it_takes_the_offsets_back_at_once() -> None:
