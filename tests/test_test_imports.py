@@ -22,6 +22,8 @@ KERNEL = "talc._kernel"
 CLOCK = "from tests.benches.loop_clock import LoopClock\n"
 """A class with private names, its own and those of another module."""
 OVERRIDES = "A: _now overrides another's"
+PROGRAM = re.compile(r"\b(?:from|import) tests\.[\w.]*\btest_\w+")
+"""An import of a test file in the text of a program that a test runs."""
 PART_OF_A_TEXT = ("startswith", "endswith", "removeprefix", "removesuffix")
 
 
@@ -63,6 +65,12 @@ def test_no_file_imports_another_ones_tests() -> None:
     suspects = [file for file in FILES if mention.search(file.read_text("utf-8"))]
     assert len(suspects) > 10, "docstrings mention test files"
     assert [str(file.relative_to(TESTS)) for file in suspects if not imported(file).isdisjoint(tests)] == []
+
+
+def test_no_program_in_a_text_imports_tests() -> None:
+    own = "from tests." + "gateway.test_events import X"
+    assert PROGRAM.search(f"import asyncio; {own}")
+    assert [str(file.relative_to(TESTS)) for file in FILES if PROGRAM.search(file.read_text("utf-8"))] == []
 
 
 def test_no_file_is_excused_for_using_what_is_private() -> None:

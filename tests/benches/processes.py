@@ -16,6 +16,12 @@ def children(of: int) -> list[int]:
     return [pid for pid in found if _RESOURCE_TRACKER not in read_if_there(Path(f"/proc/{pid}/cmdline"))]
 
 
+def is_alive(pid: int) -> bool:
+    """Whether this process runs; one that only its parent has not yet taken notice of does not."""
+    status = read_if_there(Path(f"/proc/{pid}/stat")).rpartition(b")")[2].split()
+    return bool(status) and status[0] != b"Z"
+
+
 def open_links() -> list[str]:
     """What this process keeps open: files, sockets, terminals. Other threads may close them meanwhile."""
     found = []

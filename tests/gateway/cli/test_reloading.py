@@ -11,31 +11,15 @@ from gateway.acquisition import BusChanges, ReloadError
 from gateway.cli.reloading import Reloading
 from gateway.config import GatewayConfig, load
 from gateway.events import ConfigurationApplied
-from gateway.past import Past
 from gateway.service import Service
-from talc.control import Controller
 from talc.frame import EventKind
 from tests.benches.kept_events import KeptEvents
-from tests.benches.service_file import MACHINE, TEXT
+from tests.benches.reloaded_service import service_of
+from tests.benches.service_file import TEXT
 from tests.benches.stepped_clock import SteppedClock
+from tests.benches.waits import until
 
 OTHER = TEXT.replace("/nowhere/adapter", "/nowhere/other")
-OF_A_NEW_KIND = (
-    MACHINE
-    + """
-[[bus]]
-name = "can1"
-kind = "canopen"
-channel = "vcan9"
-[[device]]
-name = "jumo"
-bus = "can1"
-profile = "cia404"
-unit = 5
-channels = { bed_front = 0 }
-options = { vendor = "jumo" }
-"""
-)
 
 
 class Unwilling(Service):
@@ -43,12 +27,6 @@ class Unwilling(Service):
 
     async def reload(self, config: GatewayConfig) -> BusChanges:
         raise ReloadError("the port is in use")
-
-
-def service_of(path: Path, kept: KeptEvents, clock: SteppedClock, kind: type[Service] = Service) -> Service:
-    path.write_text(TEXT, encoding="utf-8")
-    config = load(path)
-    return kind(config, clock, kept, Past(Controller(config.input_names, config.talc)))
 
 
 async def test_a_good_file_is_applied_and_one_that_needs_a_restart_or_is_wrong_is_refused_with_the_reason(
@@ -84,17 +62,15 @@ async def test_a_good_file_is_applied_and_one_that_needs_a_restart_or_is_wrong_i
         await asyncio.gather(*tasks, return_exceptions=True)
 
 
-async def test_what_fails_after_the_answer_is_an_event(tmp_path: Path) -> None:
+async def test_what_fails_after_the_answer_is_an_event(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     path, kept = tmp_path / "gateway.toml", KeptEvents()
     service, reloading = service_of(path, kept, SteppedClock(), Unwilling), Reloading(path)
     task = asyncio.create_task(reloading.run(service))
     try:
         await reloading.ask(service)
-        while not kept.texts(EventKind.OPERATOR):
-            await asyncio.sleep(0)
+        await until(lambda: kept.texts(EventKind.OPERATOR))
         reloading.hang_up()
-        await asyncio.sleep(0)
-        await asyncio.sleep(0)
+        await until(lambda: caplog.text.count("not reloaded") == 2)
     finally:
         task.cancel()
         await asyncio.gather(task, return_exceptions=True)
@@ -118,7 +94,7 @@ from gateway.cli.reloading import Reloading
 from gateway.service import Service
 from tests.benches.kept_events import KeptEvents
 from tests.benches.stepped_clock import SteppedClock
-from tests.gateway.cli.test_reloading import OF_A_NEW_KIND, service_of
+from tests.benches.reloaded_service import OF_A_NEW_KIND, service_of
 
 async def main(path, by_signal):
     clock, stop, asked = SteppedClock(), asyncio.Event(), asyncio.Event()
