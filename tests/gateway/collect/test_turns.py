@@ -7,6 +7,7 @@ import pytest
 
 from gateway.collect import Collector, SiteFolder
 from gateway.telemetry import StoredRows
+from tests.benches.manual_clock import ManualClock
 
 
 class NothingNew:
@@ -47,27 +48,46 @@ def test_the_turns_of_many_machines_are_spread_over_the_time_and_stay_so(tmp_pat
     assert set(later) == {30.0}
 
 
+class StoppedAtTheEnd(threading.Event):
+    """Notes how long the collector waits, and lets that time pass at once."""
+
+    def __init__(self, clock: ManualClock) -> None:
+        super().__init__()
+        self.clock, self.waits_s = clock, list[float | None]()
+
+    def wait(self, timeout: float | None = None) -> bool:
+        self.waits_s.append(timeout)
+        self.clock.now += timeout or 0.0
+        return self.is_set()
+
+
 def test_what_holds_up_all_machines_is_reported_when_it_begins_and_when_it_ends(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    stop, refused = threading.Event(), OSError("database: connection refused")
-    turns = iter([refused, refused, OSError("database: it is full"), None, None, refused, None])
+    clock, refused = ManualClock(), OSError("database: connection refused")
+    turns = [refused, refused, OSError("database: it is full"), None, None, refused, None, refused, None, refused, None]
+    stop, left = StoppedAtTheEnd(clock), iter(turns)
+    monkeypatch.setattr("gateway.collect.collector.SystemClock", lambda: clock)
 
     class OftenAway(SiteFolder):
         """A place that is away in some turns; after the last one the collector is stopped."""
 
         def ready(self) -> None:
-            if (away := next(turns, stop)) is stop:
+            if (away := next(left, stop)) is stop:
                 stop.set()
             elif isinstance(away, OSError):
                 raise away
 
     with OftenAway(tmp_path / "site") as kept:
-        Collector(NothingNew(0), kept, every_s=0.001).run(stop)
+        Collector(NothingNew(0), kept, every_s=30.0).run(stop)
+    assert stop.waits_s == [30.0] * (len(turns) + 1), "also after a failure"
     assert [record.message for record in caplog.records if "gateway" not in record.message] == [
         "database: connection refused",
         "database: it is full",
         "collecting again",
         "database: connection refused",
         "collecting again",
+        "database: connection refused",
+        "collecting again",
+        "database: connection refused; it is intermittent: reported again when it has been steady for 300 s",
     ]
