@@ -17,9 +17,10 @@ from click.testing import CliRunner
 from drivers.signature import shared_key
 from gateway.cli import main
 from tests.benches.command import LIMIT_S, Done, talc_gateway
-from tests.benches.file_waits import appears, text_of, until
+from tests.benches.file_waits import appears, text_of
 from tests.benches.free_port import free_port
 from tests.benches.shown_commands import ROOT, WHOLE, RunAsShown, RunOnWires, RunPrints, verdict
+from tests.benches.waits import until
 
 DEMO = "out/demo/gateway.sqlite"
 NAMED = {
@@ -187,7 +188,7 @@ class PageReader:
             text = text_of(self.folder / file)
             return running.done() or all(len(re.findall(rf"(?m)^\(\S+\) {wire} ", text)) > 5 for wire in wires)
 
-        await until(heard)
+        await until(heard, LIMIT_S)
         enough.set()
         done = await running
         assert done.code in (0, 3), done.err

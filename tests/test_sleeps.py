@@ -11,6 +11,7 @@ import pytest
 
 TESTS = Path(__file__).parent
 TIMES = ("pytest.mark.simulated_time", "pytest.mark.realtime")
+LIMITS = ("asyncio.timeout(", "asyncio.timeout_at(")
 SLEEPS = ("asyncio.sleep", "time.sleep", "sleep", "threading.Event().wait", "Event().wait")
 CLOCKS = ("time.monotonic()", "monotonic()", "time.perf_counter()", "perf_counter()", "time.time()", "loop.time()")
 MEASURES = "it measures for this long what a program takes"
@@ -36,6 +37,15 @@ BENCHES = {
     "tick_latency.py run_ticks": MEASURES,
 }
 """Functions of benches that sleep, and the reason that this does not rely on luck."""
+POLLS = {
+    "benches/cut_wire.py CutWire._pass_on": "passes on what it reads, until its source ends",
+    "benches/site_parts.py _until_told": "a process that its test ends",
+    "drivers/modbus/test_modbus_blocks.py test_every_place_is_asked_for_or_left_out_and_never_both": "each look leaves "
+    "out one request more",
+    "gateway/storage/test_row_pages.py Asker.catch_up": "each look takes a page",
+    "system/test_stop_on_hanging_disk.py wait_until_ready": "its socket has a limit",
+}
+"""Loops that look again and again without a limit of their own, and what ends them."""
 
 
 def sleeps(text: str) -> Iterator[tuple[int, str]]:
@@ -55,6 +65,40 @@ def elapsed(text: str) -> Iterator[tuple[int, str]]:
             compared = [one for one in ast.walk(node.test) if isinstance(one, ast.Compare)]
             if any(is_difference(side) for one in compared for side in (one.left, *one.comparators)):
                 yield node.lineno, name
+
+
+def polls(text: str) -> Iterator[tuple[int, str]]:
+    """Lines that look again and again with no end, so that a test hangs where it should fail, and their function.
+
+    The end is a clock in the loop, or an `asyncio.timeout` around it in the same function.
+    """
+
+    def visit(node: ast.AST, name: str, ends: bool) -> Iterator[tuple[int, str]]:
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
+            if any(ast.unparse(mark).startswith(TIMES[0]) for mark in node.decorator_list):
+                return
+            name, ends = f"{name}.{node.name}".lstrip("."), False
+        if isinstance(node, ast.AsyncWith):
+            ends = ends or any(ast.unparse(each.context_expr).startswith(LIMITS) for each in node.items)
+        if isinstance(node, ast.While) and not ends and is_poll(node):
+            yield node.lineno, name
+        for child in ast.iter_child_nodes(node):
+            yield from visit(child, name, ends)
+
+    tree = ast.parse(text)
+    if not any(TIMES[0] in ast.unparse(node.value) for node in tree.body if isinstance(node, ast.Assign)):
+        yield from visit(tree, "", ends=False)
+
+
+def is_poll(loop: ast.While) -> bool:
+    """Whether a loop pauses, or does nothing, between two looks, and may go on for ever. Work that only a cancellation
+    ends is not one."""
+    inside = list(ast.walk(loop))
+    is_work = ast.unparse(loop.test) == "True" and not any(isinstance(node, ast.Break | ast.Return) for node in inside)
+    has_clock = any(clock in ast.unparse(loop) for clock in CLOCKS)
+    pauses = any(isinstance(node, ast.Call) and node.args and ast.unparse(node.func) in SLEEPS for node in inside)
+    is_idle = all(isinstance(node, ast.Pass) for node in loop.body) and "await " not in ast.unparse(loop.test)
+    return (pauses or is_idle) and not is_work and not has_clock
 
 
 def is_difference(node: ast.AST) -> bool:
@@ -123,6 +167,31 @@ def lines(found: Iterator[tuple[int, str]]) -> list[int]:
 )
 def test_what_counts_as_a_fixed_sleep(text: str, expected: list[int]) -> None:
     assert lines(sleeps(text)) == expected
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("def test():\n    while not done():\n        pass\n", [2]),
+        ("def test():\n    while not done():\n        time.sleep(0.1)\n", [2]),
+        ("async def test():\n    while not done():\n        await asyncio.sleep(0)\n", [2]),
+        ("def test():\n    while True:\n        if done():\n            return\n        time.sleep(1)\n", [2]),
+        ("def test():\n    while True:\n        publish()\n        time.sleep(1)\n", []),
+        ("def test():\n    while not done():\n        assert time.monotonic() < end\n        sleep(1)\n", []),
+        ("async def test():\n    async with asyncio.timeout(60):\n        while not done():\n            pass\n", []),
+        ("async def test():\n    while not await line():\n        pass\n", []),
+        ("@pytest.mark.simulated_time\nasync def test():\n    while not a:\n        await asyncio.sleep(1)\n", []),
+    ],
+)
+def test_what_counts_as_a_wait_without_an_end(text: str, expected: list[int]) -> None:
+    assert lines(polls(text)) == expected
+
+
+def test_each_wait_has_an_end() -> None:
+    """Most are one of tests/benches/waits.py."""
+    files = {str(file.relative_to(TESTS)): file.read_text("utf-8") for file in TESTS.rglob("*.py")}
+    found = {f"{file} {name}" for file, text in files.items() if "while " in text for _, name in polls(text)}
+    assert found == set(POLLS)
 
 
 @pytest.mark.parametrize(

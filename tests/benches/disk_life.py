@@ -28,6 +28,7 @@ from tests.benches.emulated_bench import DayPlant
 from tests.benches.in_process_nc import InProcess
 from tests.benches.loop_clock import LoopClock
 from tests.benches.spoilt_stores import reading
+from tests.benches.waits import until
 from tests.benches.wire_bench import assert_never_stepped
 
 _STEP_S, _PERIOD_S = 300.0, 10.0
@@ -216,8 +217,7 @@ class Life:
         Otherwise simulated hours would pass in the seconds of the hang.
         """
         if self._hangs:
-            while store.health.waiting and not store.health.problem:
-                await asyncio.sleep(0.01)
+            await until(lambda: store.health.problem or not store.health.waiting)
             return
         with suppress(StoreError):  # the health says it
             store.flush()

@@ -1,25 +1,18 @@
 """Waits for files that a command writes."""
 
 import asyncio
-from collections.abc import Callable
 from pathlib import Path
 
-from tests.benches.command import Done
+from tests.benches.command import LIMIT_S, Done
+from tests.benches.waits import until
 
 
 async def appears(path: Path, playing: "asyncio.Task[Done]") -> None:
     """Wait until the file is there; the command that makes it must not have ended."""
-    while not await asyncio.to_thread(path.exists):
-        assert not playing.done(), playing.result()
-        await asyncio.sleep(0.02)
+    await until(lambda: playing.done() or path.exists(), LIMIT_S)
+    assert not playing.done(), playing.result()
 
 
 def text_of(file: Path) -> str:
     """What the file contains now."""
     return file.read_text(encoding="utf-8") if file.exists() else ""
-
-
-async def until(seen: Callable[[], bool]) -> None:
-    """Wait for something outside this process."""
-    while not seen():
-        await asyncio.sleep(0.02)

@@ -55,8 +55,9 @@ class AgentBench:
     async def pass_time(self, seconds: float) -> None:
         """Wait this long by LinuxCNC's own clock."""
         end_s = await self.time_s() + seconds
-        while await self.time_s() < end_s:
-            await asyncio.sleep(0.005)
+        async with asyncio.timeout(seconds + 300.0):
+            while await self.time_s() < end_s:
+                await asyncio.sleep(0.005)
 
 
 @asynccontextmanager

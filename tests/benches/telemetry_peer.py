@@ -13,6 +13,7 @@ from gateway.config import Telemetry as Settings
 from gateway.events import EventReported
 from gateway.telemetry import TelemetryPublisher
 from talc.frame import Decision, Event, EventKind, Phase
+from tests.benches.waits import LIMIT_S, wait_until
 from tests.benches.zenoh_sessions import client
 
 NOW = datetime(2026, 1, 5, 6, tzinfo=UTC)
@@ -45,7 +46,11 @@ def last_values(port: int, last: str = "") -> dict[str, Any]:
     """
     found: dict[str, Any] = {}
     with client(port) as session:
-        while last not in found.get(f"{ROOT}/event", {"text": ()})["text"]:  # the publishing thread may still be at it
-            replies = session.get(f"{ROOT}/**", timeout=5.0)
-            found = {str(r.ok.key_expr): json.loads(r.ok.payload.to_bytes()) for r in replies if r.ok is not None}
+
+        def is_there() -> bool:
+            replies = session.get(f"{ROOT}/**", timeout=LIMIT_S)
+            found.update({str(r.ok.key_expr): json.loads(r.ok.payload.to_bytes()) for r in replies if r.ok is not None})
+            return last in found.get(f"{ROOT}/event", {"text": ()})["text"]
+
+        wait_until(is_there)  # the publishing thread may still be at it
     return found

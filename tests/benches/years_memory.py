@@ -59,6 +59,7 @@ from tests.benches.free_port import free_port
 from tests.benches.loop_clock import LoopClock
 from tests.benches.service_memory import memory_mb
 from tests.benches.stepped_clock import EPOCH
+from tests.benches.waits import until
 
 _PRUNES_OFTEN = (
     SourceChange(writer, "pruned + _PRUNE_EVERY_S", "pruned + 2.0"),
@@ -210,8 +211,7 @@ async def lived(config: GatewayConfig, days: int, process: Executor, clock: Loop
                 if n % _EXPLAIN_EVERY == 0:
                     explanations.follow(frame, decision)
                 health.report()
-                while clock.holds:
-                    await asyncio.sleep(0.0005)
+                await until(lambda: not clock.holds, 300.0, pause_s=0.0005)
                 if n % a_day == 0:
                     store.flush()
                 if looks and n >= looks[0] * a_day:

@@ -206,8 +206,9 @@ async def test_a_gateway_that_is_configured_to_serves_them_and_stops_with_them(t
 
     async def ask() -> None:
         try:
-            while "talc_channels 1.0" not in (text := await asyncio.to_thread(read)):
-                await asyncio.sleep(0)
+            async with asyncio.timeout(LIMIT_S):
+                while "talc_channels 1.0" not in (text := await asyncio.to_thread(read)):
+                    await asyncio.sleep(0)
             texts.append(text)
         finally:
             stop.set()

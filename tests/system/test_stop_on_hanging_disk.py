@@ -12,6 +12,7 @@ import pytest
 from tests.benches.database import applied
 from tests.benches.failing_disk import on_failing_disk
 from tests.benches.service_file import UNPUBLISHED, m7015, rtu_bus
+from tests.benches.waits import wait_until
 
 LIMIT_S = 120.0
 """Real seconds; the gateway itself waits 5 s for the disk."""
@@ -35,9 +36,9 @@ def test_it_ends_by_itself_and_names_what_may_be_lost(tmp_path: Path) -> None:
         process = subprocess.Popen([sys.executable, "-m", "gateway", "run", str(file)], stderr=errors, env=environment)
         try:
             wait_until_ready(manager)
-            while not applied(disk / "gateway.sqlite"):  # the gateway is ready before its first commit
-                assert process.poll() is None
-                time.sleep(0.02)
+            # the gateway is ready before its first commit
+            wait_until(lambda: process.poll() is not None or applied(disk / "gateway.sqlite"), LIMIT_S)
+            assert process.poll() is None
             hanging.touch()
             process.send_signal(signal.SIGHUP)
             wait_until_ready(manager)  # what runs from now on is to be stored

@@ -11,6 +11,7 @@ from drivers.base import SystemClock, WrongDevice
 from drivers.build import make_bus, make_device
 from drivers.micro_epsilon.ethernet import MeBlock, find_block
 from simulators.devices.me_controller import MeController, block
+from tests.benches.waits import until
 
 pytestmark = pytest.mark.simulated_time
 
@@ -136,8 +137,7 @@ async def _read_through(sent: bytes, cuts: list[int], channels: int) -> list[flo
         await bus.connect()
         reading = asyncio.create_task(driver.read())
         await asyncio.sleep(0)  # now it waits for what comes
-        while not clients:
-            await asyncio.sleep(0)
+        await until(lambda: clients, pause_s=0.0)
         for begin, end in pairwise([0, *sorted(cuts), len(sent)]):
             clients[0].write(sent[begin:end])
             await clients[0].drain()

@@ -32,6 +32,7 @@ from gateway.telemetry import (
 )
 from tests.benches.free_port import free_port
 from tests.benches.telemetry_peer import decision, problem, reading, telemetry
+from tests.benches.waits import wait_until
 
 PAGE = (Path(__file__).parents[3] / "docs" / "client.md").read_text(encoding="utf-8")
 LIMIT_S = 120.0
@@ -54,8 +55,7 @@ async def test_a_follower_gets_the_last_message_and_then_each_one_once_and_in_or
         publisher.publish(problem("before"))
         publisher.publish(ReadingsTaken([reading(20.0)]))
         with Machine(connect=here(port)) as machine:
-            while not machine.latest("event"):  # the publishing thread may still be at it
-                pass
+            wait_until(lambda: machine.latest("event"))  # the publishing thread may still be at it
             messages = machine.follow("event", quiet_s=LIMIT_S)
             assert next_text(messages) == "before"
             for n in range(20):
@@ -73,8 +73,8 @@ async def test_last_messages_are_typed_and_by_key() -> None:
         publisher.publish(HealthChecked(Health(60.0, 30, 29, NcState.READY, None, ("an operator",), StoreHealth())))
         publisher.publish(problem("the last"))
         with Machine("mill", connect=here(port)) as machine:
-            while "event" not in (latest := machine.latest()):
-                pass
+            wait_until(lambda: machine.latest("event"))
+            latest = machine.latest()
             status = machine.status()
             assert list(machine.latest("reading", "decision")) == ["reading/t0", "decision"]
     assert isinstance(latest["decision"], DecisionMessage)

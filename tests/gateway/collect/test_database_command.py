@@ -22,6 +22,7 @@ from tests.benches.free_port import free_port
 from tests.benches.postgres import Postgres, postgres
 from tests.benches.stepped_clock import SteppedClock
 from tests.benches.stored_site import step
+from tests.benches.waits import LIMIT_S
 
 PAGE = (Path(__file__).parents[3] / "docs" / "collect.md").read_text(encoding="utf-8")
 
@@ -84,9 +85,10 @@ async def test_the_command_is_killed_and_goes_on_and_the_query_of_the_page_gives
 
     async def until_kept(steps: int, process: Process) -> None:
         there = "SELECT to_regclass('talc.steps') IS NOT NULL AS there"
-        while not (server.query("site", there)[0]["there"] and steps_kept() == steps):
-            assert process.returncode is None
-            await asyncio.sleep(0.2)
+        async with asyncio.timeout(LIMIT_S):
+            while not (server.query("site", there)[0]["there"] and steps_kept() == steps):
+                assert process.returncode is None
+                await asyncio.sleep(0.2)
 
     with Store(path, "boot-1", SteppedClock()) as store:
         async with TelemetryPublisher(

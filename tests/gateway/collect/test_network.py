@@ -25,9 +25,11 @@ from tests.benches.plant_authority import PlantAuthority
 from tests.benches.postgres import postgres
 from tests.benches.stepped_clock import SteppedClock
 from tests.benches.stored_site import step
+from tests.benches.waits import until, wait_until
 
 PAGE = (Path(__file__).parents[3] / "docs" / "collect.md").read_text(encoding="utf-8")
 LIMIT_S = 120.0
+CONNECTED = "SELECT pid FROM pg_stat_activity WHERE usename = 'guarded'"
 
 
 def here(port: int) -> str:
@@ -63,9 +65,10 @@ async def test_each_row_arrives_once_over_the_network_and_a_gateway_that_is_gone
         async with gateway(port, database):
             write(store, range(12))
             now_s = 0.0
-            while count(tmp_path / "site", "readings") < 24:
-                now_s += 1.0
-                await asyncio.to_thread(collecting.turn, now_s)
+            async with asyncio.timeout(LIMIT_S):
+                while count(tmp_path / "site", "readings") < 24:
+                    now_s += 1.0
+                    await asyncio.to_thread(collecting.turn, now_s)
         assert await asyncio.to_thread(collecting.turn, now_s + 1.0) == now_s + 2.0
         assert collecting.machines["mill"].rows == {
             "measurements": 2,
@@ -77,14 +80,16 @@ async def test_each_row_arrives_once_over_the_network_and_a_gateway_that_is_gone
         assert collecting.machines["mill"].problem == ""
 
 
-def until_two_answer(network: SiteNetwork) -> None:
-    """Wait until both gateways answer: the collector may be connected to one before the other."""
-    while True:
-        try:
-            network.ask("mill", {"steps": None}, 1)
-        except OSError as error:
-            if "2 gateways answer under this name" in str(error):
-                return
+def do_two_answer(network: SiteNetwork) -> bool:
+    """Whether both gateways answer: the collector may be connected to one before the other."""
+    try:
+        network.ask("mill", {"steps": None}, 1)
+    except OSError as error:
+        said = str(error)
+    else:
+        return False
+    assert said.startswith("no answer within") or "2 gateways answer under this name" in said
+    return "2 gateways" in said
 
 
 async def test_rows_of_two_gateways_of_one_name_are_not_mixed_and_come_when_one_has_another(tmp_path: Path) -> None:
@@ -97,13 +102,14 @@ async def test_rows_of_two_gateways_of_one_name_are_not_mixed_and_come_when_one_
         collecting = Collector(network, folder)
         async with gateway(ports[0], stores[0]):
             async with gateway(ports[1], stores[1]):
-                await asyncio.to_thread(until_two_answer, network)
+                await asyncio.to_thread(wait_until, lambda: do_two_answer(network), LIMIT_S)
                 await asyncio.to_thread(collecting.turn, 0.0)
                 assert collecting.machines["mill"].problem.endswith("give each its own [machine] name")
             now_s = 0.0
-            while collecting.machines["mill"].problem:
-                now_s += 100.0
-                await asyncio.to_thread(collecting.turn, now_s)
+            async with asyncio.timeout(LIMIT_S):
+                while collecting.machines["mill"].problem:
+                    now_s += 100.0
+                    await asyncio.to_thread(collecting.turn, now_s)
     assert count(tmp_path / "site", "steps") == 4
 
 
@@ -123,17 +129,14 @@ async def test_by_mutual_tls_it_is_one_of_the_readers(tmp_path: Path) -> None:
         write(store, range(3))
         async with publisher:
             with SiteNetwork(Telemetry(listen=(), connect=(where,), tls=tls("collector")), LIMIT_S) as network:
-                while not network.running():  # the link is made meanwhile
-                    await asyncio.sleep(0.05)
+                await until(network.running)  # the link is made meanwhile
                 Collector(network, folder).turn(0.0)
     assert count(tmp_path / "site", "steps") == 3
 
 
-async def until(reached: Callable[[], bool], process: Process) -> None:
-    async with asyncio.timeout(LIMIT_S):
-        while not reached():
-            assert process.returncode is None
-            await asyncio.sleep(0.2)
+async def until_kept(reached: Callable[[], bool], process: Process) -> None:
+    await until(lambda: process.returncode is not None or reached(), LIMIT_S, pause_s=0.2)
+    assert process.returncode is None
 
 
 async def start(port: int, site: Path | str, *more: str) -> Process:
@@ -153,13 +156,13 @@ async def test_the_command_is_killed_and_goes_on_and_the_queries_of_the_page_giv
             write(store, range(6))
             for more in (12, 18):
                 process = await start(port, folder)
-                await until(lambda more=more: count(folder, "steps") >= more - 6, process)  # type: ignore[misc]
+                await until_kept(lambda more=more: count(folder, "steps") >= more - 6, process)  # type: ignore[misc]
                 write(store, range(more - 6, more))
                 process.kill()
                 await process.communicate()
             write(store, range(18, 24))  # what the last one says that it has collected
             process = await start(port, folder)
-            await until(lambda: count(folder, "readings") == 48, process)
+            await until_kept(lambda: count(folder, "readings") == 48, process)
             process.send_signal(signal.SIGTERM)
             out, err = await process.communicate()
     assert process.returncode == 0, err
@@ -193,14 +196,13 @@ async def test_the_command_keeps_a_site_in_a_database_and_goes_on_after_it_was_k
         async with gateway(port, database):
             write(store, range(6))
             process = await start(port, address, *more)
-            await until(lambda: stored() == 6, process)
+            await until_kept(lambda: stored() == 6, process)
             process.kill()
             await process.communicate()
-            while server.query("postgres", "SELECT pid FROM pg_stat_activity WHERE usename = 'guarded'"):
-                await asyncio.sleep(0.05)
+            await until(lambda: not server.query("postgres", CONNECTED))
             write(store, range(6, 12))
             process = await start(port, address, *more)
-            await until(lambda: stored() == 12, process)
+            await until_kept(lambda: stored() == 12, process)
             process.send_signal(signal.SIGTERM)
             out, err = await process.communicate()
     assert process.returncode == 0, err

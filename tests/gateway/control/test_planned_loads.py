@@ -9,6 +9,7 @@ from gateway.control import PlannedLoads
 from talc.frame import Frame, Frames
 from tests.benches.hot_bearing import BODIES, DAY, NAMES, Array, bodies, work
 from tests.benches.stepped_clock import SteppedClock
+from tests.benches.waits import until
 
 BEARING, SPEED = NAMES.index("bearing"), NAMES.index("spindle_speed")
 PLANNED = {"rest": {"spindle_speed": 0.0}, "roughing": {"spindle_speed": 7000.0}, "too fast": {"spindle_speed": 2e4}}
@@ -55,8 +56,7 @@ async def test_it_learns_by_itself_after_two_days_and_then_each_day() -> None:
         before = clock.holds
         loads.frame(Frame(k, row, np.ones(len(NAMES), np.bool_)))
         if k + 1 in (2 * DAY, 3 * DAY):
-            while loads.changes(1)["rest"] is None or clock.holds:
-                await asyncio.sleep(0)
+            await until(lambda: loads.changes(1)["rest"] is not None and not clock.holds)
             foreseen.append(k)
         else:
             await asyncio.sleep(0)

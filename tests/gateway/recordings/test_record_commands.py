@@ -17,8 +17,9 @@ from simulators.devices import M7015, Cia404Node, RtuLine, SlcanAdapter
 from simulators.devices.can_logger import CanLogger
 from simulators.devices.source import SensorFault
 from tests.benches.command import beside, here, talc_gateway
-from tests.benches.file_waits import appears, text_of, until
+from tests.benches.file_waits import appears, text_of
 from tests.benches.service_file import UNPUBLISHED, m7015, rtu_bus
+from tests.benches.waits import until
 
 FRAMES = CanLogger(lambda: [20.0, -3.3, 40.0, 99.9, 22.2], lambda _: None).frames()
 

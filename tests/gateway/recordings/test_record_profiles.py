@@ -19,9 +19,10 @@ from gateway.recordings import read_wire_log
 from simulators.devices import M7015, RtuLine, SlcanAdapter
 from simulators.devices.can_logger import CanLogger
 from tests.benches.command import beside, here
-from tests.benches.file_waits import text_of, until
+from tests.benches.file_waits import text_of
 from tests.benches.logger_files import logger_dbc, logger_profile_text
 from tests.benches.service_file import UNPUBLISHED, m7015, rtu_bus
+from tests.benches.waits import until
 
 SUPPLIED = Path(__file__).parents[3] / "drivers" / "profiles" / "icpdas_m7015.toml"
 CAN = """

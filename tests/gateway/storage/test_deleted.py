@@ -15,8 +15,9 @@ from gateway.storage.place import PlaceWatch
 from gateway.storage.schema import connect
 from tests.benches import telemetry_examples as example
 from tests.benches.stepped_clock import SteppedClock
-from tests.benches.store_waits import until, until_all_written
+from tests.benches.store_waits import until_all_written
 from tests.benches.store_writer import step
+from tests.benches.waits import wait_until
 
 
 def store_at(path: Path) -> Store:
@@ -53,7 +54,7 @@ def test_another_database_is_begun_and_says_so(delete: Callable[[Path], None], t
         make(store, 1)
         store.flush()
         delete(path)
-        until(lambda: bool(store.health.mended))
+        wait_until(lambda: store.health.mended)
         assert "was deleted while the gateway ran; a new database is begun" in store.health.mended
         make(store, 2)
         until_all_written(store)
@@ -74,7 +75,7 @@ def test_another_file_in_its_place_is_set_aside(tmp_path: Path) -> None:
         make(store, 7)
         store.flush()
         other.replace(path)
-        until(lambda: bool(store.health.mended))
+        wait_until(lambda: store.health.mended)
         assert "another file was put in its place" in store.health.mended
     assert len(list(tmp_path.glob("g.sqlite.damaged-*"))) == 1
 
@@ -113,7 +114,7 @@ def test_a_file_that_is_cut_in_place_is_set_aside(left: int, tmp_path: Path) -> 
         make(store, 1)
         store.flush()
         os.truncate(path, left)
-        until(lambda: bool(store.health.mended))
+        wait_until(lambda: store.health.mended)
         assert f"it was cut to {left} bytes while the gateway ran" in store.health.mended
         make(store, 2)
         until_all_written(store)

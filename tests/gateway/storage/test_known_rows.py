@@ -24,8 +24,8 @@ from gateway.events import (
 from gateway.storage import History, Store
 from tests.benches import telemetry_examples as example
 from tests.benches.stepped_clock import SteppedClock
-from tests.benches.store_waits import until
 from tests.benches.store_writer import step
+from tests.benches.waits import wait_until
 
 LONG_S = 3600.0
 
@@ -56,9 +56,9 @@ def test_what_was_acted_upon_is_committed_at_once(table: str, event: GatewayEven
     path = tmp_path / "g.sqlite"
     with Store(path, "boot1", SteppedClock(), commit_s=LONG_S) as store:
         store.begin("{}", "hash", "versions", ("prior's hash", "prior's text"))
-        until(lambda: count(path, "boot") == 1)
+        wait_until(lambda: count(path, "boot") == 1)
         store.record(event)
-        until(lambda: count(path, table) == 1)
+        wait_until(lambda: count(path, table) == 1)
     with closing(sqlite3.connect(path)) as connection:
         assert connection.execute("SELECT * FROM prior").fetchall() == [("prior's hash", "prior's text")]
         assert connection.execute("SELECT * FROM prior_of_boot").fetchall() == [(1, "prior's hash")]
@@ -72,7 +72,7 @@ def after_a_deletion(path: Path, events: Sequence[GatewayEvent]) -> None:
             store.record(event)
         store.flush()
         path.unlink()
-        until(lambda: bool(store.health.mended))
+        wait_until(lambda: store.health.mended)
 
 
 @pytest.mark.parametrize(

@@ -20,8 +20,9 @@ from gateway.storage.waiting import Item, Waiting, WaitingKind
 from gateway.storage.writer import DatabaseWriter
 from tests.benches.failing_disk import store_process
 from tests.benches.stepped_clock import EPOCH, SteppedClock
-from tests.benches.store_waits import until, until_all_written, until_failing
+from tests.benches.store_waits import until_all_written, until_failing
 from tests.benches.store_writer import step
+from tests.benches.waits import wait_until
 
 RETRY_S = 0.1
 LIMIT_S = 60.0
@@ -195,7 +196,7 @@ def test_readings_reach_the_file_without_anything_that_hurries_them(tmp_path: Pa
             store.record(ReadingsTaken([Sample("a", 20.0, "degC", Quality.GOOD, EPOCH, 0.0, sequence=k)]))
             if k == 1:
                 store.flush()  # the channel's name
-            until(partial(has_readings, other, k))
+            wait_until(partial(has_readings, other, k))
 
 
 async def test_what_another_program_locks_out_waits_and_is_stored_when_the_lock_is_gone(tmp_path: Path) -> None:

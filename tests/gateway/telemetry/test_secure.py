@@ -20,6 +20,7 @@ from gateway.telemetry import Access, CommandSigner, HistoryPage, HistoryRequest
 from tests.benches.free_port import free_port
 from tests.benches.plant_authority import PlantAuthority
 from tests.benches.telemetry_peer import ROOT, problem
+from tests.benches.waits import wait_until
 
 ROUTER = Path(__file__).parents[3] / "deploy" / "zenoh" / "router.json5"
 LIMIT_S = 60.0
@@ -243,8 +244,7 @@ async def test_behind_the_plants_router_readers_read_a_large_page_and_can_send_n
             gateway.publish(problem("by the router"))
             dashboard = site.access("dashboard")
             with Machine("mill", connect=site.here, access=dashboard) as machine:
-                while not machine.latest("event"):
-                    pass
+                wait_until(lambda: machine.latest("event"))
                 begin = site.authority.path.stat().st_mtime
                 (page,) = machine.pages(_utc(begin), _utc(begin + 1.0))
                 assert page == PAGE
@@ -286,8 +286,7 @@ async def test_behind_the_plants_router_only_a_panel_may_ask_for_commands(tmp_pa
         with Machine("mill", connect=site.here, access=site.access("panel"), operator=signer) as machine:
             assert machine.pause().text == "it is done"
         with Machine("mill", connect=site.here, access=site.access("dashboard"), operator=signer) as machine:
-            while not machine.latest("event"):  # everything else it may ask
-                pass
+            wait_until(lambda: machine.latest("event"))  # everything else it may ask
             with pytest.raises(MachineError, match="no answer"):
                 machine.pause()
 

@@ -16,6 +16,7 @@ from talc.names import THERMAL_ERRORS
 from tests.benches.heard import BEGAN
 from tests.benches.mill_page import mill_page, mill_seen
 from tests.benches.stored_elsewhere import StoredElsewhere
+from tests.benches.waits import until
 
 FROM_S = BEGAN.timestamp()
 SPAN = {"from": str(FROM_S - 3600.0), "to": str(FROM_S)}
@@ -65,8 +66,7 @@ async def test_a_gateway_is_asked_by_two_at_once_and_the_others_wait() -> None:
     async with AsyncClient(transport=ASGITransport(app), base_url="http://localhost") as client:
         zooming = [asyncio.create_task(client.get("/past/mill", params=SPAN)) for _ in range(3)]
         try:
-            while len(asked) < 2:
-                await asyncio.sleep(0)
+            await until(lambda: len(asked) == 2)
             for _ in range(1000):  # as many turns as the third would need to ask, and more
                 await asyncio.sleep(0)
             assert len(asked) == 2
