@@ -66,6 +66,8 @@ class RtuLine:
         self._port = PtyPort(self._on_bytes)
         self.spoil: Spoil | None = None
         """What happens to answers on the wire."""
+        self.garbage = 0
+        """Bytes that came at another speed than the units'."""
 
     async def start(self) -> str:
         return await self._port.start()
@@ -75,6 +77,7 @@ class RtuLine:
 
     def _on_bytes(self, data: bytes) -> None:
         if self._baud and self._port.baud != self._baud:
+            self.garbage += len(data)
             return
         for unit, reply in self._requests.answered(data):
             send(self._port.write, self.spoil, unit, reply)

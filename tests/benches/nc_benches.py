@@ -37,6 +37,8 @@ class NcBench(ABC):
     """Machine states after `work`."""
     tick_s = 0.05
     """The control's time between two looks."""
+    is_simulated = True
+    """Whether this is the test's time; otherwise the computer's."""
 
     @abstractmethod
     def another(self) -> NumericalControl:
@@ -120,6 +122,8 @@ class EmulatedBench(NcBench):
 class LinuxCncBench(NcBench):
     """The real LinuxCNC with its agent."""
 
+    is_simulated = False
+
     def __init__(self, bench: linuxcnc_bench.AgentBench) -> None:
         self._bench, self.nc = bench, bench.nc
         self.working = {"spindle_speed": 1200.0, "coolant": 1.0}
@@ -173,6 +177,8 @@ class ReferenceAgentBench(NcBench):
 
 class NodeOpcuaBench(NcBench):
     """Our driver with another maker's OPC UA stack, which has its own part program and watchdog."""
+
+    is_simulated = False
 
     def __init__(self, process: asyncio.subprocess.Process, settings: SinumerikSettings) -> None:
         self._process, self._settings = process, settings

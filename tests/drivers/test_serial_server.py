@@ -18,10 +18,12 @@ from simulators.devices.voltage_input import VoltageInput
 from tests.benches.free_port import free_port
 from tests.benches.ser2net import Ser2net, ser2net
 from tests.benches.stream_server import stream_server
+from tests.benches.waits import until
 
 TIMEOUT_S = 60.0
 """A busy computer may need this long for another program's answer."""
 LIMIT_S = 60.0
+REQUEST_BYTES = 8
 VALUES_UM = [5.0, -0.05, 400.0]
 THREE, WORDS = Block(4, 0, 3), (100, 0xFFFF, 8000)
 """These numbers contain Telnet's byte 255 twice."""
@@ -32,7 +34,7 @@ LOOPBACKS = [("127.0.0.1", "127.0.0.1"), ("::1", "[::1]")]
 @asynccontextmanager
 async def served(
     folder: Path, scheme: str, *, line_baud: int, baud: int, timeout_s: float = TIMEOUT_S
-) -> AsyncIterator[tuple[ModbusBus, Ser2net]]:
+) -> AsyncIterator[tuple[ModbusBus, Ser2net, RtuLine]]:
     """A connected bus at `baud`, and the server of the line, whose unit understands only `line_baud`."""
     line = RtuLine({1: VoltageInput(lambda: VALUES_UM, range_um=500.0)}, baud=line_baud)
     path = await line.start()
@@ -42,7 +44,7 @@ async def served(
             assert isinstance(bus, ModbusBus)
             try:
                 await bus.connect()
-                yield bus, server
+                yield bus, server, line
             finally:
                 await bus.close()
     finally:
@@ -52,7 +54,7 @@ async def served(
 @pytest.mark.peer
 @pytest.mark.parametrize("baud", [19200, 38400])
 async def test_rfc_2217_sets_the_speed_of_the_servers_line_and_passes_every_byte(tmp_path: Path, baud: int) -> None:
-    async with served(tmp_path, "rfc2217", line_baud=baud, baud=baud) as (bus, _):
+    async with served(tmp_path, "rfc2217", line_baud=baud, baud=baud) as (bus, _, _):
         assert await bus.read("d", 1, THREE) == WORDS
 
 
@@ -75,20 +77,21 @@ async def test_a_displacement_sensor_is_read_behind_the_server(tmp_path: Path) -
 
 @pytest.mark.peer
 async def test_a_unit_of_another_speed_is_silent_behind_the_server(tmp_path: Path) -> None:
-    async with served(tmp_path, "rfc2217", line_baud=19200, baud=9600, timeout_s=0.2) as (bus, _):
+    async with served(tmp_path, "rfc2217", line_baud=19200, baud=9600, timeout_s=0.2) as (bus, _, line):
         with pytest.raises(NoAnswer):
             await bus.read("d", 1, THREE)
+        await until(lambda: line.garbage >= REQUEST_BYTES)
 
 
 @pytest.mark.peer
 async def test_raw_tcp_leaves_the_speed_to_the_server(tmp_path: Path) -> None:
-    async with served(tmp_path, "socket", line_baud=1200, baud=9600) as (bus, _):
+    async with served(tmp_path, "socket", line_baud=1200, baud=9600) as (bus, _, _):
         assert await bus.read("d", 1, THREE) == WORDS
 
 
 @pytest.mark.peer
 async def test_a_server_that_went_and_came_back_is_connected_again(tmp_path: Path) -> None:
-    async with served(tmp_path, "rfc2217", line_baud=19200, baud=19200) as (bus, server):
+    async with served(tmp_path, "rfc2217", line_baud=19200, baud=19200) as (bus, server, _):
         server.stop()
         with pytest.raises(ConnectError, match=r"serial port rfc2217://127\.0\.0\.1:[0-9]+ is gone"):
             await bus.read("d", 1, THREE)
@@ -111,7 +114,7 @@ def asks_after_s(port: int) -> float | None:
 @pytest.mark.peer
 @pytest.mark.parametrize("scheme", ["rfc2217", "socket"])
 async def test_a_server_that_goes_without_a_word_is_noticed(tmp_path: Path, scheme: str) -> None:
-    async with served(tmp_path, scheme, line_baud=1200, baud=1200) as (bus, server):
+    async with served(tmp_path, scheme, line_baud=1200, baud=1200) as (bus, server, _):
         assert await bus.read("d", 1, THREE) == WORDS
         port = int(server.url.rpartition(":")[2])
         async with asyncio.timeout(LIMIT_S):
@@ -122,7 +125,7 @@ async def test_a_server_that_goes_without_a_word_is_noticed(tmp_path: Path, sche
 
 @pytest.mark.peer
 async def test_a_server_of_raw_tcp_is_distinguished_from_one_of_rfc_2217(tmp_path: Path) -> None:
-    async with served(tmp_path, "socket", line_baud=1200, baud=1200) as (_, server):
+    async with served(tmp_path, "socket", line_baud=1200, baud=1200) as (_, server, _):
         url = server.url.replace("socket:", "rfc2217:")
         bus = make_bus("bus2", "modbus_rtu", {"port": url})
         with pytest.raises(ConnectError, match="cannot open serial port") as caught:
