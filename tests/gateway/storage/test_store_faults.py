@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -22,7 +23,7 @@ from tests.benches.failing_disk import store_process
 from tests.benches.stepped_clock import EPOCH, SteppedClock
 from tests.benches.store_waits import until_all_written, until_failing
 from tests.benches.store_writer import step
-from tests.benches.waits import wait_until
+from tests.benches.waits import until, wait_until
 
 RETRY_S = 0.1
 LIMIT_S = 60.0
@@ -251,16 +252,26 @@ def test_the_first_rows_that_are_stored_again_end_the_problem(tmp_path: Path) ->
     assert stored(path) == [1, 2]
 
 
-async def test_the_event_loop_runs_while_a_number_waits_for_another_programs_lock(tmp_path: Path) -> None:
-    path = tmp_path / "g.sqlite"
+async def test_the_event_loop_runs_while_a_number_waits_for_another_programs_lock(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, writes = tmp_path / "g.sqlite", threading.Event()
+
+    class Told(sqlite3.Connection):
+        def executemany(self, statement: str, rows: Any, /) -> sqlite3.Cursor:
+            writes.set()
+            return super().executemany(statement, rows)
+
+    monkeypatch.setattr(sqlite3, "connect", partial(sqlite3.connect, factory=Told))
     with Store(path, "boot1", SteppedClock(), retry_s=LIMIT_S) as store:
         make(store, 1)
         store.flush()
         with locked(path):
+            writes.clear()
             store.record(ProbingRequested(7))
             waiting = asyncio.ensure_future(store.on_disk(LIMIT_S))
-            for _ in range(100):
-                await asyncio.sleep(0)
+            await asyncio.sleep(0)  # now it begins
+            await until(writes.is_set)
             assert not waiting.done()
             assert store.health.problem == "", "it waits for the lock"
         await waiting

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import zenoh
 
 from drivers.base import Quality, SystemClock
 from gateway.answers import history_of
@@ -23,13 +24,21 @@ from gateway.telemetry import HistoryRequest, TelemetryPublisher, encode
 from tests.benches.free_port import free_port
 from tests.benches.telemetry_examples import DECISION
 from tests.benches.telemetry_peer import reading
+from tests.benches.waits import until
 
 PAGE = (Path(__file__).parents[3] / "docs" / "keys.md").read_text(encoding="utf-8")
 LIMIT_S = 120.0
 
 
 @pytest.mark.slow
-async def test_the_subscriber_of_the_page_prints_decisions() -> None:
+async def test_the_subscriber_of_the_page_prints_decisions(monkeypatch: pytest.MonkeyPatch) -> None:
+    sessions, open_session = list[zenoh.Session](), zenoh.open
+
+    def keep(*given: Any, **named: Any) -> zenoh.Session:
+        sessions.append(open_session(*given, **named))
+        return sessions[-1]
+
+    monkeypatch.setattr(zenoh, "open", keep)
     found = re.search(r"```python\n(.*?)```", PAGE, re.DOTALL)
     assert found is not None
     port = free_port()
@@ -40,16 +49,16 @@ async def test_the_subscriber_of_the_page_prints_decisions() -> None:
         process = await asyncio.create_subprocess_exec(sys.executable, "-uc", code, stdout=subprocess.PIPE)
         try:
             assert process.stdout is not None
-            line = asyncio.create_task(process.stdout.readline())
+            decisions: Any = sessions[0].declare_publisher("talc/mill/decision")
+            # it hears only what is published after it has subscribed
+            await until(lambda: decisions.matching_status.matching, LIMIT_S)
+            publisher.publish(DecisionMade(DECISION))
             async with asyncio.timeout(LIMIT_S):
-                while not line.done():  # it hears only what is published after it has subscribed
-                    publisher.publish(DecisionMade(DECISION))
-                    await asyncio.wait([line], timeout=0.2)
-            assert f" {DECISION.phase.value} " in line.result().decode()
+                assert f" {DECISION.phase.value} " in (await process.stdout.readline()).decode()
         finally:
             with suppress(ProcessLookupError):  # it has ended by itself
                 process.kill()
-            await process.wait()
+            await process.communicate()  # closes its pipes
 
 
 def test_the_reader_of_blocks_of_the_page_finds_the_readings_of_rows(tmp_path: Path) -> None:
