@@ -4,6 +4,7 @@ The marks `simulated_time` and `realtime` are for what is about time (tests/READ
 """
 
 import ast
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -11,7 +12,10 @@ import pytest
 
 TESTS = Path(__file__).parent
 TIMES = ("pytest.mark.simulated_time", "pytest.mark.realtime")
+LEAST_LIMIT_S = 30.0
+"""A limit below this may be a pause: what a slow computer does later passes for what never comes."""
 LIMITS = ("asyncio.timeout(", "asyncio.timeout_at(")
+TURNS = (["await asyncio.sleep(0)"], ["await asyncio.sleep(0.0)"])
 SLEEPS = ("asyncio.sleep", "time.sleep", "sleep", "threading.Event().wait", "Event().wait")
 CLOCKS = ("time.monotonic()", "monotonic()", "time.perf_counter()", "perf_counter()", "time.time()", "loop.time()")
 MEASURES = "it measures for this long what a program takes"
@@ -46,6 +50,26 @@ POLLS = {
     "system/test_stop_on_hanging_disk.py wait_until_ready": "its socket has a limit",
 }
 """Loops that look again and again without a limit of their own, and what ends them."""
+CONTROLS_TIME = "the control's time, which the test sets"
+OF_THE_LOOP = "what it waits for needs only turns of the loop, no other thread or wire"
+PAUSES = {
+    "benches/manual_clock.py ManualClock.pass_to": OF_THE_LOOP,
+    "benches/nc_benches.py in_process": CONTROLS_TIME,
+    "benches/nc_benches.py sinumerik.opened": CONTROLS_TIME,
+    "benches/npm_peer.py running": "afterwards the peer is killed",
+    "benches/played_telemetry.py PlayedGateway.keep_saying": "the pace of what it says, until it is stopped",
+    "benches/site_parts.py _until_told": "a process that its test ends",
+    "benches/stepped_clock.py SteppedClock.rest": OF_THE_LOOP,
+    "benches/stream_server.py stream_server": OF_THE_LOOP,
+    "drivers/test_serial_server.py test_a_port_that_opens_when_nobody_waits_any_more_is_closed": "the thread is at "
+    "work from the first turn on; how far it has come must not matter",
+    "gateway/cli/test_alive.py signs": OF_THE_LOOP,
+    "gateway/probing/test_prober.py test_a_write_under_way_ends_before_the_offsets_stand_still": OF_THE_LOOP,
+    "simulators/devices/test_loopback.py test_a_client_that_connects_while_the_server_stops_is_disconnected."
+    "connect_and_stop": "each of these numbers of turns is right",
+}
+"""Functions with a short limit, or that let the loop turn some times, and the reason that this does not rely on
+luck."""
 
 
 def sleeps(text: str) -> Iterator[tuple[int, str]]:
@@ -60,11 +84,28 @@ def sleeps(text: str) -> Iterator[tuple[int, str]]:
 def elapsed(text: str) -> Iterator[tuple[int, str]]:
     """Lines that assert how much real time has passed, and their function. A deadline is not one: it has no
     difference."""
-    for node, name, _ in walked(text) if any(clock in text for clock in CLOCKS) else ():
+    found = list(walked(text)) if any(clock in text for clock in CLOCKS) else []
+    taken = {(name, kept) for node, name, _ in found for kept in durations(node)}
+    for node, name, _ in found:
         if isinstance(node, ast.Assert):
             compared = [one for one in ast.walk(node.test) if isinstance(one, ast.Compare)]
-            if any(is_difference(side) for one in compared for side in (one.left, *one.comparators)):
+            sides = [part for one in compared for side in (one.left, *one.comparators) for part in ast.walk(side)]
+            if any(is_difference(part) or (name, ast.unparse(part)) in taken for part in sides):
                 yield node.lineno, name
+
+
+def durations(node: ast.AST) -> list[str]:
+    """Names that keep how much time has passed: assigned, added or appended."""
+    match node:
+        case ast.Assign(targets=[target], value=value) | ast.NamedExpr(target=target, value=value):
+            pass
+        case ast.AnnAssign(target=target, value=ast.expr() as value) | ast.AugAssign(target=target, value=value):
+            pass
+        case ast.Call(func=ast.Attribute(value=target, attr="append"), args=[value]):
+            pass
+        case _:
+            return []
+    return [ast.unparse(target)] if any(is_difference(part) for part in ast.walk(value)) else []
 
 
 def polls(text: str) -> Iterator[tuple[int, str]]:
@@ -101,6 +142,31 @@ def is_poll(loop: ast.While) -> bool:
     return (pauses or is_idle) and not is_work and not has_clock
 
 
+def pauses(text: str) -> Iterator[tuple[int, str]]:
+    """Lines with a limit so short that it may be a pause, or that let the loop turn some times, and their function."""
+    sums = [node for node in ast.parse(text).body if isinstance(node, ast.Assign)]
+    named = {ast.unparse(node.targets[0]): node.value for node in sums}
+    for node, name, _ in walked(text):
+        if isinstance(node, ast.For) and len(node.body) == 1 and [ast.unparse(inside) for inside in node.body] in TURNS:
+            yield node.lineno, name
+        if isinstance(node, ast.Call):
+            values = [named.get(ast.unparse(limit), limit) for limit in limits(node)]
+            numbers = [value.value for value in values if isinstance(value, ast.Constant)]
+            if any(isinstance(number, int | float) and 0 < number < LEAST_LIMIT_S for number in numbers):
+                yield node.lineno, name
+
+
+def limits(call: ast.Call) -> list[ast.expr]:
+    """What it is given as its longest time."""
+    given = [each.value for each in call.keywords if each.arg == "timeout"]
+    match call.func:
+        case ast.Attribute(attr="timeout" | "wait" | "join"):
+            return [*given, *call.args[:1]]
+        case ast.Attribute(attr="wait_for"):
+            return [*given, *call.args[1:2]]
+    return given
+
+
 def is_difference(node: ast.AST) -> bool:
     return (
         isinstance(node, ast.BinOp)
@@ -118,8 +184,9 @@ def walked(text: str) -> Iterator[tuple[ast.AST, str, bool]]:
                 return
             name = f"{name}.{node.name}".lstrip(".")
         yield node, name, looking
+        looking = looking or looks(node)
         for child in ast.iter_child_nodes(node):
-            yield from visit(child, name, looking or looks(node))
+            yield from visit(child, name, looking)
 
     tree = ast.parse(text)
     marks = [ast.unparse(node.value) for node in tree.body if isinstance(node, ast.Assign) and is_mark(node)]
@@ -129,10 +196,12 @@ def walked(text: str) -> Iterator[tuple[ast.AST, str, bool]]:
 
 def looks(node: ast.AST) -> bool:
     """Whether a loop ends when what it waits for is there, not when a time has passed."""
+    if not isinstance(node, ast.While | ast.For | ast.AsyncFor):
+        return False
     early = any(isinstance(inside, ast.Break | ast.Return) for inside in ast.walk(node))
     if isinstance(node, ast.While):
         return early or not is_only_a_deadline(node.test)
-    return isinstance(node, ast.For | ast.AsyncFor) and early
+    return early
 
 
 def is_only_a_deadline(test: ast.expr) -> bool:
@@ -199,12 +268,39 @@ def test_each_wait_has_an_end() -> None:
     [
         ("def test():\n    assert time.monotonic() - began < 1.0\n", [2]),
         ("def test():\n    assert 0.5 < began - monotonic()\n", [2]),
+        ("def test():\n    took = time.monotonic() - began\n    assert took < 1.0\n", [3]),
+        ("def test():\n    took.append(time.monotonic() - began)\n    assert max(took) < 1.0\n", [3]),
+        ("def test():\n    took += time.monotonic() - began\n    print(took)\n", []),
         ("def test():\n    assert time.monotonic() < end\n", []),
         ("@pytest.mark.realtime\ndef test():\n    assert time.monotonic() - began < 1.0\n", []),
     ],
 )
 def test_what_counts_as_a_question_how_long_it_took(text: str, expected: list[int]) -> None:
     assert lines(elapsed(text)) == expected
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("def test():\n    session.get(key, timeout=4.0)\n", [2]),
+        ("def test():\n    session.get(key, timeout=60.0)\n", []),
+        ("SHORT_S = 0.5\ndef test():\n    session.get(key, timeout=SHORT_S)\n", [3]),
+        ("async def test():\n    async with asyncio.timeout(0.2):\n        await heard()\n", [2]),
+        ("async def test():\n    await asyncio.wait_for(heard(), 0.2)\n", [2]),
+        ("def test():\n    ended.wait(0.1)\n", [2]),
+        ("async def test():\n    for _ in range(100):\n        await asyncio.sleep(0)\n", [2]),
+        ("@pytest.mark.realtime\ndef test():\n    ended.wait(0.1)\n", []),
+    ],
+)
+def test_what_counts_as_a_pause(text: str, expected: list[int]) -> None:
+    assert lines(pauses(text)) == expected
+
+
+def test_each_short_limit_has_a_reason() -> None:
+    files = {str(file.relative_to(TESTS)): file.read_text("utf-8") for file in TESTS.rglob("*.py")}
+    word = re.compile(r"\btimeout=|\.timeout\(|\.wait\([^)]|wait_for\(|\.join\([\d.]|sleep\(0")
+    suspects = {file: text for file, text in files.items() if word.search(text)}
+    assert {f"{file} {name}" for file, text in suspects.items() for _, name in pauses(text)} == set(PAUSES)
 
 
 def test_no_test_sleeps_for_luck() -> None:
