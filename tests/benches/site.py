@@ -13,7 +13,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from datetime import datetime
@@ -25,6 +25,7 @@ import zenoh
 from pyarrow import parquet
 
 from gateway.answers import rows_of
+from gateway.collect.progress import load_progress
 from gateway.config import Telemetry
 from gateway.telemetry import StoredRequest, page_config
 from tests.benches.free_port import free_port
@@ -32,7 +33,7 @@ from tests.benches.site_parts import machine
 
 TABLES = ("steps", "events", "readings")
 _PER_PROCESS = 50
-_LIMIT_S = 300.0
+_LIMIT_S, _CATCHES_UP_S = 300.0, 60.0
 _TICK_S = 1.0 / os.sysconf("SC_CLK_TCK")
 
 
@@ -191,7 +192,8 @@ def run_site(gateways: int, keys: int, passes: Passes, every_s: float, read_ever
         ended_s = time.monotonic()
         stored = {machine(n): _stored(folder / "gateways" / f"{machine(n)}.sqlite") for n in range(gateways)}
         total = sum(len(rows) for tables in stored.values() for rows in tables.values())
-        _wait(lambda: kept_rows() >= total)
+        if not _wait(lambda: _is_collected(folder / "site", stored), min(1.0, every_s), _CATCHES_UP_S + every_s):
+            raise TimeoutError("not everything is collected")
         caught_up_s = time.monotonic() - ended_s
         for part in (router, collector):
             part.stop()
@@ -246,10 +248,22 @@ def _kept(folder: Path, table: str, name: str) -> list[tuple[str, int]]:
     return [pair for rows in found for pair in zip(rows["epoch"].to_pylist(), rows["row"].to_pylist(), strict=True)]
 
 
-def _wait(reached: Callable[[], bool], look_every_s: float = 1.0) -> bool:
+def _is_collected(site: Path, stored: Mapping[str, Mapping[str, Sequence[tuple[str, int]]]]) -> bool:
+    """Whether the collector says that it has the last row of each table, and has put its files where they belong."""
+    for name, tables in stored.items():
+        progress = load_progress(site / "progress" / f"{name}.json")
+        if any((site / written).exists() for written, _ in progress.moves):
+            return False
+        for table, rows in tables.items():
+            if rows and (progress.last(table, rows[-1][0]) or 0) < rows[-1][1]:
+                return False
+    return True
+
+
+def _wait(reached: Callable[[], bool], look_every_s: float, limit_s: float = _LIMIT_S) -> bool:
     """Wait; returns whether the condition was reached."""
     began_s = time.monotonic()
-    while not (there := reached()) and time.monotonic() - began_s < _LIMIT_S:
+    while not (there := reached()) and time.monotonic() - began_s < limit_s:
         time.sleep(look_every_s)
     return there
 

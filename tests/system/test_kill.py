@@ -29,7 +29,9 @@ from simulators.nc.watchdog import R_BEAT, Logged
 from talc.control import Controller
 from talc.frame import Frame, Measurement
 from talc.training import train
+from tests.benches import waits
 from tests.benches.cut_wire import CutWire, wire_to
+from tests.benches.processes import is_alive
 from tests.benches.still_machine import StillMachine
 
 PERIOD_S, RATE_UM_PER_S, SILENCE_S, STEP_S = 0.1, 20.0, 0.6, 0.5
@@ -141,29 +143,24 @@ def written(log: Sequence[Logged]) -> bool:
     return any(not entry.ramped for entry in log)
 
 
-async def until(condition: Callable[[], bool], within_s: float) -> bool:
-    deadline = time.monotonic() + within_s
-    while not condition():
-        if time.monotonic() > deadline:
-            return False
-        await asyncio.sleep(0.005)
-    return True
+async def until(condition: Callable[[], bool], pid: int) -> None:
+    """Wait for what a gateway does; it must not end by itself before."""
+    await waits.until(lambda: condition() or not is_alive(pid), READY_S, pause_s=0.005)
+    assert condition(), "the gateway ended by itself"
 
 
 class Wires:
     """Kills a gateway at a message between it and its devices, before that is handed on."""
 
     def __init__(self, *wires: CutWire) -> None:
-        self._pid, self._left, self._killed = 0, 0, asyncio.Event()
+        self._pid, self._left, self._killed = 0, 0, False
         for wire in wires:
             wire.delay, wire.spoil = self._ask, self._answer
 
     async def kill(self, pid: int, messages: int) -> None:
         """Kill at the message after this many."""
-        self._pid, self._left = pid, messages
-        self._killed.clear()
-        async with asyncio.timeout(READY_S):
-            await self._killed.wait()
+        self._pid, self._left, self._killed = pid, messages, False
+        await until(lambda: self._killed, pid)
 
     def _ask(self, data: bytes) -> float:
         self._answer(data)
@@ -173,7 +170,7 @@ class Wires:
         if self._pid and not self._left:
             os.kill(self._pid, signal.SIGKILL)
             self._pid = 0
-            self._killed.set()
+            self._killed = True
         self._left -= 1
         return data
 
@@ -185,15 +182,15 @@ async def killed(kills: int, control: EmulatedControl, wires: Wires, start: Call
         beat, entries = nck.r[R_BEAT], len(nck.log)
         pid = await start()
         if number % 3 == 1:  # once it lives; every third while it starts
-            assert await until(lambda beat=beat: nck.r[R_BEAT] != beat, READY_S), "no gateway claimed the control"  # type: ignore[misc]
+            await until(lambda beat=beat: nck.r[R_BEAT] != beat, pid)  # type: ignore[misc]
         if number % 3 == 2:  # once it has moved the offsets
-            assert await until(lambda entries=entries: written(nck.log[entries:]), READY_S), "no gateway wrote"  # type: ignore[misc]
+            await until(lambda entries=entries: written(nck.log[entries:]), pid)  # type: ignore[misc]
         await wires.kill(pid, int(draw.integers(MOST_MESSAGES)))
         control.now()
         moved += written(nck.log[entries:])
         if number % 5 == 4:  # the next one comes while the watchdog ramps, or after
             rest_mm = float(draw.uniform()) * largest_mm(control)
-            assert await until(lambda rest_mm=rest_mm: largest_mm(control) <= rest_mm, READY_S), "no ramp"  # type: ignore[misc]
+            await waits.until(lambda rest_mm=rest_mm: largest_mm(control) <= rest_mm)  # type: ignore[misc]
     return moved
 
 
@@ -251,9 +248,7 @@ async def test_a_gateway_killed_at_any_moment_makes_no_step(kills: int, tmp_path
         await asyncio.to_thread(calibrated, config)
         start = await stack.enter_async_context(gateways(path, tmp_path / "log"))
         moved = await killed(kills, control, Wires(nc, modbus), start)
-        left = control.nck.log[-1].values_mm
-        # What the last one left goes to zero by itself.
-        assert await until(lambda: largest_mm(control) == 0.0, READY_S), left
+        await waits.until(lambda: largest_mm(control) == 0.0)  # what the last one left goes to zero by itself
     judged(control.nck.log)
     print(f"{kills} kills, {moved} of them while offsets moved, {len(control.nck.log)} changes")
     assert moved >= kills // 3
