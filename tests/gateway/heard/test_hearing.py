@@ -13,7 +13,7 @@ from tests.benches.waits import until
 EVENT, ALIVE = f"{ROOT}/event", f"{ROOT}/alive"
 
 
-class _Ear:
+class HeardGateways:
     def __init__(self, *, interested: bool = True) -> None:
         self.texts, self.lives, self._interested = list[str](), list[tuple[str, bool]](), interested
 
@@ -26,17 +26,17 @@ class _Ear:
         return self._interested
 
 
-def hearing(port: int, ear: _Ear) -> Hearing:
+def hearing(port: int, ear: HeardGateways) -> Hearing:
     return Hearing(Telemetry(listen=(), connect=(f"tcp/127.0.0.1:{port}",)), ear.hear, ear.life)
 
 
 async def test_what_a_gateway_published_before_and_publishes_and_its_life_are_heard() -> None:
-    port, ear = free_port(), _Ear()
+    port, ear = free_port(), HeardGateways()
     with hearing(port, ear):
         async with telemetry(port) as publisher:
             publisher.publish(problem("before"))
             await until(lambda: "before" in ear.texts)
-            with hearing(port, later := _Ear()):
+            with hearing(port, later := HeardGateways()):
                 await until(lambda: "before" in later.texts)
                 publisher.publish(problem("now"))
                 await until(lambda: "now" in later.texts)
@@ -45,10 +45,10 @@ async def test_what_a_gateway_published_before_and_publishes_and_its_life_are_he
 
 
 async def test_a_machine_of_no_interest_is_not_asked_for_what_it_published() -> None:
-    port, ear = free_port(), _Ear(interested=False)
+    port, ear = free_port(), HeardGateways(interested=False)
     async with telemetry(port) as publisher:
         publisher.publish(problem("before"))
-        with hearing(port, asks := _Ear()):
+        with hearing(port, asks := HeardGateways()):
             await until(lambda: "before" in asks.texts)
         with hearing(port, ear):
             await until(lambda: ear.lives)
@@ -59,4 +59,4 @@ async def test_a_machine_of_no_interest_is_not_asked_for_what_it_published() -> 
 
 def test_there_is_no_session_for_questions_before_it_is_entered() -> None:
     with pytest.raises(OSError, match="not connected"):
-        _ = hearing(1, _Ear()).session
+        _ = hearing(1, HeardGateways()).session
