@@ -66,7 +66,7 @@ BAD_PACKAGES = (
     BadPackage(
         "silent",
         "gateway/acquisition/acquisition",
-        "return BusRunner(line, self._clock, self._publish,",
+        "return BusRunner(line, self._clock, self._take,",
         "return BusRunner(line, self._clock, lambda _: None,",
         longest_s=45,
     ),

@@ -29,7 +29,7 @@ PLANTED: Mapping[str, tuple[str, Sequence[SourceChange]]] = {
             if version == 0 and not foreign:
                 version, statement = SCHEMA_VERSION, ""
                 connection.execute(f"PRAGMA user_version = {version}")
-                for line in SCHEMA.splitlines(keepends=True):
+                for line in _SCHEMA.splitlines(keepends=True):
                     statement += line
                     if sqlite3.complete_statement(statement):
                         connection.execute("BEGIN")
