@@ -152,6 +152,8 @@ Port = Annotated[int, Field(ge=1, le=65535)]
 """A TCP or UDP port."""
 LONGEST_ANSWER_S = 60
 AnswerTime = Annotated[float, Field(gt=0, le=LONGEST_ANSWER_S)]
-"""How long one answer may take at most, s."""
+"""How long one answer of a device may take at most, s; a larger number is most likely in milliseconds."""
+ServerTime = Annotated[float, Field(gt=0, le=3600)]
+"""How long a server may take at most, s: a broker may have a topic that changes every few minutes."""
 Positive = Annotated[float, Field(gt=0), AfterValidator(_believable)]
 NotNegative = Annotated[float, Field(ge=0), AfterValidator(_believable)]

@@ -7,7 +7,7 @@ from pydantic import Field
 from drivers.base import SetupError
 from drivers.bus_settings import BusSettings
 from drivers.nc import AXES, LARGEST_UM, REQUEST_VALID_FOR_S
-from drivers.section import AnswerTime, FilePath, HostName, NotNegative, Port, Positive, Section, host_and_port
+from drivers.section import FilePath, HostName, NotNegative, Port, Positive, Section, ServerTime, host_and_port
 from drivers.signature import shared_key
 
 AGENT_PORT = 7621
@@ -24,7 +24,7 @@ class AgentAddress(Section):
     """The agent's port."""
     key_file: FilePath
     """File with the key shared with the agent: a copy of the agent's."""
-    timeout_s: AnswerTime = 2.0
+    timeout_s: ServerTime = 2.0
     """How long one answer may take."""
 
 

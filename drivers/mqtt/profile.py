@@ -38,21 +38,20 @@ class MqttTopic(LinearValue):
         """The value and its time, UTC, or what is wrong."""
         if len(payload) > MOST_BYTES:
             return Fault(Quality.SENSOR_FAULT, f"the payload has more than {MOST_BYTES} bytes"), None
-        text = payload.decode(errors="replace")
         try:
             content = json.loads(payload)
         except (ValueError, RecursionError):
-            return Fault(Quality.SENSOR_FAULT, f"the payload is neither a number nor JSON: {shown(text)}"), None
+            return Fault(Quality.SENSOR_FAULT, f"the payload is neither a number nor JSON: {_quoted(payload)}"), None
         found = _at(content, self.number)
         number = number_in(found)
         if number is None:
             where = f" at {self.number}" if self.number else ""
-            return Fault(Quality.SENSOR_FAULT, f"the payload holds no number{where}: {shown(text)}"), None
+            return Fault(Quality.SENSOR_FAULT, f"the payload holds no number{where}: {_quoted(payload)}"), None
         if self.time is None:
             return self.value(number), None
         measured = instant_in(_at(content, self.time), self.time_unit)
         if measured is None:
-            return Fault(Quality.STALE, f"the payload holds no time at {self.time}: {shown(text)}"), None
+            return Fault(Quality.STALE, f"the payload holds no time at {self.time}: {_quoted(payload)}"), None
         return self.value(number), measured
 
 
@@ -112,3 +111,7 @@ def number_in(found: object) -> float | None:
         return float(found) if math.isfinite(found) else None
     except OverflowError:
         return None
+
+
+def _quoted(payload: bytes) -> str:
+    return shown(payload.decode(errors="replace"))

@@ -5,7 +5,7 @@ from typing import ClassVar, Self
 from pydantic import Field, model_validator
 
 from drivers.bus_settings import BusSettings
-from drivers.section import AnswerTime, FilePath, NotEmpty, both_or_neither, host_and_port, user_and_password
+from drivers.section import FilePath, NotEmpty, ServerTime, both_or_neither, host_and_port, user_and_password
 from drivers.server_url import UrlServer
 
 
@@ -54,5 +54,5 @@ class MqttBusSettings(MqttServer, BusSettings):
     units: ClassVar[tuple[int, int]] = (1, 127)
     """First and last address on the bus."""
 
-    timeout_s: AnswerTime = 2.0
+    timeout_s: ServerTime = 2.0
     """How long connecting may take, and how long the first read waits for topics that have had no message."""

@@ -7,7 +7,7 @@ from urllib.parse import urlsplit
 from pydantic import AfterValidator, Field
 
 from drivers.nc import AXES
-from drivers.section import AnswerTime, NotEmpty, Section, matching
+from drivers.section import NotEmpty, Section, ServerTime, matching
 
 _AS_IN_PROBE = "the id of a data item, as in the agent's /probe"
 ItemId = Annotated[str, matching(r"[^\s\"'<>&]+", _AS_IN_PROBE)]
@@ -59,5 +59,5 @@ class MtConnectSettings(Section):
     """Id of the data item TOOL_NUMBER; empty: not read."""
     emergency_stop: ItemIdOrNone = ""
     """Id of the data item EMERGENCY_STOP; empty: not read."""
-    timeout_s: AnswerTime = 2.0
+    timeout_s: ServerTime = 2.0
     """How long one answer may take."""

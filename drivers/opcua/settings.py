@@ -6,7 +6,7 @@ from urllib.parse import urlsplit
 from pydantic import model_validator
 
 from drivers.bus_settings import BusSettings
-from drivers.section import AnswerTime, FilePath, NotEmpty, Section, matching, user_and_password, wrong
+from drivers.section import FilePath, NotEmpty, Section, ServerTime, matching, user_and_password, wrong
 
 _DEFAULT_PORT = 4840
 
@@ -21,7 +21,7 @@ class OpcUaServer(Section):
     security: Literal["none", "Basic256Sha256"] = "Basic256Sha256"
     """`Basic256Sha256` signs and encrypts; `none` sends everything unencrypted: never for a
     control to which offsets are written."""
-    user: NotEmpty | None = None
+    user: str | None = None
     """OPC UA user; the server grants it the rights to read and write."""
     password_file: FilePath | None = None
     """File that contains the user's password, so that it never appears in this file, the store or a message."""
@@ -31,7 +31,7 @@ class OpcUaServer(Section):
     """The certificate's key (.pem)."""
     server_certificate: FilePath | None = None
     """The server's certificate (.der or .pem), copied from it: no other server is then accepted."""
-    timeout_s: AnswerTime = 2.0
+    timeout_s: ServerTime = 2.0
     """How long one answer may take."""
 
     @model_validator(mode="after")

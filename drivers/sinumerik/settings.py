@@ -30,6 +30,12 @@ def _not_zero(value: float) -> float:
     return value
 
 
+def _plus_or_minus_one(value: int) -> int:
+    if value not in (-1, 1):
+        raise ValueError(f"{value!r}: expected -1 or 1")
+    return value
+
+
 NodePath = Annotated[str, matching(r"(?s)/.*", "a node name beginning with /")]
 NodePathOrNone = Annotated[str, matching(r"(?s)(/.*)?", "a node name beginning with /, or an empty text")]
 NumberedPath = Annotated[str, matching(r"/[^{}]*\{n\}[^{}]*", "a node name beginning with / that holds {n} once")]
@@ -38,7 +44,7 @@ NumberedPathOrNone = Annotated[
 ]
 RNumber = Annotated[int, Field(ge=0)]
 """Number of an R-parameter."""
-Sign = Literal[-1, 1]
+Sign = Annotated[int, AfterValidator(_plus_or_minus_one)]
 
 
 class StateNode(Section):

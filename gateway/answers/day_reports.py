@@ -90,7 +90,9 @@ class DayReports:
         """The page of a day. Raises ValueError for an unknown time zone, OSError when it cannot be made."""
         if self._missing:
             names = ", ".join(self._missing)
-            raise OSError(f"{names} not installed on the gateway's computer; pip install 'talc-gateway[report]'")
+            raise OSError(
+                f"{names} not installed on the gateway's computer; pip install 'talc-gateway[report]', and restart it"
+            )
         zone = _zone(asked.zone)
         return ReportPage(asked.day.isoformat(), asked.zone, self._page(asked, zone))
 

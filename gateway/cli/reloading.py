@@ -7,7 +7,7 @@ from pathlib import Path
 from drivers.base import DriverError
 from gateway.acquisition import ReloadError, lines_of
 from gateway.clock import RealClock
-from gateway.config import ConfigError, GatewayConfig, load
+from gateway.config import ConfigError, GatewayConfig, OtherBus, load
 from gateway.service import Service
 
 log = logging.getLogger(__name__)
@@ -82,6 +82,6 @@ class Reloading:
 def _read(path: Path) -> GatewayConfig:
     """The configuration, with its drivers built once: that imports the library of a bus that is the first of its kind,
     which takes longer than a period and so may not happen in the event loop. Raises ConfigError, SetupError."""
-    config = load(path)
-    lines_of(config, RealClock())
+    config = load(path)  # builds the drivers of other packages, for whoever runs them
+    lines_of(config, RealClock(), only=[bus.name for bus in config.buses if not isinstance(bus, OtherBus)])
     return config

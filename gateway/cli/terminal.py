@@ -16,15 +16,18 @@ def counted(count: int, one: str, several: str = "") -> str:
     return f"{count} {one if count == 1 else several or one + 's'}"
 
 
-_UNITS = ((86400.0, "days"), (3600.0, "h"), (60.0, "min"))
+_UNITS = ((1.0, "s", 120), (60.0, "min", 120), (3600.0, "h", 48))
+"""Size, name, and the number from which the next unit is used."""
 
 
 def duration_text(seconds: float, *, tenths: bool = False) -> str:
     """`119 s`, `2 min`, `47 h`, `2 days`: in the largest unit of which there are two. tenths: of less than 10 s."""
-    for size, unit in _UNITS:
-        if seconds >= 2 * size:
-            return f"{seconds / size:.0f} {unit}"
-    return f"{seconds:.1f} s" if tenths and seconds < 10 else f"{seconds:.0f} s"
+    if tenths and seconds < 9.95:
+        return f"{seconds:.1f} s"
+    for size, unit, most in _UNITS:
+        if (count := round(seconds / size)) < most:
+            return f"{count} {unit}"
+    return f"{seconds / 86400.0:.0f} days"
 
 
 def terminal(*, stderr: bool = False) -> "Console":

@@ -14,7 +14,7 @@ from typing import Any, Final, Generic, TypeVar
 
 from drivers.base import Bus, Clock, Driver, DriverError, SetupError, SystemClock
 from drivers.nc import LARGEST_UM, NumericalControl
-from drivers.section import AnswerTime
+from drivers.section import ServerTime
 from drivers.tap import Tap
 from gateway.config.polled import Polled, PolledControl
 from gateway.config.problems import Problem
@@ -69,12 +69,12 @@ class ControlSection(PolledControl, ABC):
         Raises SetupError, also for a bug of the package.
         """
         names, clock = tuple(states), _LateClock()
-        self._kept.put((poses_deg, names), clock, asked(self.kind, lambda: self.control(poses_deg, names, clock)))
+        self._kept.put((self, poses_deg, names), clock, asked(self.kind, lambda: self.control(poses_deg, names, clock)))
 
     def built(self, poses_deg: Poses, states: Iterable[str], clock: Clock) -> NumericalControl:
         """The driver that the check made, for the first who asks; otherwise another one. Raises SetupError."""
         names = tuple(states)
-        return self._kept.take((poses_deg, names), clock) or self.control(poses_deg, names, clock)
+        return self._kept.take((self, poses_deg, names), clock) or self.control(poses_deg, names, clock)
 
     @cached_property
     def _kept(self) -> "_Kept[NumericalControl]":
@@ -86,7 +86,7 @@ class OtherBus(Polled, ABC):
 
     kind: str
     """The entry point's name."""
-    timeout_s: AnswerTime = 1.0
+    timeout_s: ServerTime = 1.0
     """How long one answer may take."""
 
     @property
@@ -121,7 +121,7 @@ class OtherBus(Polled, ABC):
             except SetupError as error:
                 refused[device.name] = error
         if not refused:
-            self._kept.put(tuple(devices), clock, (bus, tuple(drivers)))
+            self._kept.put((self, tuple(devices)), clock, (bus, tuple(drivers)))
         return refused
 
     def built(self, devices: Sequence[Device], tap: Tap | None, clock: Clock) -> tuple[Bus, tuple[Driver, ...]]:
@@ -129,7 +129,7 @@ class OtherBus(Polled, ABC):
 
         Raises SetupError.
         """
-        kept = self._kept.take(tuple(devices), clock) if tap is None else None
+        kept = self._kept.take((self, tuple(devices)), clock) if tap is None else None
         if kept is not None:
             return kept
         bus = self.bus(tap)

@@ -7,7 +7,7 @@ from typing import Annotated, Protocol
 
 from pydantic import Field
 
-from drivers.section import AnswerTime, NotNegative, Section, matching
+from drivers.section import NotNegative, Section, ServerTime, matching
 from gateway.config import Name
 from gateway.telemetry import MESSAGE_TYPES, Published
 
@@ -66,7 +66,7 @@ class OutletSettings(Section):
     """Pass on a reading of a channel at most once in this time; a change of its quality always."""
     most_waiting: int = Field(default=20_000, ge=100, le=10_000_000)
     """How many messages wait in memory while the other side is away; after that the oldest are dropped."""
-    timeout_s: AnswerTime = 10.0
+    timeout_s: ServerTime = 10.0
     """How long connecting, or the answer to one batch, may take."""
 
     @property

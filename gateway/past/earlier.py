@@ -3,6 +3,7 @@
 import json
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field
+from hashlib import sha256
 
 from drivers.base import SetupError
 from gateway.clock import StepTime
@@ -67,7 +68,8 @@ class Past:
 def stored_config(history: History) -> GatewayConfig:
     """The configuration of the latest run, from the first copy of it that is valid.
 
-    Raises StoreError if the database is empty, DamagedError if every copy is damaged.
+    Raises StoreError if the database is empty, or if this program does not accept what an earlier one has stored;
+    DamagedError if every copy is damaged.
     """
     texts = history.configs()
     if not texts:
@@ -78,6 +80,12 @@ def stored_config(history: History) -> GatewayConfig:
             return from_stored(text, history.prior())
         except (ValueError, KeyError, TypeError, AttributeError) as error:  # pydantic's are ValueErrors
             wrong = wrong or " ".join(str(error).split())
+    latest = history.config()
+    if latest is not None and sha256(latest[0].encode()).hexdigest() == latest[1]:  # no byte has changed
+        raise StoreError(
+            f"this program does not accept the configuration of the latest run: {wrong}; continue with the earlier"
+            " program, or give [storage] another path to start again"
+        )
     raise DamagedError(
         f"the stored configuration of the latest run is invalid or damaged: {wrong}; give [storage] another"
         " path to start again"

@@ -13,9 +13,12 @@ import pytest
 from drivers.base import SetupError
 from drivers.canopen import CanOpenBus, Cia404Device
 from drivers.modbus import ModbusDevice, ModbusRtuBus
-from gateway.acquisition import Acquisition, apply, bus_changes, lines_of, read_once
+from gateway.acquisition import Acquisition, ReloadError, apply, bus_changes, lines_of, read_once
+from gateway.cli.reloading import Reloading
 from gateway.cli.running import serve
 from gateway.config import ConfigError, GatewayConfig, load
+from tests.benches.kept_events import KeptEvents
+from tests.benches.reloaded_service import service_of
 from tests.benches.service_file import UNPUBLISHED, m7015, rtu_bus
 from tests.benches.stepped_clock import SteppedClock
 from tests.benches.stream_server import stream_server
@@ -177,6 +180,16 @@ async def test_what_the_check_made_has_the_clock_of_who_uses_it(tmp_path: Path) 
         first, second = await read_once(line, clock)
     times = [(r.monotonic_s, r.source_time) for r in (*first.readings, *second.readings)]
     assert times == [(1234.0, clock.utc())] * 2
+
+
+@pytest.mark.usefixtures("no_package_stays_loaded")
+async def test_a_reload_leaves_what_the_check_made_to_the_service(tmp_path: Path, others_made: Counter[str]) -> None:
+    path = tmp_path / "gateway.toml"
+    service = service_of(path, KeptEvents(), SteppedClock())
+    path.write_text(UNPUBLISHED + OTHERS, encoding="utf-8")
+    with pytest.raises(ReloadError, match="restart the gateway"):  # its [nc] is another one: read, not applied
+        await Reloading(path).ask(service)
+    assert others_made == OTHERS_EACH_ONCE
 
 
 @pytest.mark.usefixtures("no_package_stays_loaded")

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 from pydantic import Field
 
 from drivers.base import Clock, SetupError
-from drivers.section import AnswerTime, NotEmpty, Port, Section, matching
+from drivers.section import NotEmpty, Port, Section, ServerTime, matching
 from gateway.config import ControlSection
 
 if TYPE_CHECKING:
@@ -44,7 +44,7 @@ class AdsSection(ControlSection):
     """Machine states."""
     ready: str = ""
     """Name of a BOOL that is TRUE while drives are on, axes are referenced and there is no emergency stop."""
-    timeout_s: AnswerTime = 2.0
+    timeout_s: ServerTime = 2.0
     """How long one answer may take."""
 
     only_read: ClassVar[bool] = True

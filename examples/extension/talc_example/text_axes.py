@@ -7,7 +7,7 @@ from typing import ClassVar, Literal
 from drivers.base import BadAnswer, Clock, SetupError
 from drivers.nc import NcSnapshot
 from drivers.only_read import ONLY_READ, OnlyRead
-from drivers.section import AnswerTime, NotEmpty, Port
+from drivers.section import NotEmpty, Port, ServerTime
 from gateway.config import ControlSection
 from talc_example.text_tcp import TextTcpBus
 
@@ -50,7 +50,7 @@ class TextAxesSection(ControlSection):
     """Host of the board."""
     port: Port = 2001
     """Its TCP port."""
-    timeout_s: AnswerTime = 1.0
+    timeout_s: ServerTime = 1.0
     """How long one answer may take."""
 
     only_read: ClassVar[bool] = True

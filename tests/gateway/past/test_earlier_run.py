@@ -4,6 +4,7 @@ import json
 import math
 import sqlite3
 from contextlib import closing
+from hashlib import sha256
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,7 @@ from gateway.config import GatewayConfig, parse
 from gateway.control import SeenBefore
 from gateway.control.trainer import models_of_failure
 from gateway.events import DecisionMade, EventReported, FrameMade, ModelsAdopted
-from gateway.past import past_of
+from gateway.past import past_in, past_of
 from gateway.replay import replay
 from gateway.storage import History, Store, StoreError
 from talc.control import Controller
@@ -172,3 +173,17 @@ def test_another_grid_step_needs_another_database(config: GatewayConfig) -> None
     other = GatewayConfig.model_validate(json.loads(config.canonical()) | {"grid": {"step_s": 60.0}})
     with History(config.storage.path) as history, pytest.raises(StoreError, match="step_s = 300, not 60"):
         past_of(history, other)
+
+
+def test_a_configuration_that_only_an_earlier_program_accepts_is_no_damage(config: GatewayConfig) -> None:
+    earlier_run(config)
+    text = config.canonical().replace('"step_s":', '"gone":1,"step_s":')
+    assert text != config.canonical()
+    with closing(sqlite3.connect(config.storage.path)) as database, database:
+        database.execute("UPDATE boot SET config = ?, fingerprint = ?", (text, sha256(text.encode()).hexdigest()))
+    said = r"does not accept the configuration of the latest run: .*gone"
+    with Store(config.storage.path, "this", SteppedClock()) as store, pytest.raises(StoreError, match=said):
+        past_in(store, config)
+    assert list(config.storage.path.parent.glob("*damaged*")) == []
+    with History(config.storage.path) as history:
+        assert len(list(history.steps(-1))) == STEPS
