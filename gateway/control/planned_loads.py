@@ -9,6 +9,7 @@ from typing import Final
 import numpy as np
 
 from gateway.clock import ServiceClock
+from gateway.polling import Problems
 from talc.frame import BoolArray, FloatArray, Frame, Frames
 from talc.load_heat import HISTORY_STEPS
 from talc.planned import LoadResponse, learn_response
@@ -19,6 +20,7 @@ _MEMORY_STEPS: Final = 14 * 288
 """Two weeks at 5 min."""
 _LEARN_EVERY_STEPS: Final = 288
 _LEARN_FIRST_STEPS: Final = 2 * 288
+_DAY_S: Final = 86400.0
 
 
 class PlannedLoads:
@@ -47,6 +49,7 @@ class PlannedLoads:
         self._learnt_k: int | None = None
         self._response: LoadResponse | None = None
         self._due = asyncio.Event()
+        self._problems = Problems(clock, _DAY_S, lambda _: None, log)
         if before is not None and self._planned:
             for k, inputs, valid in zip(before.k.tolist(), before.inputs, before.valid, strict=True):
                 self._append(k, inputs, valid)
@@ -76,8 +79,11 @@ class PlannedLoads:
         inputs, valid = self._record(_MEMORY_STEPS)
         try:
             self._response = await asyncio.to_thread(learn_response, self._names, inputs, valid, loads)
-        except Exception:  # advice must not endanger the gateway
-            log.exception("planned loads: how the inputs follow the loads could not be learnt")
+        except Exception as error:  # noqa: BLE001 - advice must not endanger the gateway
+            text = "planned loads: how the inputs follow the loads could not be learnt"
+            self._problems.report("planned loads", type(error).__name__, text, bug=error)
+        else:
+            self._problems.clear("planned loads", "planned loads: how the inputs follow the loads is learnt again")
 
     def changes(self, steps: int) -> dict[str, FloatArray | None]:
         """By planned load, (steps, n) by how much the inputs will differ from the last frame's at each later step.

@@ -18,7 +18,7 @@ from drivers.opcua.certificates import application_uri, check_key, valid_certifi
 from drivers.section import host_and_port
 from gateway.clock import RealClock
 from gateway.heard import SiteSeen
-from gateway.polling import Periodic
+from gateway.polling import Periodic, Problems
 from gateway.umati.model import URIS, machine_nodes
 from gateway.umati.readers import Readers
 from gateway.umati.settings import OpcUaServing, ServerSecurity, ShownMachine
@@ -56,6 +56,7 @@ class MachineToolServer:
         self._server: Server | None = None
         self._space: AddressSpace | None = None
         self._showing: asyncio.Task[None] | None = None
+        self._problems = Problems(RealClock(), _EVERY_S, lambda _: None, log)
 
     async def __aenter__(self) -> Self:
         serving = self._serving
@@ -117,8 +118,10 @@ class MachineToolServer:
     async def _show_again(self, _: float) -> None:
         try:
             await self.show()
-        except (UaError, ValueError, TypeError):
-            log.exception("values could not be shown")
+        except (UaError, ValueError, TypeError) as error:
+            self._problems.report("values", type(error).__name__, "values could not be shown", bug=error)
+        else:
+            self._problems.clear("values", "values are shown again")
 
 
 async def _secure(server: Server, security: ServerSecurity | None) -> None:

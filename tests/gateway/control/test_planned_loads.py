@@ -7,6 +7,7 @@ import pytest
 
 from gateway.control import PlannedLoads
 from talc.frame import Frame, Frames
+from talc.planned import LoadResponse
 from tests.benches.hot_bearing import BODIES, DAY, NAMES, Array, bodies, work
 from tests.benches.stepped_clock import SteppedClock
 from tests.benches.waits import until
@@ -63,6 +64,26 @@ async def test_it_learns_by_itself_after_two_days_and_then_each_day() -> None:
             assert clock.holds == before
     running.cancel()
     assert foreseen == [2 * DAY - 1, 3 * DAY - 1]
+
+
+async def test_what_cannot_be_learnt_is_said_once_until_it_is_learnt_again(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    def fails(*_: object) -> LoadResponse:
+        raise ValueError("no solution")
+
+    loads = fed(day(3))
+    with monkeypatch.context() as broken:
+        broken.setattr("gateway.control.planned_loads.learn_response", fails)
+        await loads.learn()
+        await loads.learn()
+    await loads.learn()
+    said = [record.getMessage() for record in caplog.records]
+    assert said == [
+        "planned loads: how the inputs follow the loads could not be learnt",
+        "planned loads: how the inputs follow the loads is learnt again",
+    ]
+    assert caplog.text.count("ValueError: no solution") == 1
 
 
 async def test_a_restart_goes_on_from_the_stored_frames() -> None:
