@@ -90,7 +90,7 @@ class Driver(Protocol):
     async def read(self, *, again: bool = False) -> Sequence[Reading]:
         """One reading per channel.
 
-        again: this repeats the last read, which failed; an answer to that one is as good, however late it comes
+        again: this repeats the last read, which failed; an answer to that one is accepted too, however late it comes
         """
         ...
 

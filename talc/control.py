@@ -173,7 +173,7 @@ class Controller:
         """
         self = cls(state.input_names, settings, step_s, prior)
         if (self._course is None) != (state.course is None):
-            raise ValueError(f"method = {settings.method!r}: the state is of the other method")
+            raise ValueError(f"method = {settings.method!r}: the state was made with the other method")
         if self._course is not None and state.course is not None:
             self._course.restore(state.course)
         self._record.restore(state.inputs, state.valid, state.measured, state.last_k)

@@ -25,7 +25,8 @@ def transferred(state: ControllerState, fresh: ControllerState) -> ControllerSta
     Raises ValueError: the two are of different methods, or were made with and without a prior.
     """
     if (state.course is None) != (fresh.course is None):
-        raise ValueError("it is of the other [talc] method")
+        had, wanted = ("models", "learner") if state.course is None else ("learner", "models")
+        raise ValueError(f"it was learnt with [talc] method = {had!r}, and here it is {wanted!r}")
     names = fresh.input_names
     whole = set(names)
     return replace(
@@ -46,7 +47,7 @@ def _kept(inputs: tuple[str, ...] | None, names: set[str]) -> tuple[str, ...] | 
 def _course(state: ControllerState, fresh: CourseState, names: Sequence[str]) -> CourseState:
     old = state.course
     if old is None:
-        raise ValueError("it is of the other [talc] method")
+        raise ValueError("it was learnt with [talc] method = 'models', and here it is 'learner'")
     return replace(
         old,
         learner=_learner(old.learner, fresh.learner, state.input_names, names),

@@ -78,7 +78,7 @@ class ModbusBus(StreamBus, ABC):
     async def read(self, device: str, unit: int, block: Block, *, again: bool = False) -> tuple[int, ...]:
         """Registers (0..65535) or bits (0, 1) of one block.
 
-        again: this repeats a question to the unit, so that an answer to what was sent before is as good
+        again: this repeats a question to the unit, so an answer to the earlier one is accepted too
 
         Raises NoAnswer, BadAnswer, Refused (exception code), Busy or ConnectError (wire lost).
         """

@@ -1,4 +1,4 @@
-"""Whether the answers that a unit misses are late or lost: late ones are waited for, lost ones are asked for again."""
+"""Decides whether a unit's missing answers are late or lost: it waits for late ones, and asks again for lost ones."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""Answers that come twice, as from a radio link or a repeater: none is taken for the answer to another request.
+"""Recognises answers that come twice, as from a radio link or a repeater, so that none is taken for another's.
 
 The answers on a serial line carry no address, so the second copy of an answer looks like the answer to a request of the
 same length for other addresses.

@@ -30,7 +30,7 @@ class Asked:
 class Unanswered:
     """Tells which answers may still come, so that none is taken for the answer to a later question.
 
-    A question may be asked several times; each answer to it is as good. A new question to the unit makes those before
+    A question may be asked several times; any answer to it is accepted. A new question to the unit makes those before
     it old. An old answer and a new one that look the same are told apart by a request between them whose answer has
     another length: a serial unit answers in order, so once that is answered nothing older can follow.
     """

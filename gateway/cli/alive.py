@@ -1,4 +1,4 @@
-"""Whether every critical loop of the service makes progress: a loop that has not slept for too long is stuck.
+"""Checks that every critical loop of the service makes progress: one that has not slept for too long is stuck.
 
 Every critical loop waits on the service's clock between two rounds of work, so the clock sees all of them.
 """

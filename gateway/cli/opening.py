@@ -9,7 +9,7 @@ from gateway.telemetry import keys
 
 
 def contents(config: GatewayConfig) -> str:
-    """How much of everything the configuration has."""
+    """The numbers of buses, devices, channels and machine states of the configuration."""
     return (
         f"{counted(len(config.buses), 'bus', 'buses')}, {counted(len(config.devices), 'device')}, "
         f"{counted(len(config.channels), 'channel')}, {counted(len(config.states), 'machine state')}"

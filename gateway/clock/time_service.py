@@ -1,4 +1,4 @@
-"""Whether a time service has set this computer's clock: the kernel knows, else chrony or systemd-timesyncd is asked."""
+"""Finds out whether a time service has set this computer's clock, from the kernel, chrony or systemd-timesyncd."""
 
 import ctypes
 import os

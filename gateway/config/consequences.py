@@ -1,4 +1,4 @@
-"""What the configuration leaves off, and what follows from that: nobody should wait for what cannot happen."""
+"""Says what the configuration leaves off, and what will therefore not happen, so that nobody waits for it."""
 
 from gateway.config.model import GatewayConfig
 

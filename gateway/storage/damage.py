@@ -133,7 +133,7 @@ def checked_columns() -> Mapping[str, Sequence[tuple[tuple[type, ...], bool]]]:
 
 
 def any_text(data: bytes) -> str:
-    """Any bytes; those that are no UTF-8 cannot be encoded again, by which `is_whole` knows them."""
+    """The text of any bytes. `is_whole` recognises bytes that were not UTF-8: their text cannot be encoded again."""
     return data.decode("utf-8", "surrogateescape")
 
 

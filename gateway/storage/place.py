@@ -1,4 +1,4 @@
-"""Whether the database that is open is still at its path, and has not been cut."""
+"""Checks that the open database is still at its path, and has not been cut."""
 
 from os.path import samestat
 from pathlib import Path
@@ -42,7 +42,7 @@ class PlaceWatch:
 
 
 def _expected_size(path: Path) -> float:
-    """By the header; infinite: it does not begin as a database."""
+    """The size that its header states; infinite if the file does not begin like a database."""
     with path.open("rb") as file:
         header = file.read(_HEADER)
     if len(header) < _HEADER or not header.startswith(_MAGIC):

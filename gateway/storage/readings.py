@@ -237,7 +237,7 @@ def _delete_old(connection: sqlite3.Connection, name: str, table: str, upto: int
 def _gather(connection: sqlite3.Connection) -> None:
     """Add minute means of the readings since the last time, so that a day is answered without looking at each of them.
 
-    They stay beside the readings, and go with them; a minute may be in two rows.
+    They are deleted together with the readings; a minute may be in two rows.
     """
     (above,) = connection.execute("SELECT coalesce(max(upto), 0) FROM gathered").fetchone()
     among = f"SELECT max(id) FROM (SELECT id FROM reading WHERE id > ? ORDER BY id LIMIT {_MOST_GATHERED})"
@@ -257,7 +257,7 @@ def _gather(connection: sqlite3.Connection) -> None:
 
 def _pack(connection: sqlite3.Connection, above: int, upto: int) -> None:
     """Add blocks of the readings after one up to another, so that a long history is answered without looking at each of
-    them. They stay beside the readings, and go with them."""
+    them. They are deleted together with the readings."""
     number = "CASE WHEN typeof(value) IN ('real', 'integer') THEN value ELSE 9e999 END"  # a bit may have flipped
     query = (
         f"SELECT id, {CHANNEL_OF}, time, {number}, quality FROM reading WHERE id > ? AND id <= ?"

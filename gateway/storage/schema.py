@@ -70,7 +70,7 @@ CREATE TABLE IF NOT EXISTS reading_block (id INTEGER PRIMARY KEY, above INTEGER 
 CREATE TABLE IF NOT EXISTS thinned (name TEXT PRIMARY KEY, upto INTEGER NOT NULL);
 CREATE INDEX IF NOT EXISTS event_kind ON event (kind);
 """
-"""Tables that later programs added; in a file without them, nothing of the kind has happened."""
+"""Tables that later programs added; in a file without them there is nothing yet that they would contain."""
 NEW = f"BEGIN;{_SCHEMA}{ADDED}PRAGMA user_version = {SCHEMA_VERSION};PRAGMA application_id = {MARK};COMMIT;"
 """Makes all tables of a new file in one transaction: a power cut leaves either no table or all of them."""
 

@@ -135,7 +135,7 @@ def _header(data: bytes) -> tuple[Mapping[str, Any], int]:
     if hashlib.sha256(body).digest() != data[:_CHECKSUM]:
         raise SnapshotError("its checksum is wrong")
     if body[: len(_NAME)] != _NAME:
-        raise SnapshotError("it has another format")
+        raise SnapshotError(f"it does not begin with {bytes(_NAME)!r}")
     at = len(_NAME) + _LENGTH
     end = at + int.from_bytes(body[len(_NAME) : at], "little")
     return json.loads(bytes(body[at:end])), _CHECKSUM + end

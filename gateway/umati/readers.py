@@ -17,7 +17,7 @@ log = logging.getLogger(__name__)
 
 
 class Readers(UserManager):
-    """Who may open a session; nobody may write, whoever it is.
+    """Decides who may open a session. Nobody may write.
 
     asyncua asks in its event loop and cannot wait, so each check of a password stops the server for some 50 ms. The
     brake bounds how often that happens. Who has proved a password once is not checked or held up again.

@@ -35,7 +35,7 @@ class AheadError:
     far: FloatArray
     """The far end of what is left."""
     low: FloatArray
-    """The least and the most that `far` will be, by what forecasts have been off."""
+    """The least and the most that `far` will be, judged by the errors of earlier forecasts."""
     high: FloatArray
     measured_far: FloatArray
     """`far` if the machine is measured now."""

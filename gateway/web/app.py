@@ -37,7 +37,7 @@ log = logging.getLogger(__name__)
 
 _ASKED_AT_ONCE = 2
 _UNBUFFERED = {"x-accel-buffering": "no"}
-"""nginx, and others that follow it, would keep a stream back until there is much of it."""
+"""nginx, and others that follow it, would hold back a stream until it has filled a buffer."""
 _ENCODER = msgspec.json.Encoder()
 _DECODER = msgspec.json.Decoder(dict[str, dict[str, str]])
 _FARTHEST_MM, _LARGEST_TOLERANCE_UM = 10_000.0, 10_000.0
@@ -125,7 +125,7 @@ class _Pages:
         self.streams = Streams(site, own_end)
 
     async def first(self, request: Request) -> Response:
-        """The list of machines; of the only one, its page."""
+        """The list of machines, or the page of the machine if there is only one."""
         with self._site.machines() as machines:
             only = next(iter(machines)) if len(machines) == 1 else None
         if only is not None and "all" not in request.query_params:

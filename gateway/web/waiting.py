@@ -1,4 +1,4 @@
-"""What it costs to wait for the next measurement: how the interval at the tool grows meanwhile."""
+"""Works out how much the interval at the tool grows while the next measurement is waited for."""
 
 from collections.abc import Iterator
 

@@ -113,7 +113,7 @@ async def machine(
     """LinuxCNC from ready until it has shut itself down.
 
     folder: an empty one; becomes its /tmp. key: what the agent shares with its client; empty: no agent. agent: a
-    listening socket of ours for it: its own network, where it listens otherwise, is not ours. sphere: with the emulated
+    listening socket of this process for it, as LinuxCNC runs in a network of its own. sphere: with the emulated
     machine's sphere under the probe. settings: other values in the INI file, by key, in whichever section. tools:
     another tool table. coordinates: the axis of each joint, one letter twice for a gantry. Raises OSError when
     `missing` says something.

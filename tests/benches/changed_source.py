@@ -23,7 +23,7 @@ class SourceChange:
 
 @contextmanager
 def changed(changes: Sequence[SourceChange]) -> Iterator[None]:
-    """Inside, the functions do what their changed source says, for whoever holds them already, too."""
+    """Inside, the functions do what their changed source says, also where they were imported before."""
     sources = dict[ModuleType, str]()
     for change in changes:
         source = sources.get(change.module) or _file(change.module).read_text(encoding="utf-8")

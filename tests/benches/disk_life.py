@@ -81,7 +81,7 @@ class Life:
 
     def __init__(self, folder: Path, fault: DiskFault | None, at: int) -> None:
         self.verdict = LifeVerdict()
-        self._fault, self._healed = fault, False
+        self._healed = False
         self._config = config_in(folder, continues=at % 2 == 1)
         self._path = self._config.storage.path
         self._clock, self._plant = LoopClock(), DayPlant()

@@ -22,8 +22,8 @@ class Mutant:
 
 
 def is_another(before: str, after: str, enumerations: Collection[str] = ()) -> bool:
-    """Whether a changed source is another program: neither invalid, nor the same but for the places of things, nor one
-    that has `==` for `is` before a member of one of these enumerations: a member is a single object."""
+    """Whether a changed source is another program. It is not if it is invalid, or differs only in line numbers. Nor is
+    it with `==` for `is` before a member of one of these enumerations, because a member is a single object."""
     try:
         if _meaning(_compiled(before)) == _meaning(_compiled(after)):
             return False

@@ -350,7 +350,7 @@ def test_a_state_of_the_other_method_is_refused() -> None:
         (controller().state(), learner),
         (Controller(INPUTS, learner).state(), TalcSettings(method="models")),
     ):
-        with pytest.raises(ValueError, match="the state is of the other method"):
+        with pytest.raises(ValueError, match="the state was made with the other method"):
             Controller.restore(state, other)
 
 

@@ -89,7 +89,7 @@ async def test_the_payloads_time_is_the_age_also_of_what_the_broker_kept(tmp_pat
 
 
 class StoppedClock(SystemClock):
-    """The time of day stands still, as it seems to while a clock that was ahead is set back again and again."""
+    """Its time of day stands still, like that of a clock which is ahead and is set back again and again."""
 
     def __init__(self) -> None:
         self._utc = datetime.now(UTC)
