@@ -20,7 +20,6 @@ _RECENT = timedelta(hours=24)
 _EVENTS = 8
 _NEVER = datetime.max.replace(tzinfo=UTC)
 _LATE_STEPS = 2
-_USABLE = frozenset(quality.value for quality in Quality if quality.usable)
 _CLOCK = "the computer's clock is not synchronised: times and ages may be wrong"
 
 
@@ -77,7 +76,8 @@ def status_of(config: GatewayConfig, now: datetime, *, synchronised: bool = True
             readings = history.latest_readings(now - timedelta(seconds=max(step_s, 3 * longest_s)))
             control = still_wrong(event.text for _, event in history.troubles())
             problems = _latest((at, e) for at, _, e in history.events((now - _RECENT, _NEVER)))
-    missing = tuple(name for name in channels if name not in readings or readings[name][2] not in _USABLE)
+    usable = {quality.value for quality in Quality if quality.usable}  # a newer program may have stored other ones
+    missing = tuple(name for name in channels if name not in readings or readings[name][2] not in usable)
     age_s = None if decision is None else now.timestamp() + lead_s - decision[0] * step_s
     running = _held(path)
     return Status(

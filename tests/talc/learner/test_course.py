@@ -138,7 +138,7 @@ def test_before_the_first_frame_nothing_is_corrected_between_and_before_the_firs
 
 def test_a_state_of_the_other_method_is_refused(days: ThermalSeries) -> None:
     controller, _ = run(days, rows=range(3))
-    with pytest.raises(ValueError, match="method = 'models': the state is of the other method"):
+    with pytest.raises(ValueError, match="method = 'models': the state was made with the other method"):
         Controller.restore(controller.state(), TalcSettings(method="models"))
 
 
