@@ -1,7 +1,7 @@
 """Parses arguments of the commands: CONFIG, numbers, NAME=VALUE, units, time zones, shifts, and the files to write."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from datetime import time
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
@@ -82,14 +82,17 @@ def heard_options(command: Decorated) -> Decorated:
             help=f"First part in the keys. Default: as in CONFIG, otherwise {DEFAULT_PREFIX}.",
         ),
     )
-    for option in reversed(options):
-        command = option(command)
-    return command
+    return _with(options, command)
 
 
 def access_options(command: Decorated) -> Decorated:
     """Add the options by which a reader proves who it is, and whom it believes."""
-    for option in reversed(_ACCESS):
+    return _with(_ACCESS, command)
+
+
+def _with(options: Sequence[Callable[[Decorated], Decorated]], command: Decorated) -> Decorated:
+    """Decorated from the last to the first, so that the help shows them in this order."""
+    for option in reversed(options):
         command = option(command)
     return command
 

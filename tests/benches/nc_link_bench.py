@@ -14,7 +14,7 @@ from drivers.nc import NcSnapshot, NotSendable, OperatingMode, ProbingState, Pro
 from gateway.commands import Disarmed, Pause
 from gateway.config import GatewayConfig, validate
 from gateway.nc import Earlier, Identity, LinkSettings, Listeners, NcLink, Offsets, Write
-from talc.frame import Decision, Phase
+from talc.frame import Decision, Phase, Why
 from tests.benches.stepped_clock import SteppedClock
 
 
@@ -237,6 +237,13 @@ class LinkBench:
             [ended] = await asyncio.gather(task, return_exceptions=True)
         if isinstance(ended, Exception) and not self.disk_full:
             raise ended
+
+    async def abandon_measurement(self, until_s: float) -> None:
+        """Ask for a measurement now; at this time nobody waits for it any more."""
+        cycle = asyncio.create_task(self.link.measure(Why.INTERVAL))
+        await self.clock.run_until(until_s)
+        cycle.cancel()
+        await asyncio.gather(cycle, return_exceptions=True)
 
 
 def answer_wrongly(bench: LinkBench, operation: str, wrong: Callable[[Any], object]) -> Callable[[], None]:

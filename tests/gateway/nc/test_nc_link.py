@@ -387,10 +387,7 @@ async def test_a_request_that_cannot_be_withdrawn_does_not_keep_the_offsets_from
     async with bench.running():
         bench.link.follow(decision(4.0))
         await bench.clock.run_until(10.0)
-        cycle = asyncio.create_task(bench.link.measure(Why.INTERVAL))
-        await bench.clock.run_until(12.0)
-        cycle.cancel()
-        await asyncio.gather(cycle, return_exceptions=True)
+        await bench.abandon_measurement(12.0)
     bench.control.busy = True
     stopping = asyncio.create_task(bench.link.stop())
     await bench.clock.run_until(60.0)

@@ -175,10 +175,7 @@ async def test_stopping_withdraws_the_request_that_nobody_waits_for() -> None:
     bench = LinkBench("monitor")
     async with bench.running():
         await bench.clock.run_until(3.0)
-        cycle = asyncio.create_task(bench.link.measure(Why.INTERVAL))
-        await bench.clock.run_until(6.0)
-        cycle.cancel()
-        await asyncio.gather(cycle, return_exceptions=True)
+        await bench.abandon_measurement(6.0)
     await bench.link.stop()
     assert bench.control.withdrawn == bench.control.requests == [41]
 
@@ -188,10 +185,7 @@ async def test_stopping_withdraws_a_request_before_the_offsets_move() -> None:
     async with bench.running():
         bench.link.follow(decision(4.0))
         await bench.clock.run_until(10.0)
-        cycle = asyncio.create_task(bench.link.measure(Why.INTERVAL))
-        await bench.clock.run_until(12.0)
-        cycle.cancel()
-        await asyncio.gather(cycle, return_exceptions=True)
+        await bench.abandon_measurement(12.0)
     written, withdraw = len(bench.control.writes), bench.control.withdraw_probing
     before_it: list[int] = []
 
