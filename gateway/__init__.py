@@ -6,4 +6,4 @@ by several of them (`commands`, `events`, `passwords`, `reading_blocks`, `versio
 a whole (`service`, `metrics`).
 """
 
-__all__ = ["client"]
+__all__ = ["client", "config", "outlets", "telemetry"]
