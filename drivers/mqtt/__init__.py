@@ -1,6 +1,6 @@
 """MQTT brokers: the connection, which publications use too, and topics as the channels of a device.
 
-The connection is not exported here: importing it loads paho, so import it from its module.
+The connection loads paho: import it where it is used.
 """
 
 from typing import TYPE_CHECKING
@@ -9,6 +9,7 @@ from drivers.first_use import on_first_use
 
 if TYPE_CHECKING:
     from drivers.mqtt.bus import MqttBus, TopicMessage
+    from drivers.mqtt.connection import MqttConnection, Publication
     from drivers.mqtt.device import MqttDevice
     from drivers.mqtt.profile import MqttProfile, MqttTopic, TimeUnit, instant_in, number_in
     from drivers.mqtt.settings import MqttBusSettings, MqttServer
@@ -17,6 +18,7 @@ else:
         __name__,
         {
             ".bus": ("MqttBus", "TopicMessage"),
+            ".connection": ("MqttConnection", "Publication"),
             ".device": ("MqttDevice",),
             ".profile": ("MqttProfile", "MqttTopic", "TimeUnit", "instant_in", "number_in"),
             ".settings": ("MqttBusSettings", "MqttServer"),
@@ -26,10 +28,12 @@ else:
 __all__ = [
     "MqttBus",
     "MqttBusSettings",
+    "MqttConnection",
     "MqttDevice",
     "MqttProfile",
     "MqttServer",
     "MqttTopic",
+    "Publication",
     "TimeUnit",
     "TopicMessage",
     "instant_in",

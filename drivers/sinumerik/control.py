@@ -16,7 +16,7 @@ from drivers.nc import (
     check_number,
     check_offsets,
 )
-from drivers.opcua.session import OpcUaNumber, OpcUaSession
+from drivers.opcua import OpcUaNumber, OpcUaSession
 from drivers.sinumerik.settings import SinumerikSettings
 
 _RIGHTS: Final = {

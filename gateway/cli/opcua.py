@@ -53,7 +53,7 @@ def opcua(
     site = SiteSeen(telemetry.prefix, machines)
 
     async def serve() -> None:
-        from gateway.umati.server import MachineToolServer
+        from gateway.umati import MachineToolServer
 
         stop = asyncio.Event()
         stop_on_signals(stop)

@@ -32,7 +32,7 @@ def server_cautions(server: OpcUaServer, *, in_the_clear: str) -> Iterator[tuple
 
 
 def _certificate_cautions(path: Path, name: str) -> Iterator[str]:
-    from drivers.opcua.certificates import valid_certificate  # only where there are any: it loads cryptography
+    from drivers.opcua import valid_certificate  # only where there are any: it loads cryptography
 
     try:
         end = valid_certificate(path, name, "").not_valid_after_utc
@@ -44,7 +44,7 @@ def _certificate_cautions(path: Path, name: str) -> Iterator[str]:
 
 
 def _key_cautions(server: OpcUaServer) -> Iterator[str]:
-    from drivers.opcua.certificates import check_key, valid_certificate
+    from drivers.opcua import check_key, valid_certificate
 
     try:
         certificate = valid_certificate(server.certificate, "certificate", "")

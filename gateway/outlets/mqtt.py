@@ -13,7 +13,7 @@ from gateway.outlets.outlet import OutletError, OutletMessage, OutletSettings
 from gateway.telemetry import keys
 
 if TYPE_CHECKING:
-    from drivers.mqtt.connection import MqttConnection
+    from drivers.mqtt import MqttConnection
 
 _LEVELS = matching(r"[^+#/\x00]+(/[^+#/\x00]+)*", "levels separated by /, without + and #")
 Topic = Annotated[str, Field(max_length=1000), _LEVELS]
@@ -48,10 +48,10 @@ class MqttOutlet:
     def __init__(self, settings: MqttOutletSettings) -> None:
         """Raises SetupError for files that cannot be used."""
         # Importing paho costs memory: only where it is wanted.
-        from drivers.mqtt import connection
+        from drivers.mqtt import MqttConnection, Publication
 
         self._settings = settings
-        self._make, self._publication = connection.MqttConnection, connection.Publication
+        self._make, self._publication = MqttConnection, Publication
         self.state_topic = f"{settings.topic}/{OUTLET_LEVEL}/{settings.name}"
         """Holds `online` or, as the last will, `offline`."""
         self._retained: dict[str, bytes] = {}

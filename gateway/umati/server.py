@@ -14,7 +14,7 @@ from asyncua.common.connection import TransportLimits
 from asyncua.server.server import Server
 from asyncua.ua.uaerrors import UaError
 
-from drivers.opcua.certificates import application_uri, check_key, valid_certificate
+from drivers.opcua import application_uri, check_key, valid_certificate
 from drivers.section import host_and_port
 from gateway.clock import RealClock
 from gateway.heard import SiteSeen

@@ -18,7 +18,7 @@ from talc.estimators.rows import (
     warn_if_within,
 )
 from talc.frame import LARGEST_ERROR, LARGEST_INPUT, FloatArray
-from talc.learner.learner import RowLearner
+from talc.learner import RowLearner
 
 
 class Learner(Conventions):

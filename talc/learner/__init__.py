@@ -2,7 +2,7 @@
 
 from talc.learner.course import CourseState, LearningCourse
 from talc.learner.forecast import Forecast, ForecastRecord, Misses, PlannedForecast
-from talc.learner.learner import Explanation, LearnerState, Weights, learner_bytes
+from talc.learner.learner import Explanation, LearnerState, RowLearner, Weights, learner_bytes
 from talc.learner.mixture import MixtureState
 from talc.learner.prior import Prior, make_prior
 from talc.learner.reasons import KINDS, ErrorReason, Reasons
@@ -21,6 +21,7 @@ __all__ = [
     "PlannedForecast",
     "Prior",
     "Reasons",
+    "RowLearner",
     "Weights",
     "learner_bytes",
     "make_prior",

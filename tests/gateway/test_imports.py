@@ -13,6 +13,8 @@ from tests.benches.free_port import free_port
 
 BUSES = {"pymodbus", "can", "canopen", "cantools", "serial"}
 NUMERICS = {"scipy", "osqp", "talc._kernel", "matplotlib", "pandas"}
+PLANT = {"asyncua", "paho", "cryptography"}
+"""Of OPC UA and MQTT: a name of their rooms loads one of them, and another name of the same room none."""
 NEVER_BESIDE = BUSES | NUMERICS
 """Modules that no program beside a gateway needs: such a program talks to no device, and learns nothing."""
 WHOLE = (
@@ -53,7 +55,7 @@ def loaded_by(command: Sequence[str], asked: str = "") -> set[str]:
 
 
 def test_a_gateway_without_opc_ua_loads_none_of_the_heavy_libraries() -> None:
-    heavy = {"asyncua", "scipy", "osqp", "matplotlib", "jinja2", "cantools", "cryptography", "numpy.random"}
+    heavy = {"scipy", "osqp", "matplotlib", "jinja2", "cantools", "numpy.random"} | PLANT
     assert loaded("import gateway.cli.main, gateway.cli.run").isdisjoint(heavy)
 
 
@@ -61,14 +63,14 @@ def test_the_page_loads_no_bus_and_no_learner() -> None:
     port = free_port()
     modules = loaded_by(["web", "--connect", f"tcp/127.0.0.1:{port}", "--listen", "127.0.0.1:0"], "/")
     assert {"zenoh", "starlette"} <= modules
-    assert not modules & (NEVER_BESIDE | {"asyncua", "paho", "gateway.config.model"})
+    assert not modules & (NEVER_BESIDE | PLANT | {"gateway.config.model"})
 
 
 def test_the_page_of_a_configuration_loads_no_bus_and_no_learner() -> None:
     config = Path(__file__).parent / "config" / "cases" / "valid" / "gateway.toml"
     modules = loaded_by(["web", str(config), "--listen", "127.0.0.1:0"], "/")
     assert "gateway.config.model" in modules
-    assert not modules & (NEVER_BESIDE | {"asyncua", "paho"})
+    assert not modules & (NEVER_BESIDE | PLANT)
 
 
 def test_the_outlets_load_neither_a_bus_nor_numpy(tmp_path: Path) -> None:
@@ -80,7 +82,7 @@ def test_the_outlets_load_neither_a_bus_nor_numpy(tmp_path: Path) -> None:
     )
     modules = loaded_by(["publish", str(file)])
     assert {"zenoh", "paho"} <= modules
-    assert not modules & (NEVER_BESIDE | {"asyncua", "numpy", "gateway.config.model"})
+    assert not modules & (NEVER_BESIDE | {"asyncua", "cryptography", "numpy", "gateway.config.model"})
 
 
 @pytest.mark.slow
@@ -90,28 +92,30 @@ def test_the_opc_ua_server_and_the_collector_load_no_bus(tmp_path: Path) -> None
     where = ["--connect", f"tcp/127.0.0.1:{free_port()}"]
     served = loaded_by(["opcua", *where, "--settings", str(shown), "--listen", "127.0.0.1:0"])
     assert "asyncua" in served
-    assert not served & (NEVER_BESIDE | {"numpy"})
+    assert not served & (NEVER_BESIDE | {"numpy", "paho"})
     assert not [name for name in served if "standard_address_space" in name]  # 52 MB of nodes
     kept = loaded_by(["collect", str(tmp_path / "site"), *where])
     assert "pyarrow" in kept
-    assert not kept & (NEVER_BESIDE | {"asyncua"})
+    assert not kept & (NEVER_BESIDE | PLANT)
 
 
 def test_reading_and_checking_a_configuration_loads_no_bus() -> None:
     config = Path(__file__).parent / "config" / "cases" / "valid" / "gateway.toml"
     modules = loaded(f"from pathlib import Path; from gateway.config import load; load(Path({str(config)!r}))")
     assert {"drivers.build", "gateway.config.rules"} <= modules
-    assert not modules & (NEVER_BESIDE | {"asyncua", "paho", "asyncio"})
+    assert not modules & (NEVER_BESIDE | PLANT | {"asyncio"})
 
 
 @pytest.mark.parametrize(
     ("kind", "needed", "foreign"),
     [
-        ("modbus_rtu", "pymodbus", {"can", "canopen", "cantools", "asyncua", "paho"}),
-        ("modbus_tcp", "pymodbus", {"can", "canopen", "cantools", "asyncua", "paho"}),
-        ("canopen", "canopen", {"pymodbus", "cantools", "asyncua", "paho"}),
-        ("can", "can", {"pymodbus", "canopen", "asyncua", "paho"}),
-        ("me_rs485", "serial", {"pymodbus", "can", "canopen", "cantools", "asyncua", "paho"}),
+        ("modbus_rtu", "pymodbus", {"can", "canopen", "cantools"} | PLANT),
+        ("modbus_tcp", "pymodbus", {"can", "canopen", "cantools"} | PLANT),
+        ("canopen", "canopen", {"pymodbus", "cantools"} | PLANT),
+        ("can", "can", {"pymodbus", "canopen"} | PLANT),
+        ("me_rs485", "serial", {"pymodbus", "can", "canopen", "cantools"} | PLANT),
+        ("mqtt", "paho", {"asyncua", "cryptography"} | BUSES),
+        ("opcua", "asyncua", {"paho"} | BUSES),
     ],
 )
 def test_a_bus_loads_the_libraries_of_its_own_kind(kind: str, needed: str, foreign: set[str]) -> None:
@@ -119,13 +123,34 @@ def test_a_bus_loads_the_libraries_of_its_own_kind(kind: str, needed: str, forei
         "modbus_tcp": {"host": "127.0.0.1"},
         "can": {"interface": "virtual", "channel": "one"},
         "canopen": {"interface": "virtual", "channel": "one"},
+        "mqtt": {"url": "mqtt://127.0.0.1"},
+        "opcua": {"url": "opc.tcp://127.0.0.1", "security": "none"},
     }.get(kind, {"port": "/dev/ttyUSB0"})
     modules = loaded(f"from drivers.build import make_bus; make_bus('one', {kind!r}, {where!r})")
     assert needed in modules
     assert not modules & foreign
 
 
+@pytest.mark.parametrize(
+    ("code", "needed"),
+    [
+        ("from drivers.opcua import OpcUaBusSettings, OpcUaBus, OpcUaDevice, OpcUaServer, node_name", set()),
+        ("from drivers.opcua import valid_certificate, check_key, application_uri", {"cryptography"}),
+        ("from drivers.opcua import OpcUaSession", {"asyncua", "cryptography"}),
+        ("from drivers.mqtt import MqttBusSettings, MqttBus, MqttDevice, MqttServer, number_in", set()),
+        ("from drivers.mqtt import MqttConnection", {"paho"}),
+        ("from drivers.sinumerik import SinumerikControl, SinumerikSettings, make_sinumerik", set()),
+        ("from gateway.config.opcua_cautions import server_cautions", set()),
+        ("from gateway.outlets.mqtt import MqttOutlet, MqttOutletSettings", set()),
+        ("from gateway.umati import ShownMachine, check_serving, load_serving", set()),
+        ("from gateway.umati import MachineToolServer", {"asyncua", "cryptography"}),
+    ],
+)
+def test_a_name_of_a_room_loads_only_the_library_of_that_name(code: str, needed: set[str]) -> None:
+    assert loaded(code) & PLANT == needed
+
+
 def test_no_command_waits_for_the_libraries_of_another() -> None:
     """The help of the whole program names every command."""
     code = "from gateway.cli import main; main(['--help'], standalone_mode=False)"
-    assert loaded(code).isdisjoint(NEVER_BESIDE | {"numpy", "asyncua", "zenoh", "rich", "gateway.config.model"})
+    assert loaded(code).isdisjoint(NEVER_BESIDE | PLANT | {"numpy", "zenoh", "rich", "gateway.config.model"})

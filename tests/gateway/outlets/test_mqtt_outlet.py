@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.mqtt.connection import MqttConnection, Publication
+from drivers.mqtt import MqttConnection, Publication
 from gateway.outlets import Feed, OutletError, OutletMessage
 from gateway.outlets.mqtt import MqttOutlet, MqttOutletSettings
 from tests.benches.cut_wire import wire_to

@@ -11,8 +11,7 @@ import pytest
 
 from gateway.heard import SiteSeen
 from gateway.passwords import make_hash
-from gateway.umati import OpcUaServing, ServerSecurity, ShownMachine
-from gateway.umati.server import MachineToolServer
+from gateway.umati import MachineToolServer, OpcUaServing, ServerSecurity, ShownMachine
 from tests.benches.heard import BEGAN, STEP, HeardMachine
 from tests.benches.node_opcua_site import secured
 from tests.benches.npm_peer import PEERS, node_with
