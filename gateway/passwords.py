@@ -56,7 +56,7 @@ class GuessingBrake:
 def make_hash(password: str) -> str:
     """The hash of a password, with its own salt."""
     salt = os.urandom(_SALT)
-    return _text(salt, _hashed(password, salt, _N, _R, _P))
+    return _hash_text(salt, _hashed(password, salt, _N, _R, _P))
 
 
 def is_hash(text: str) -> bool:
@@ -77,7 +77,7 @@ def _hashed(password: str, salt: bytes, n: int, r: int, p: int) -> bytes:
     return hashlib.scrypt(password.encode(), salt=salt, n=n, r=r, p=p, maxmem=_MOST_BYTES, dklen=_LENGTH)
 
 
-def _text(salt: bytes, digest: bytes) -> str:
+def _hash_text(salt: bytes, digest: bytes) -> str:
     return "$".join(("scrypt", str(_N), str(_R), str(_P), b64encode(salt).decode(), b64encode(digest).decode()))
 
 

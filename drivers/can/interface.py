@@ -92,7 +92,7 @@ def interface_error(
     bus: str, device: str, settings: CanInterfaceSettings, error: Exception, hint: str = "connect the bus again"
 ) -> ConnectError:
     """The error of an interface that was open; `hint` applies when the kernel's error has none."""
-    full = _number(error) == errno.ENOBUFS
+    full = _error_number(error) == errno.ENOBUFS
     what = "cannot send on" if full else "interface"
     return ConnectError(
         f"{what} {settings.channel}{'' if full else ' is gone'}: {error}",
@@ -102,7 +102,7 @@ def interface_error(
     )
 
 
-def _number(error: Exception) -> int | None:
+def _error_number(error: Exception) -> int | None:
     return error.error_code if isinstance(error, can.CanError) else getattr(error, "errno", None)
 
 
@@ -123,7 +123,7 @@ def _remedy(settings: CanInterfaceSettings, error: Exception) -> str | None:
         "(RestrictAddressFamilies needs AF_CAN)",
         errno.EPERM: denied,
         errno.EACCES: denied,
-    }.get(_number(error) or 0)
+    }.get(_error_number(error) or 0)
 
 
 def slcan_frame(line: bytes) -> can.Message | None:

@@ -56,7 +56,7 @@ def _start(settings: SinumerikSettings, terms: ErrorTerms) -> Iterator[str]:
     yield "; By hand only while nothing is in force: what goes to zero here would be a step."
     yield "STOPRE"
     in_force = " + ".join(f"ABS($SA_TEMP_COMP_ABS_VALUE[{comp.axis_names[axis]}])" for axis in LINEAR_AXES)
-    yield f"IF ($P_PROG_EVENT <> 4) AND ({in_force} > {_text(_GONE_MM)})"
+    yield f"IF ($P_PROG_EVENT <> 4) AND ({in_force} > {_nc_number(_GONE_MM)})"
     yield '  MSG("TALC_ERRORS: offsets are in force. Stop the gateway, wait until they are 0, call it again")'
     yield from ("  M0", "  RET", "ENDIF")
     for axis in LINEAR_AXES:
@@ -66,7 +66,7 @@ def _start(settings: SinumerikSettings, terms: ErrorTerms) -> Iterator[str]:
     for first, count in ((errors.wanted, ERRORS), (errors.in_force, ERRORS), (errors.probed, 3)):
         yield " ".join(f"R[{first + i}] = 0" for i in range(count))
     told = (terms.slew_um_per_s, terms.radius_mm, *terms.bound_um, along, across)
-    yield " ".join(f"R[{errors.terms + i}] = {_text(value)}" for i, value in enumerate(told))
+    yield " ".join(f"R[{errors.terms + i}] = {_nc_number(value)}" for i, value in enumerate(told))
     yield f"$AC_PARAM[1] = R[{lease.beat}]"
     yield "$AC_PARAM[2] = $MN_IPO_CYCLE_TIME"
     yield "$AC_PARAM[3] = -1"
@@ -113,13 +113,13 @@ def _hold(settings: SinumerikSettings) -> Iterator[str]:
 def _slew(settings: SinumerikSettings, terms: ErrorTerms) -> Iterator[str]:
     """The errors in force move in proportion, so far that no point of the travel moves faster than the slew."""
     state, ramp = _r(settings.lease.state), f"1000 * {_r(settings.lease.ramp)}"
-    slew = _text(terms.slew_um_per_s)
+    slew = _nc_number(terms.slew_um_per_s)
     wanted = [_r(settings.errors.wanted + i) for i in range(ERRORS)]
     force = [_r(settings.errors.in_force + i) for i in range(ERRORS)]
     way = [f"ABS({w} - {e})" for w, e in zip(wanted, force, strict=True)]
     along_mm, across_mm = error_reach_mm(settings)
-    along, across = _text(along_mm * 1e-3), _text(across_mm * 1e-3)
-    grown = [_text(reach / terms.radius_mm) for reach in (along_mm, across_mm)]
+    along, across = _nc_number(along_mm * 1e-3), _nc_number(across_mm * 1e-3)
+    grown = [_nc_number(reach / terms.radius_mm) for reach in (along_mm, across_mm)]
     yield f"DO $AC_PARAM[4] = {slew} * $AC_PARAM[2] $AC_PARAM[27] = 0.5 * {slew} * $AC_PARAM[2]"
     yield f"WHENEVER {state} <> 1 DO $AC_PARAM[4] = 0.5 * ({slew} + {ramp} - ABS({slew} - {ramp})) * $AC_PARAM[2]"
     bridged = "ABS($AC_PARAM[24]) + ABS($AC_PARAM[25]) + ABS($AC_PARAM[26])"
@@ -154,7 +154,7 @@ def _geometry(settings: SinumerikSettings, terms: ErrorTerms) -> Iterator[str]:
     px, py, pz, grown = (f"$AC_PARAM[{number}]" for number in (12, 13, 14, 15))
     yield f"DO {c} = COS({a}) {s} = SIN({a}) {px} = 0.001 * {x}"
     yield f"DO {py} = 0.001 * ({c} * {y} + {s} * {z}) {pz} = 0.001 * ({c} * {z} - {s} * {y})"
-    yield f"DO {grown} = {_text(1000.0 / terms.radius_mm)} * {e[ER0T]}"
+    yield f"DO {grown} = {_nc_number(1000.0 / terms.radius_mm)} * {e[ER0T]}"
     yield f"DO $AC_PARAM[16] = {e[EX0C]} + {grown} * {px} + {e[EB0C]} * {pz} - {e[EC0C]} * {py}"
     yield f"DO $AC_PARAM[17] = {e[EY0C]} + {grown} * {py} - {e[EA0C]} * {pz} + {e[EC0C]} * {px}"
     yield f"DO $AC_PARAM[18] = {e[EZ0T]} + {e[EA0C]} * {py} - {e[EB0C]} * {px}"
@@ -167,7 +167,7 @@ def _output(settings: SinumerikSettings, terms: ErrorTerms) -> Iterator[str]:
     comp = settings.compensation
     target = [f"$AC_PARAM[{number}]" for number in (16, 19, 20)]
     out, bridge = ([f"$AC_PARAM[{first + axis}]" for axis in range(3)] for first in (21, 24))
-    bounds = [_text(bound) for bound in terms.bound_um]
+    bounds = [_nc_number(bound) for bound in terms.bound_um]
     free = "WHENEVER $AC_PARAM[8] == 0 DO"
     each = range(3)
     yield "DO " + " ".join(f"{target[i]} = {_within(target[i], bounds[i])}" for i in each)
@@ -185,14 +185,14 @@ def _r(number: int) -> str:
     return f"$R[{number}]"
 
 
-def _text(value: float) -> str:
+def _nc_number(value: float) -> str:
     """Without an exponent, which is written differently there."""
     text = f"{value:.9f}".rstrip("0")
     return text + "0" if text.endswith(".") else text
 
 
 def _less(term: str, value: float) -> str:
-    return f"({term} {'-' if value >= 0 else '+'} {_text(abs(value))})"
+    return f"({term} {'-' if value >= 0 else '+'} {_nc_number(abs(value))})"
 
 
 def _within(value: str, most: str) -> str:

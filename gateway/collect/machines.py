@@ -105,7 +105,7 @@ def machine_of(
 
     Raises ValueError if there is no run, or if this program cannot read it.
     """
-    latest = [max((r for r in runs if r["epoch"] == epoch), key=_number, default=None) for epoch, _ in places]
+    latest = [max((r for r in runs if r["epoch"] == epoch), key=_row, default=None) for epoch, _ in places]
     run = next((r for r in reversed(latest) if r is not None), None)
     if run is None:
         raise ValueError("there is none")
@@ -122,7 +122,7 @@ def _days(steps: Path, names: Sequence[str]) -> Iterator[pa.Table]:
         yield pa.concat_tables([_read(part, names) for part in sorted(day.glob("part-*.parquet"))])
 
 
-def _number(run: Mapping[str, Any]) -> int:
+def _row(run: Mapping[str, Any]) -> int:
     return int(run["row"])
 
 

@@ -33,7 +33,7 @@ def packed_toml(config: GatewayConfig) -> str:
         files |= _files(name, profile)
     text = wires_toml(config, profiles=names)
     if files:
-        text += f"\n[{_FILES}]\n" + "".join(f"{toml_value(name)} = {_text(files[name])}\n" for name in files)
+        text += f"\n[{_FILES}]\n" + "".join(f"{toml_value(name)} = {_toml_text(files[name])}\n" for name in files)
     return text
 
 
@@ -80,7 +80,7 @@ def _naming(text: str, key: str, file: str) -> str:
     return text
 
 
-def _text(text: str) -> str:
+def _toml_text(text: str) -> str:
     """As separate lines where TOML can express it."""
     lines = f"'''\n{text}'''"
     try:

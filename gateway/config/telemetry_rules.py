@@ -59,7 +59,7 @@ def credential_problems(telemetry: Telemetry, now: datetime) -> Iterator[Problem
     yield from _key_problems(tls, certificates[0] if certificates else None)
     for authority in (yield from _read("[telemetry.tls] authority", tls.authority, _certificates)) or ():
         yield from _dates("[telemetry.tls] authority", tls.authority, authority, now)
-    password = yield from _read("[telemetry] password_file", telemetry.password_file, _text)
+    password = yield from _read("[telemetry] password_file", telemetry.password_file, _file_text)
     if password is not None and not password.strip():
         yield Problem("[telemetry] password_file", f"'{telemetry.password_file}' is empty")
     yield from _users_problems(telemetry)
@@ -123,7 +123,7 @@ def _read(field: str, path: Path | None, reader: Callable[[Path], T]) -> Generat
     return None
 
 
-def _text(path: Path) -> str:
+def _file_text(path: Path) -> str:
     return path.read_text(encoding="utf-8")
 
 
@@ -161,7 +161,7 @@ def _key_problems(tls: TelemetryTls, certificate: "x509.Certificate | None") -> 
 
 def _users_problems(telemetry: Telemetry) -> Iterator[Problem]:
     field, path = "[telemetry] users_file", telemetry.users_file
-    text = yield from _read(field, path, _text)
+    text = yield from _read(field, path, _file_text)
     if text is None:
         return
     lines = [(number, line) for number, line in enumerate(text.splitlines(), start=1) if line.strip()]

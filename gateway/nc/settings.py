@@ -28,10 +28,10 @@ class Identity:
     @classmethod
     def of(cls, boot: str, predecessor: str | None) -> "Identity":
         """From the names of the runs, which are random (gateway.storage.boot_id)."""
-        return cls(_number(boot), None if predecessor is None else _number(predecessor))
+        return cls(_number_of_boot(boot), None if predecessor is None else _number_of_boot(predecessor))
 
 
-def _number(boot: str) -> int:
+def _number_of_boot(boot: str) -> int:
     return zlib.crc32(boot.encode()) % LARGEST_NUMBER + 1
 
 

@@ -46,7 +46,7 @@ class Unknown:
     def __init__(self, missing: Iterable[str] = ()) -> None:
         given = {word.strip().lower() for word in missing}
         self._words = _UNKNOWN | given
-        self._numbers = [number for word in given if (number := _number(word)) is not None]
+        self._numbers = [number for word in given if (number := _number_in(word)) is not None]
 
     def is_word(self, cell: object) -> bool:
         """Whether a cell says that its value is unknown."""
@@ -63,7 +63,7 @@ class Unknown:
         return values
 
 
-def _number(word: str) -> float | None:
+def _number_in(word: str) -> float | None:
     try:
         return float(word.replace(",", "."))
     except ValueError:

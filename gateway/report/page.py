@@ -34,11 +34,11 @@ _SENSORS = (EventKind.SENSOR_SUSPECT, EventKind.SENSORS_AGREE)
 _MOST_EVENTS = 2000
 
 
-def _text(name: str) -> str:
+def _own_file(name: str) -> str:
     return files("gateway.report").joinpath(name).read_text(encoding="utf-8")
 
 
-_PAGES = Environment(autoescape=True, undefined=StrictUndefined, loader=FunctionLoader(_text))
+_PAGES = Environment(autoescape=True, undefined=StrictUndefined, loader=FunctionLoader(_own_file))
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,8 +98,8 @@ def build(data: ReportData) -> str:
         events=told[-_MOST_EVENTS:],
         hidden=max(len(told) - _MOST_EVENTS, 0),
         series=Markup(series(data, groups)),
-        library=Markup(f"/*\n{_text('uplot/LICENSE')}*/\n{_text('uplot/uPlot.iife.min.js')}"),
-        script=Markup(_text("page.js")),
+        library=Markup(f"/*\n{_own_file('uplot/LICENSE')}*/\n{_own_file('uplot/uPlot.iife.min.js')}"),
+        script=Markup(_own_file("page.js")),
     )
 
 
@@ -125,7 +125,7 @@ def _nothing(machine: str, title: str, lead: str, missing: Sequence[NotYet]) -> 
 
 
 def _styles() -> Markup:
-    return Markup(_text("uplot/uPlot.min.css") + _text("page.css"))
+    return Markup(_own_file("uplot/uPlot.min.css") + _own_file("page.css"))
 
 
 def _chart_group(data: ReportData, group: ChartGroup | None) -> _ShownGroup | None:

@@ -40,10 +40,10 @@ def sketch(error: str) -> str:
     moved = _moved_axis(direction, whose) if whose in "AC" else _moved_table(direction)
     parts = [
         _line("plain", (-1.35, 0, 0), (1.35, 0, 0)),
-        _text((1.5, 0, -0.05), "A"),
+        _drawn_text((1.5, 0, -0.05), "A"),
         _disc("plain", _DISC, _TOP),
         _line("plain", (0, 0, _TOP), (0, 0, 1.3)),
-        _text((0, 0, 1.4), "C"),
+        _drawn_text((0, 0, 1.4), "C"),
         *moved,
         *_triad(),
     ]
@@ -94,7 +94,7 @@ def _triad() -> list[str]:
         for name, direction in _DIRECTIONS.items()
         for part in (
             _line("axis", origin, _sum(origin, _scaled(direction, 0.45))),
-            _text(_sum(origin, _scaled(direction, 0.68)), name, "small"),
+            _drawn_text(_sum(origin, _scaled(direction, 0.68)), name, "small"),
         )
     ]
 
@@ -138,6 +138,6 @@ def _disc(kind: str, radius: float, z: float) -> str:
     return f'<polygon class="{kind} disc" points="{" ".join(f"{x:.1f},{y:.1f}" for x, y in rim)}"/>'
 
 
-def _text(p: _SpacePoint, text: str, kind: str = "") -> str:
+def _drawn_text(p: _SpacePoint, text: str, kind: str = "") -> str:
     x, y = _flat(p)
     return f'<text class="{kind}" x="{x:.1f}" y="{y:.1f}" text-anchor="middle" dominant-baseline="middle">{text}</text>'

@@ -319,7 +319,7 @@ class History:
         if within is None:
             found = self._rows(rows.COMPENSATION_COLUMNS, "compensation", "time", None)
         else:  # there can be a million of them, without an index by time
-            begin, end = (_text(at) for at in (within[0] - _WIDER, within[1] + _WIDER))
+            begin, end = (_stored_time(at) for at in (within[0] - _WIDER, within[1] + _WIDER))
             behind = self._connection.execute("SELECT coalesce(max(id), 0) + 1 FROM compensation").fetchone()[0]
             low = first_id(self._connection, "compensation", 1, behind, begin)
             high = first_id(self._connection, "compensation", low, behind, end)
@@ -332,7 +332,8 @@ class History:
         if within is None:
             return self._connection.execute(f"SELECT {columns} FROM {table} ORDER BY id")
         return self._connection.execute(
-            f"SELECT {columns} FROM {table} WHERE {time} >= ? AND {time} < ? ORDER BY id", [_text(at) for at in within]
+            f"SELECT {columns} FROM {table} WHERE {time} >= ? AND {time} < ? ORDER BY id",
+            [_stored_time(at) for at in within],
         )
 
     def readings(self) -> Iterator[tuple[Any, ...]]:
@@ -386,5 +387,5 @@ class History:
         return found
 
 
-def _text(time: datetime) -> str:
+def _stored_time(time: datetime) -> str:
     return time.astimezone(UTC).isoformat()

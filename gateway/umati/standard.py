@@ -67,22 +67,22 @@ class ServedNodes(MutableMapping[ua.NodeId, NodeData]):
         kept = self._kept.get(key)
         if kept is not None:
             return kept
-        number = _number(key)
+        number = _standard_number(key)
         if number not in self._pack_of:
             raise KeyError(key)
         return self._opened(self._pack_of[number])[number]
 
     def __setitem__(self, key: ua.NodeId, value: NodeData) -> None:
-        self._pack_of.pop(_number(key), None)
+        self._pack_of.pop(_standard_number(key), None)
         self._kept[key] = value
 
     def __delitem__(self, key: ua.NodeId) -> None:
-        packed = self._pack_of.pop(_number(key), None) is not None
+        packed = self._pack_of.pop(_standard_number(key), None) is not None
         if self._kept.pop(key, None) is None and not packed:
             raise KeyError(key)
 
     def __contains__(self, key: object) -> bool:
-        return key in self._kept or (isinstance(key, ua.NodeId) and _number(key) in self._pack_of)
+        return key in self._kept or (isinstance(key, ua.NodeId) and _standard_number(key) in self._pack_of)
 
     def __iter__(self) -> Iterator[ua.NodeId]:
         yield from self._kept
@@ -114,7 +114,7 @@ class ServedNodes(MutableMapping[ua.NodeId, NodeData]):
                     self._kept[ua.NodeId(ua.Int32(number))] = node
 
 
-def _number(key: ua.NodeId) -> int:
+def _standard_number(key: ua.NodeId) -> int:
     """The number of a node that can be in a pack; otherwise -1."""
     identifier = key.Identifier
     return int(identifier) if key.NamespaceIndex == 0 and isinstance(identifier, int) else -1

@@ -82,7 +82,7 @@ def _aged(shown: NodeShown) -> NodeShown:
     return replace(shown, status=OLD) if shown.status == GOOD else shown
 
 
-def _number(value: float | None, status: str, at: datetime | None) -> NodeShown:
+def _number_shown(value: float | None, status: str, at: datetime | None) -> NodeShown:
     """A number, if it is one and bears a time."""
     known = believable(value)
     return UNKNOWN if at is None or math.isnan(known) else NodeShown(known, status, at)
@@ -97,8 +97,8 @@ def _errors(seen: MachineSeen, now_s: float) -> Iterator[tuple[Path, NodeShown]]
         value = sigma = None
         if decision is not None:
             value, sigma = decision.corrected.get(error), decision.sigma.get(error)
-        yield (ERRORS_FOLDER, error), _number(value, status, at)
-        yield (SIGMAS, error), _number(sigma, status, at)
+        yield (ERRORS_FOLDER, error), _number_shown(value, status, at)
+        yield (SIGMAS, error), _number_shown(sigma, status, at)
 
 
 def _offsets(seen: MachineSeen) -> Iterator[tuple[Path, NodeShown]]:
@@ -106,7 +106,7 @@ def _offsets(seen: MachineSeen) -> Iterator[tuple[Path, NodeShown]]:
     step = seen.compensation
     at = None if step is None else instant(step.time)
     for axis, offset in zip("XYZ", applied(step).offsets_um, strict=True):
-        yield (OFFSETS_FOLDER, axis), _number(offset, GOOD, at)
+        yield (OFFSETS_FOLDER, axis), _number_shown(offset, GOOD, at)
 
 
 def _reading(message: ReadingMessage) -> NodeShown:

@@ -43,11 +43,11 @@ _DECODER = msgspec.json.Decoder(dict[str, dict[str, str]])
 _FARTHEST_MM, _LARGEST_TOLERANCE_UM = 10_000.0, 10_000.0
 
 
-def _text(name: str) -> str:
+def _template(name: str) -> str:
     return files("gateway.web").joinpath("templates", name).read_text(encoding="utf-8")
 
 
-_TEMPLATES = Environment(autoescape=True, undefined=StrictUndefined, loader=FunctionLoader(_text))
+_TEMPLATES = Environment(autoescape=True, undefined=StrictUndefined, loader=FunctionLoader(_template))
 
 
 def build_app(
@@ -239,12 +239,12 @@ def _viewpoint_of(query: Mapping[str, str], known: Mapping[str, MachineUse]) -> 
 
 def _asked(query: Mapping[str, str]) -> dict[str, float | None]:
     return {
-        name: _number(query, name, _LARGEST_TOLERANCE_UM if name == "tolerance" else _FARTHEST_MM)
+        name: _asked_number(query, name, _LARGEST_TOLERANCE_UM if name == "tolerance" else _FARTHEST_MM)
         for name in ("tolerance", "x", "y", "z", "a", "c")
     }
 
 
-def _number(query: Mapping[str, str], name: str, largest: float) -> float | None:
+def _asked_number(query: Mapping[str, str], name: str, largest: float) -> float | None:
     text = query.get(name)
     if text is None or text == "":
         return None
