@@ -12,6 +12,7 @@ __all__ = [
     "bus_settings",
     "can",
     "canopen",
+    "credential_files",
     "first_use",
     "hang_up",
     "linuxcnc",

@@ -8,8 +8,9 @@ from gateway.clock import StepTime
 from gateway.commands import CommandOutcome, Disarmed, Pause
 from gateway.config import GatewayConfig
 from gateway.nc import NcState, Write
+from gateway.polling import Notice
 from gateway.probing import Outcome, Outlook
-from talc.frame import Decision, Event, Frame
+from talc.frame import Decision, Event, EventKind, Frame
 from talc.learner import Forecast, Misses, PlannedForecast, Reasons
 from talc.models import ModelSet
 from talc.sensor_check import Judgement
@@ -205,6 +206,11 @@ GatewayEvent = (
 
 Sink = Callable[[GatewayEvent], None]
 """Receives every event in order, in the event loop's thread, and returns at once."""
+
+
+def problem_event(notice: Notice) -> Event:
+    """A problem that began or ended, as an event."""
+    return Event(EventKind.PROBLEM_ENDED if notice.ended else EventKind.PROBLEM, notice.text)
 
 
 def in_order(sinks: Sequence[Sink]) -> Sink:

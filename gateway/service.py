@@ -41,6 +41,7 @@ from gateway.events import (
     Sink,
     StoreHealth,
     in_order,
+    problem_event,
 )
 from gateway.nc import Earlier, Identity, LinkSettings, Listeners, NcLink, control_of
 from gateway.past import Past
@@ -317,5 +318,4 @@ class Service:
         self._sink(ReadingsTaken(readings))
 
     def _noticed(self, notice: Notice) -> None:
-        kind = EventKind.PROBLEM_ENDED if notice.ended else EventKind.PROBLEM
-        self._sink(EventReported(Event(kind, notice.text), None))
+        self._sink(EventReported(problem_event(notice), None))

@@ -10,7 +10,6 @@ import threading
 from collections.abc import Callable, Collection, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Final
 
 from paho.mqtt.client import Client, ConnectFlags, DisconnectFlags, MQTTMessage, topic_matches_sub
@@ -18,7 +17,8 @@ from paho.mqtt.enums import CallbackAPIVersion, MQTTErrorCode, MQTTProtocolVersi
 from paho.mqtt.properties import Properties
 from paho.mqtt.reasoncodes import ReasonCode
 
-from drivers.base import BadAnswer, ConnectError, DriverError, NoAnswer, Refused, SetupError
+from drivers.base import BadAnswer, ConnectError, NoAnswer, Refused
+from drivers.credential_files import secret_in, trust_in, unusable_file
 from drivers.mqtt.settings import MqttServer
 
 _QOS: Final = 1
@@ -95,7 +95,8 @@ class MqttConnection:
         )
         client.connect_timeout = timeout_s
         if server.user is not None:
-            client.username_pw_set(server.user, _password(server.password_file))
+            file = server.password_file
+            client.username_pw_set(server.user, None if file is None else secret_in("password_file", file))
         if server.encrypted:
             client.tls_set_context(_tls(server))
         if will is not None:
@@ -240,15 +241,6 @@ class MqttConnection:
             self._on_message(topic, bytes(message.payload), message.retain)
 
 
-def _password(path: Path | None) -> str | None:
-    if path is None:
-        return None
-    try:
-        return path.read_text(encoding="utf-8").strip()
-    except (OSError, UnicodeError) as error:
-        raise _unusable("password_file", path, error) from error
-
-
 def _tls(server: MqttServer) -> ssl.SSLContext:
     class Handshaking(ssl.SSLSocket):
         """The library leaves the socket open when the handshake fails."""
@@ -260,18 +252,11 @@ def _tls(server: MqttServer) -> ssl.SSLContext:
                 self.close()
                 raise
 
-    try:
-        context = ssl.create_default_context(cafile=None if server.authority is None else str(server.authority))
-    except (OSError, ValueError) as error:
-        raise _unusable("authority", server.authority, error) from error
+    context = trust_in(server.authority)
     context.sslsocket_class = Handshaking
     if server.certificate is not None and server.key is not None:
         try:
             context.load_cert_chain(server.certificate, server.key, password=lambda: "")
         except (OSError, ValueError) as error:
-            raise _unusable("certificate and key", server.certificate, error) from error
+            raise unusable_file("certificate and key", server.certificate, error) from error
     return context
-
-
-def _unusable(field: str, path: Path | None, error: Exception) -> DriverError:
-    return SetupError(f"{field} = {str(path)!r} cannot be used: {error}")

@@ -9,6 +9,7 @@ from cryptography.hazmat.primitives.asymmetric import rsa
 from cryptography.hazmat.primitives.serialization import load_der_private_key, load_pem_private_key
 
 from drivers.base import SetupError
+from drivers.credential_files import unusable_file
 
 LEAST_BITS, MOST_BITS = 2048, 4096
 """Smallest and largest size of RSA keys (OPC UA Part 7, Basic256Sha256)."""
@@ -21,7 +22,7 @@ def valid_certificate(path: Path | None, name: str, device: str) -> x509.Certifi
         pem = content.startswith(b"-----BEGIN")
         certificate = x509.load_pem_x509_certificate(content) if pem else x509.load_der_x509_certificate(content)
     except (OSError, ValueError) as error:
-        raise SetupError(f"{name} = {str(path)!r} cannot be used: {error}", device=device) from error
+        raise unusable_file(name, path, error, device) from error
     begin, end = certificate.not_valid_before_utc, certificate.not_valid_after_utc
     if not begin <= datetime.now(UTC) <= end:
         raise SetupError(
@@ -39,7 +40,7 @@ def check_key(certificate: x509.Certificate, path: Path | None, device: str) -> 
         read = load_pem_private_key if content.startswith(b"-----BEGIN") else load_der_private_key
         key = read(content, None)
     except (OSError, ValueError, TypeError, UnsupportedAlgorithm) as error:
-        raise SetupError(f"private_key = {str(path)!r} cannot be used: {error}", device=device) from error
+        raise unusable_file("private_key", path, error, device) from error
     if not isinstance(key, rsa.RSAPrivateKey) or not LEAST_BITS <= key.key_size <= MOST_BITS:
         found = f"RSA of {key.key_size} bits" if isinstance(key, rsa.RSAPrivateKey) else "no RSA key"
         raise SetupError(

@@ -6,7 +6,6 @@ import socket
 import struct
 from collections.abc import AsyncIterator, Awaitable, Mapping
 from contextlib import asynccontextmanager, suppress
-from pathlib import Path
 from typing import TypeVar
 
 from asyncua.client.client import Client
@@ -17,6 +16,7 @@ from asyncua.ua.uaerrors import UaError, UaStatusCodeError
 from asyncua.ua.uatypes import DataValue, Int16, NodeId, StatusCode, String, Variant, VariantType
 
 from drivers.base import BadAnswer, ConnectError, DriverError, NoAnswer, Refused, SetupError, WrongDevice
+from drivers.credential_files import secret_in
 from drivers.opcua.answers import SERVER_TIME, node_id, node_value, time_in
 from drivers.opcua.certificates import application_uri, check_key, valid_certificate
 from drivers.opcua.nodes import NO_NAMESPACE, NodeName, NodeValue
@@ -86,7 +86,7 @@ class OpcUaSession:
         client.session_timeout = round(self._asked_s * 1e3)
         if settings.user and settings.password_file is not None:
             client.set_user(settings.user)
-            client.set_password(self._password(settings.password_file))
+            client.set_password(secret_in("password_file", settings.password_file, self._device))
         if settings.security != "none":
             await self._secure(client)
         try:
@@ -310,12 +310,6 @@ class OpcUaSession:
             return NoAnswer(f"{url} does not answer within {self._settings.timeout_s:g} s", device=device, hint=hint)
         hint = "is it on, is its OPC UA server licensed and running, and is the port correct?"
         return ConnectError(f"cannot open {url}: {_say(error)}", device=device, hint=hint)
-
-    def _password(self, path: Path) -> str:
-        try:
-            return path.read_text(encoding="utf-8").strip()
-        except (OSError, UnicodeError) as error:
-            raise SetupError(f"password_file = {str(path)!r}: {_say(error)}", device=self._device) from error
 
     async def _secure(self, client: Client) -> None:
         settings = self._settings

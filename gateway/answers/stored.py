@@ -33,10 +33,11 @@ from gateway.telemetry import (
     StoredRows,
     StoredSource,
     StoredTable,
+    by_error,
     courses,
+    finite,
     reason_of_each,
 )
-from talc.names import THERMAL_ERRORS
 
 
 def history_of(path: Path) -> HistorySource:
@@ -83,8 +84,8 @@ def course_of(path: Path, step_s: float) -> CourseSource:
             courses(found.corrected, found.sigma),
             found.measured_time.tolist(),
             courses(found.measured, found.measured_sigma),
-            [_number(value) for value in found.residual_um.tolist()],
-            {n: [_number(v) for v in column] for n, column in zip(found.temperature_names, columns, strict=True)},
+            [finite(value) for value in found.residual_um.tolist()],
+            {n: [finite(v) for v in column] for n, column in zip(found.temperature_names, columns, strict=True)},
             [_reason(each) for each in found.reasons],
         )
 
@@ -96,7 +97,7 @@ def _reason(given: StoredReasons) -> StoredReason:
         datetime.fromtimestamp(given.time, UTC).isoformat(),
         given.reasons.k,
         reason_of_each(given.reasons),
-        {error: _number(value) for error, value in zip(THERMAL_ERRORS, given.sigma.tolist(), strict=True)},
+        by_error(given.sigma),
         None if given.measured is None else given.measured.isoformat(),
     )
 
@@ -132,13 +133,15 @@ def _column(name: str, kind: CellKind, values: tuple[object, ...]) -> StoredColu
             at = [None if value is None else place[value] for value in values]
             return StoredColumn(name, kind, at, tuple(map(str, place)))
         case "time":
-            return StoredColumn(name, kind, [v.timestamp() if isinstance(v, datetime) else _number(v) for v in values])
+            return StoredColumn(
+                name, kind, [v.timestamp() if isinstance(v, datetime) else _cell_number(v) for v in values]
+            )
         case "whole":
             return StoredColumn(name, kind, [v if isinstance(v, int) else None for v in values])
         case "number":
-            return StoredColumn(name, kind, [_number(value) for value in values])
+            return StoredColumn(name, kind, [_cell_number(value) for value in values])
 
 
-def _number(value: object) -> float | None:
+def _cell_number(value: object) -> float | None:
     """None for what JSON has no number for."""
     return value if isinstance(value, int | float) and abs(value) < float("inf") else None

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from gateway.apart import WorkError, apart
 from gateway.clock import ServiceClock
 from gateway.control.last_rows import LastRows
-from gateway.events import EventReported, SensorsJudged, Sink
+from gateway.events import EventReported, SensorsJudged, Sink, problem_event
 from gateway.polling import Notice, Problems
 from talc.frame import BoolArray, Event, EventKind, FloatArray, Frame, Frames
 from talc.sensor_check import Finding, judge, rows_needed
@@ -145,8 +145,7 @@ class SensorWatch:
             self._problems.report(failing, text, f"sensors: {failing}: {text}", bug=error)
 
     def _noticed(self, notice: Notice) -> None:
-        kind = EventKind.PROBLEM_ENDED if notice.ended else EventKind.PROBLEM
-        self._report(Event(kind, notice.text), self._last_k)
+        self._report(problem_event(notice), self._last_k)
 
     def _report(self, event: Event, k: int | None) -> None:
         self._sink(EventReported(event, k))

@@ -2,19 +2,17 @@
 
 import json
 import socket
-import ssl
 from base64 import b64encode
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from http.client import HTTPConnection, HTTPException, HTTPResponse, HTTPSConnection, IncompleteRead
-from pathlib import Path
 from threading import Timer
 from typing import ClassVar, Literal, Self
 from urllib.parse import urlencode
 
 from pydantic import Field, model_validator
 
-from drivers.base import SetupError
+from drivers.credential_files import secret_in, trust_in
 from drivers.hang_up import HangUp
 from drivers.section import FilePath, NotEmpty, NotNegative, user_and_password
 from drivers.server_url import UrlServer
@@ -92,14 +90,14 @@ class InfluxDbOutlet:
             asked |= {"bucket": settings.bucket} | ({} if settings.org is None else {"org": settings.org})
             self._path = "/api/v2/write?" + urlencode(asked)
             if settings.token_file is not None:
-                self._headers["Authorization"] = f"Token {_secret('token_file', settings.token_file)}"
+                self._headers["Authorization"] = f"Token {secret_in('token_file', settings.token_file)}"
         else:
             asked["db"] = settings.database or ""
             if settings.user is not None and settings.password_file is not None:
-                login = f"{settings.user}:{_secret('password_file', settings.password_file)}"
+                login = f"{settings.user}:{secret_in('password_file', settings.password_file)}"
                 self._headers["Authorization"] = f"Basic {b64encode(login.encode()).decode()}"
             self._path = "/write?" + urlencode(asked)
-        self._tls = _tls(settings.authority) if settings.encrypted else None
+        self._tls = trust_in(settings.authority) if settings.encrypted else None
         self._connection: HTTPConnection | None = None
 
     def open(self) -> None:
@@ -190,17 +188,3 @@ def _explained(said: bytes) -> str:
         if isinstance(found, dict):
             text = str(found.get("message") or found.get("error") or text)
     return text[:_MOST_SHOWN]
-
-
-def _secret(field: str, path: Path) -> str:
-    try:
-        return path.read_text(encoding="utf-8").strip()
-    except (OSError, UnicodeError) as error:
-        raise SetupError(f"{field} = {str(path)!r} cannot be used: {error}") from error
-
-
-def _tls(authority: Path | None) -> ssl.SSLContext:
-    try:
-        return ssl.create_default_context(cafile=None if authority is None else str(authority))
-    except (OSError, ValueError) as error:
-        raise SetupError(f"authority = {str(authority)!r} cannot be used: {error}") from error

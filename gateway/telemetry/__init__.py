@@ -52,7 +52,7 @@ if TYPE_CHECKING:
         StatusMessage,
         StorageStanding,
     )
-    from gateway.telemetry.numbers import courses
+    from gateway.telemetry.numbers import by_error, courses, finite
     from gateway.telemetry.publisher import TelemetryPublisher
     from gateway.telemetry.queries import MOST_ROWS, AskedQuery, Replied
     from gateway.telemetry.report_queries import ReportRequest, ReportSource
@@ -114,7 +114,7 @@ else:
                 "StatusMessage",
                 "StorageStanding",
             ),
-            ".numbers": ("courses",),
+            ".numbers": ("by_error", "courses", "finite"),
             ".publisher": ("TelemetryPublisher",),
             ".queries": ("MOST_ROWS", "AskedQuery", "Replied"),
             ".report_queries": ("ReportRequest", "ReportSource"),
@@ -190,12 +190,14 @@ __all__ = [
     "TelemetryPublisher",
     "ask",
     "ask_only",
+    "by_error",
     "command",
     "courses",
     "decode",
     "decode_answer",
     "decode_refusal",
     "encode",
+    "finite",
     "keys",
     "own_access",
     "page_config",

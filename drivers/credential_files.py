@@ -1,0 +1,32 @@
+"""Files that a connection's settings name: passwords, tokens, and certificates of authorities."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from drivers.base import SetupError
+
+if TYPE_CHECKING:
+    import ssl
+
+
+def unusable_file(field: str, path: Path | None, error: Exception, device: str = "") -> SetupError:
+    """The error that says why the file of a field cannot be used."""
+    return SetupError(f"{field} = {str(path)!r} cannot be used: {error}", device=device)
+
+
+def secret_in(field: str, path: Path, device: str = "") -> str:
+    """The file's text without the white space around it. Raises SetupError."""
+    try:
+        return path.read_text(encoding="utf-8").strip()
+    except (OSError, UnicodeError) as error:
+        raise unusable_file(field, path, error, device) from error
+
+
+def trust_in(authority: Path | None) -> "ssl.SSLContext":
+    """A client's TLS; None: with the authorities that the operating system trusts. Raises SetupError."""
+    import ssl  # not for a certificate that is only looked at
+
+    try:
+        return ssl.create_default_context(cafile=None if authority is None else str(authority))
+    except (OSError, ValueError) as error:
+        raise unusable_file("authority", authority, error) from error
