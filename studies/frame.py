@@ -1,5 +1,6 @@
 """The runs of a study: identified by their parameters, done once, in parallel, and kept as one JSON file each."""
 
+import ast
 import hashlib
 import json
 import os
@@ -68,7 +69,8 @@ def code_fingerprint(module: str, learner: bool = True) -> str:
     """SHA-256, hexadecimal, over the code that determines a study's results; not over how they are shown.
 
     That is talc with its kernel, the simulated physics, the module itself and the control's loop; without `learner`
-    all of this except what only the learner uses.
+    all of this except what only the learner uses. Comments and docstrings of Python files do not count, nor does their
+    layout. In other files, such as the kernel's sources, every byte counts.
     """
     digest = hashlib.sha256()
     science, physics = Path(str(talc.__file__)).parent, Path(str(simulators.__file__)).parent
@@ -78,8 +80,24 @@ def code_fingerprint(module: str, learner: bool = True) -> str:
         sources += sorted(p for p in root.rglob("*") if p.suffix in _CODE)
     for source in sources:
         if learner or not any(source.is_relative_to(science / part) for part in _LEARNER):
-            digest.update(source.read_bytes())
+            digest.update(_without_prose(source.read_bytes()) if source.suffix == ".py" else source.read_bytes())
     return digest.hexdigest()
+
+
+@cache
+def _without_prose(source: bytes) -> bytes:
+    """Python source without comments and docstrings, those of constants and fields included, in one layout.
+
+    Made from the syntax tree, written out again: unlike the text of `ast.dump`, it hardly depends on the version of
+    Python.
+    """
+    return ast.unparse(_NoDocstrings().visit(ast.parse(source))).encode()
+
+
+class _NoDocstrings(ast.NodeTransformer):
+    def visit_Expr(self, node: ast.Expr) -> ast.Expr | None:
+        """Leaves out a statement that is only a string: it has no effect."""
+        return None if isinstance(node.value, ast.Constant) and isinstance(node.value.value, str) else node
 
 
 def key(study: Study, parameters: RunParameters) -> str:

@@ -10,7 +10,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -186,10 +186,19 @@ def test_runs_that_rest_on_the_first_ones_follow_them_and_are_kept_too(tmp_path:
     assert {row["pair"] for row in figures(tmp_path)} == {"0", "7"}
 
 
-def test_another_learner_leaves_the_runs_of_models_as_they_are(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    study, science = STUDIES["adaptive-inputs"], tmp_path / "talc"
-    shutil.copytree(Path(talc.__file__).parent, science, ignore=shutil.ignore_patterns("__pycache__", "*.so"))
-    monkeypatch.setattr(talc, "__file__", str(science / "__init__.py"))
+@pytest.fixture
+def science(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """A copy of talc's sources, of which fingerprints are made instead."""
+    copy = tmp_path / "talc"
+    shutil.copytree(Path(talc.__file__).parent, copy, ignore=shutil.ignore_patterns("__pycache__", "*.so"))
+    with monkeypatch.context() as patch:
+        patch.setattr(talc, "__file__", str(copy / "__init__.py"))
+        yield copy
+    code_fingerprint.cache_clear()
+
+
+def test_another_learner_leaves_the_runs_of_models_as_they_are(science: Path) -> None:
+    study = STUDIES["adaptive-inputs"]
     ways = {way["selector"]: way for way in study.runs(1, True)}
 
     def keys() -> dict[str, str]:
@@ -197,14 +206,47 @@ def test_another_learner_leaves_the_runs_of_models_as_they_are(tmp_path: Path, m
         return {name: key(study, way) for name, way in ways.items()}
 
     before = keys()
-    for source in ("learner/experts.py", "kernel/learner.hpp", "settings.py"):
+    for source, line in (
+        ("learner/experts.py", "MORE = 1\n"),
+        ("kernel/learner.hpp", "\n"),
+        ("settings.py", "MORE = 1\n"),
+    ):
         with (science / source).open("a", encoding="utf-8") as file:
-            file.write("\n")
+            file.write(line)
         after = keys()
         assert after["learner"] != before["learner"]
         assert (after["pso"] != before["pso"]) == (source == "settings.py")
         before = after
-    code_fingerprint.cache_clear()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "other"),
+    [
+        ("# seconds", "# s, of the grid", False),
+        ('"""Of a model."""', '"""Of one model.\n\nLonger.\n"""', False),
+        ('"""Its step."""', "", False),
+        ('    """Its gain."""\n', '    """Its gain,\n    without a unit."""\n', False),
+        ("300.0", "301.0", True),
+        ("_STEP_S", "_STEP", True),
+        ('"gain"', '"gains"', True),
+        ("2 * gain", "gain * 2", True),
+    ],
+)
+def test_a_fingerprint_is_of_the_code_and_not_of_its_prose(science: Path, old: str, new: str, other: bool) -> None:
+    source = science / "added.py"
+    text = (
+        '"""Of a model."""\n\n_STEP_S = 300.0  # seconds\n"""Its step."""\n\n\ndef gained(gain):\n    """Its gain."""\n'
+    )
+    text += '    return {"gain": 2 * gain}\n'
+
+    def fingerprint(code: str) -> str:
+        source.write_text(code, encoding="utf-8")
+        code_fingerprint.cache_clear()
+        return code_fingerprint(STUDY.run.__module__)
+
+    changed = text.replace(old, new)
+    assert changed != text
+    assert (fingerprint(changed) != fingerprint(text)) == other
 
 
 def test_unknown_study_is_named_and_the_list_is_shown() -> None:
