@@ -1,4 +1,4 @@
-"""What could remain at the demo's tool: errors known exactly, filters weighed in hindsight, and more measurements.
+"""Bounds of the error at the demo's tool: errors known exactly, filters weighed in hindsight, more measurements.
 
 On the first two seeds of `benchmarks.demo`, judged in the same way. No machine can have what `KNOWN` names: these are
 bounds for methods that measure when the learner does.

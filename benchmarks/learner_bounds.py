@@ -1,4 +1,4 @@
-"""Where the learner's error comes from: what its filters would reach if the mixing were done in hindsight.
+"""Bounds of the learner's error: what its filters would reach if the mixing were done in hindsight.
 
 On the sixteen machines of `benchmarks.learner`, judged in the same way. Nothing that is chosen in hindsight could be
 used on a machine: these are bounds for any constant weights of the same filters.

@@ -1,4 +1,4 @@
-"""When to measure: the learner at its own request, compared with the learner at fixed intervals, on simulated machines.
+"""Policies of measuring: the learner at its own request, compared with fixed intervals, on simulated machines.
 
 On the sixteen machines of `benchmarks.learner`, from the first hour on, and on machines of which it sees little: six
 temperatures chosen at random and no machine state, on a machine that is off at night. Each limit is compared with the

@@ -1,4 +1,4 @@
-"""What the papers' sparse models would add to the learner as one more expert: an experiment, not part of talc.
+"""The papers' sparse models as one more expert of the learner: an experiment, not part of talc.
 
 On the sixteen machines of `benchmarks.learner`, the models that `search` chooses run through the controller with the
 same measurements, their disturbance and their sigma. Their estimate is mixed with the learner's by the learner's own

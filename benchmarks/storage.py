@@ -1,4 +1,4 @@
-"""What the store writes to the disk in a day, and how long a restart takes on a record of years."""
+"""Amount that the store writes to the disk in a day, and the time of a restart on a record of years."""
 
 import json
 import sqlite3

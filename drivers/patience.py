@@ -1,4 +1,4 @@
-"""How long to wait for an answer: not much longer than the unit usually takes, so that silence costs little."""
+"""Waiting times for answers: not much longer than the unit usually takes, so that silence costs little."""
 
 from collections.abc import Hashable
 from dataclasses import dataclass

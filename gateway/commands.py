@@ -1,4 +1,4 @@
-"""What a person may tell a running gateway to do, as values."""
+"""Commands that a person may give to a running gateway, as values."""
 
 from collections import deque
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""How long to calibrate, how often to measure, how much to relearn, as in B19: every combination on four load cases.
+"""Length of calibration, interval of measuring and amount of relearning, as in B19, in every combination on four loads.
 
 Then policies that decide by themselves when to measure, on the same series, with the same limits.
 """

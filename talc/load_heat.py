@@ -1,4 +1,4 @@
-"""What loads do to temperatures: they heat with a lag, in proportion to a speed or power and to its square.
+"""Effects of loads on temperatures: loads heat with a lag, in proportion to a speed or power and to its square.
 
 Each load r (its share of the largest that was learnt) enters as r and r² through first-order lags: the friction of a
 bearing grows faster than its speed, and a body follows its heat with its own time constant.

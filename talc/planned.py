@@ -1,4 +1,4 @@
-"""What a planned load does to the inputs: temperatures follow loads as they did in the record (talc.load_heat).
+"""Effects of a planned load on the inputs: temperatures follow loads as they did in the record (talc.load_heat).
 
 The change from now on is the regression's, from the present state of the loads' lags to what the planned load makes of
 them: a machine that is already warm from that load warms no further, and one whose load ends cools.

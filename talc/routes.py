@@ -1,4 +1,4 @@
-"""From one error's rows to one model's parameters: by output error (default), or by ARX as in the papers."""
+"""Routes from one error's rows to one model's parameters: by output error (default), or by ARX as in the papers."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace

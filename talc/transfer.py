@@ -1,4 +1,4 @@
-"""What a controller has learnt, placed on a controller with other inputs: by name."""
+"""Places what a controller has learnt on a controller with other inputs, by the names of the inputs."""
 
 from collections.abc import Sequence
 from dataclasses import replace

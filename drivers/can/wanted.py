@@ -1,4 +1,4 @@
-"""Which frames of a CAN bus a device reads."""
+"""Kinds of frames that a device reads from a CAN bus."""
 
 from dataclasses import dataclass
 

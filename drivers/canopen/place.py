@@ -1,4 +1,4 @@
-"""Where a number is in a CANopen node."""
+"""Places of numbers in a CANopen node: entries of its object dictionary."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""From a raw value to a distance."""
+"""Scaling from a raw value to a distance."""
 
 from drivers.base import Quality
 from drivers.faults import Fault

@@ -1,4 +1,4 @@
-"""What the Modbus buses share, and Modbus TCP: one request, one answer. A late or foreign answer is never accepted.
+"""The base of the Modbus buses, and Modbus TCP: one request, one answer. A late or foreign answer is never accepted.
 
 pymodbus encodes and decodes the messages and checksums. Its client is not used: after a timeout or a cancelled await it
 hands the late answer to the next RTU request, and one dead unit behind a gateway makes it close the connection that

@@ -1,4 +1,4 @@
-"""Where the channels of a Modbus device are in its registers and bits."""
+"""Register and bit addresses of a Modbus device's channels."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""What the exception codes of Modbus mean, and what to do about them."""
+"""Errors for the exception codes of Modbus: what each code means, and what to do about it."""
 
 from drivers.base import Busy, NoAnswer, Refused
 from drivers.modbus.numbers import Block, as_in_manuals

@@ -1,4 +1,4 @@
-"""How long a unit that was busy is left alone before it is asked again."""
+"""Rests of busy units: how long a unit is left alone before it is asked again."""
 
 _FIRST_S, _NEXT_S = 0.05, 0.1
 """The first rest, and each one after it until the unit answers."""

@@ -1,4 +1,4 @@
-"""Which data items fit what they are configured for, and in which units MTConnect reports them."""
+"""Types and units of MTConnect's data items, and the check that each item fits what it is configured for."""
 
 import math
 from collections.abc import Mapping

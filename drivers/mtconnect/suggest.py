@@ -1,4 +1,4 @@
-"""Which of an agent's data items are probably the ones that the gateway wants: a first guess for a person."""
+"""Suggests which of an agent's data items the gateway probably wants: a first guess for a person."""
 
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field

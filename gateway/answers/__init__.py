@@ -1,4 +1,4 @@
-"""What a running gateway answers from its database: stored readings and decisions, courses, and reports of days."""
+"""Answers of a running gateway from its database: stored readings and decisions, courses, and reports of days."""
 
 from typing import TYPE_CHECKING
 

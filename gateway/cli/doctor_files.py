@@ -1,4 +1,4 @@
-"""What `doctor` says of the files with keys, certificates and passwords that cannot be read."""
+"""Reports of `doctor` on files with keys, certificates and passwords that cannot be read."""
 
 import errno
 import os

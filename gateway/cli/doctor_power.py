@@ -1,4 +1,4 @@
-"""What `doctor` says of a Raspberry Pi's supply voltage, and of a processor that is or was slowed down."""
+"""Reports of `doctor` on a Raspberry Pi's supply voltage, and on a processor that is or was slowed down."""
 
 import subprocess
 from collections.abc import Iterator

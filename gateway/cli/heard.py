@@ -1,4 +1,4 @@
-"""What the programs beside a gateway share: where they hear it, and hashes of passwords for their settings."""
+"""Shared parts of the programs beside a gateway: where they hear it, and hashes of passwords for their settings."""
 
 from typing import TYPE_CHECKING
 

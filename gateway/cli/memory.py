@@ -1,4 +1,4 @@
-"""How the process gives memory back to the computer, and which of it Python looks through for garbage."""
+"""Memory of the process: large blocks go back to the computer, and garbage collections spare what lasts."""
 
 import ctypes
 import gc

@@ -1,4 +1,4 @@
-"""What a gateway reports when it starts: version, wires, mode, store, endpoints, control, what is not armed."""
+"""Log lines of a gateway's start: version, wires, mode, store, endpoints, control, what is not armed."""
 
 from collections.abc import Iterator
 from importlib.metadata import version

@@ -1,4 +1,4 @@
-"""For programs of others: a running gateway as a Python object (docs/client.md)."""
+"""A running gateway as a Python object, for programs of others (docs/client.md)."""
 
 from typing import TYPE_CHECKING
 

@@ -1,4 +1,4 @@
-"""How long ago something happened, across a restart: by the monotonic clock, or by a wall clock known to be right.
+"""Ages of events across a restart: by the monotonic clock, or by a wall clock known to be right.
 
 A grid index is a time within a record. What links the record to the present is its last moment. While the computer
 stays on, its monotonic clock continues. Otherwise only the wall clock can tell, if it was synchronised then and is now;

@@ -1,4 +1,4 @@
-"""Where a site is kept, by what is given for it: a folder, or the address of a database."""
+"""Chooses how a site is kept by what is given for it: a folder, or the address of a database."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING

@@ -1,4 +1,4 @@
-"""How far a machine is collected, as a file: it changes as a whole, and a batch of rows counts from then on."""
+"""The progress of collecting a machine, as a file: it changes as a whole, and a batch of rows counts from then on."""
 
 import os
 from collections.abc import Mapping

@@ -1,4 +1,4 @@
-"""How any bus and any control is polled."""
+"""Polling settings of any bus and any control."""
 
 from typing import ClassVar, Final
 

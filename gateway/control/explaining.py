@@ -1,4 +1,4 @@
-"""What the controller can say of its decisions: reasons each hour and after measurements, forecasts each step."""
+"""Explanations of the controller's decisions: reasons each hour and after measurements, forecasts each step."""
 
 import math
 from collections.abc import Callable, Mapping

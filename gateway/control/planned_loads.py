@@ -1,4 +1,4 @@
-"""What the inputs would do under each planned load of the configuration, as they have followed loads so far."""
+"""Forecasts of the inputs under each planned load of the configuration, by how they have followed loads so far."""
 
 import asyncio
 import logging

@@ -1,4 +1,4 @@
-"""What the machines of a site publish, as a read-only subscriber holds it."""
+"""Messages of the machines of a site, as a read-only subscriber holds them."""
 
 from typing import TYPE_CHECKING
 

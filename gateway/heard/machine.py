@@ -1,4 +1,4 @@
-"""What has been received from one machine: the latest message of each kind, and the last eight hours."""
+"""Messages received from one machine: the latest of each kind, and those of the last eight hours."""
 
 import math
 from collections import deque

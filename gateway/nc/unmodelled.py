@@ -1,4 +1,4 @@
-"""How long errors without a model are corrected by their last measurement."""
+"""The time limit for correcting an error without a model by its last measurement."""
 
 from collections.abc import Sequence
 

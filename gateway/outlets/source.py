@@ -1,4 +1,4 @@
-"""What gateways publish over Zenoh, as it is passed on: every message once, and which gateways run."""
+"""The source of the outlets: every message that gateways publish over Zenoh, once, and which gateways run."""
 
 import logging
 import re

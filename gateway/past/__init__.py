@@ -1,4 +1,4 @@
-"""What an earlier run left in the store, the controller rebuilt from it, and the snapshots that the next run needs."""
+"""State that an earlier run left in the store, the controller rebuilt from it, and snapshots for the next run."""
 
 from typing import TYPE_CHECKING
 

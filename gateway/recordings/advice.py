@@ -1,4 +1,4 @@
-"""Where the table of a logger's file seems to begin: below a block of settings, and above a row of units."""
+"""Finds where the table of a logger's file seems to begin: below a block of settings, and above a row of units."""
 
 import csv
 from collections.abc import Iterable

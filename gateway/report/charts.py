@@ -1,4 +1,4 @@
-"""What the charts show: lines over one time axis, for the pictures and for the script alike."""
+"""Contents of the charts: lines over one time axis, for the pictures and for the script alike."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass

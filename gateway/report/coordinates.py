@@ -1,4 +1,4 @@
-"""For which errors each coordinate of the tool is corrected, and why not for the others."""
+"""Coordinates of the tool: for which errors each one is corrected, and why not for the others."""
 
 from dataclasses import dataclass
 

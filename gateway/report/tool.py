@@ -1,4 +1,4 @@
-"""How far the tool is from where it should be, without and with compensation."""
+"""Deviations of the tool from where it should be, without and with compensation."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""What a gateway has learnt, as a JSON file: for another card, another computer, or an archive.
+"""The file of what a gateway has learnt, as JSON: for another card, another computer, or an archive.
 
 Versioned, with a checksum, without pickle. Small values are plain; an array is its kind, its shape and its numbers,
 compressed. The record is no part of it, so it does not grow with age.

@@ -1,4 +1,4 @@
-"""Who may open a session on the OPC UA server, and how fast passwords can be guessed there."""
+"""Access to the OPC UA server: who may open a session, and how fast passwords can be guessed."""
 
 import hashlib
 import hmac

@@ -1,4 +1,4 @@
-"""What the OPC UA server needs to know beyond a gateway's configuration: whose machines these are, and who may read."""
+"""Settings of the OPC UA server beyond a gateway's configuration: whose machines these are, and who may read."""
 
 from collections.abc import Mapping
 from pathlib import Path

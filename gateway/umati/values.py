@@ -1,4 +1,4 @@
-"""What the nodes of one machine show now: value, OPC UA status and source time, from what was heard of its gateway."""
+"""Present values of one machine's nodes, with OPC UA status and source time, from what was heard of its gateway."""
 
 import math
 from collections.abc import Iterator, Mapping

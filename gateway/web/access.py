@@ -1,4 +1,4 @@
-"""Who may look: only this computer, or a known user over TLS; and what every response forbids the browser to do."""
+"""Access to the page: only this computer, or a known user over TLS; and what responses forbid the browser to do."""
 
 import asyncio
 import hashlib

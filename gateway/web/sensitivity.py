@@ -1,4 +1,4 @@
-"""How many micrometres a kelvin moves each error, week by week, from the gateway's store.
+"""Sensitivities: how many micrometres a kelvin moves each error, week by week, from the gateway's store.
 
 Not the learnt weights of single inputs: temperatures that rise together share their effect, and how they share it says
 nothing about the machine. The sensitivity says how the estimates change with the temperature that they follow most

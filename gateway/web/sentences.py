@@ -1,4 +1,4 @@
-"""What the page says: keys of the catalogue with the numbers, times and names in them.
+"""Sentences of the page: keys of the catalogue with the numbers, times and names in them.
 
 The browser writes them out, in its language and with its locale's numbers and times.
 """

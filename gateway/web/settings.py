@@ -1,4 +1,4 @@
-"""What the page needs to know beyond a gateway's configuration: who may look, and what the machines are used for."""
+"""Settings of the page beyond a gateway's configuration: who may look, and what the machines are used for."""
 
 from collections.abc import Mapping
 from pathlib import Path

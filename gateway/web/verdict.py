@@ -1,4 +1,4 @@
-"""Ready or not: compares the remaining error at the tool with a tolerance, as far as the error is known."""
+"""The verdict, ready or not: compares the error that remains at the tool with a tolerance, as far as it is known."""
 
 import math
 from collections.abc import Iterator

@@ -1,4 +1,4 @@
-"""What a browser shows of one machine or of all, made from the received messages for a given time."""
+"""A browser's view of one machine or of all, made from the received messages for a given time."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace

@@ -1,4 +1,4 @@
-"""What a machine's gateway has stored of the last weeks, week by week."""
+"""Answers a browser's requests for figures by week, from what a machine's gateway has stored of the last weeks."""
 
 import asyncio
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""How far the touches of measurements scatter, week by week, from the gateway's store."""
+"""Scatter of the touches of measurements, week by week, from the gateway's store."""
 
 import math
 from dataclasses import dataclass

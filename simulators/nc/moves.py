@@ -1,4 +1,4 @@
-"""Where the axes are, and which tool is in the spindle, while the emulated control's program or its cycle runs."""
+"""Positions of the axes, and the tool in the spindle, while the emulated control's program or its cycle runs."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Which grid step each row is, over any number of calls."""
+"""The grid step of each row, over any number of calls."""
 
 from copy import copy
 

@@ -1,4 +1,4 @@
-"""What scikit-learn expects of an estimator besides `fit` and `predict`, without scikit-learn."""
+"""Conventions of scikit-learn for estimators, besides `fit` and `predict`, without scikit-learn."""
 
 import inspect
 from typing import TYPE_CHECKING, Any, Self, cast

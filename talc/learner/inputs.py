@@ -1,4 +1,4 @@
-"""How inputs are related to each other, and what the others imply about a missing one."""
+"""Relations between the inputs, and what the others imply about a missing one."""
 
 import numpy as np
 

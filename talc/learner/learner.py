@@ -1,4 +1,4 @@
-"""From rows of inputs and measurements to estimates of the nine errors, with their uncertainty and reasons."""
+"""The learner: from rows of inputs and measurements to estimates of the nine errors, with uncertainty and reasons."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

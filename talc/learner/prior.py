@@ -1,4 +1,4 @@
-"""What other machines of the same kind have learnt, as a prior for the next one."""
+"""The prior for a machine: what other machines of the same kind have learnt."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Why the estimates are what they are, in names and micrometres, for people."""
+"""Reasons for the estimates, in names and micrometres, for people."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

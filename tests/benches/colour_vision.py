@@ -1,4 +1,4 @@
-"""How different two colours are for people who see all colours, and for those who do not."""
+"""Differences between two colours for people who see all colours, and for those who do not."""
 
 from collections.abc import Mapping
 from typing import Final

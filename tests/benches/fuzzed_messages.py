@@ -1,4 +1,4 @@
-"""What others send a gateway, its collector, its outlets and its page: one example of each kind, by a seed."""
+"""Messages of others to a gateway, its collector, its outlets and its page: one example of each kind, by a seed."""
 
 import asyncio
 import json

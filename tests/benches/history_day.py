@@ -1,4 +1,4 @@
-"""What a day's history costs: `python -m tests.benches.history_day [HOURS]`, with all of the day or its first hours.
+"""Cost of a day's history: `python -m tests.benches.history_day [HOURS]`, with all of the day or its first hours.
 
 A store gets a day of 30 channels at 1 Hz, eight on a module, as a gateway of one day has it. The publisher of the
 program answers queries from it over Zenoh on loopback, and the typed client makes tables. Both are in this process: its

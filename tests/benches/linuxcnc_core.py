@@ -1,4 +1,4 @@
-"""How long the core of the component talc_errors takes by itself, whatever else the computer does.
+"""Time that the core of the component talc_errors takes by itself, whatever else the computer does.
 
 `python -m tests.benches.linuxcnc_core [SITUATIONS]` calls it in as many random situations: any errors, anywhere in the
 travel, slewing or not, homed or not, with steps to bridge. Each is repeated, and the least of its times counts, so that

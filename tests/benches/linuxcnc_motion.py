@@ -1,6 +1,6 @@
-"""What is left at the tool of a real LinuxCNC in motion, with errors that are known exactly.
+"""Deviations that are left at the tool of a real LinuxCNC in motion, with errors that are known exactly.
 
-It is measured in LinuxCNC's own servo periods, for each way in which offsets can reach it.
+They are measured in LinuxCNC's own servo periods, for each way in which offsets can reach it.
 
 `python -m tests.benches.linuxcnc_motion` prints the table of docs/linuxcnc.md, in five minutes of real time.
 """

@@ -1,4 +1,4 @@
-"""How long the component talc_errors takes in each servo period of a real LinuxCNC whose axes move.
+"""Time that the component talc_errors takes in each servo period of a real LinuxCNC whose axes move.
 
 `python -m tests.benches.linuxcnc_period [SECONDS]` prints the figures of docs/linuxcnc.md. LinuxCNC counts processor
 clocks; a period in which the computer did something else meanwhile counts in full. LinuxCNC's own motion controller,

@@ -1,4 +1,4 @@
-"""What a lock of requirements/ installs."""
+"""The packages that a lock of requirements/ installs."""
 
 from pathlib import Path
 

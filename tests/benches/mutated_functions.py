@@ -1,4 +1,4 @@
-"""Where a mutant differs from its module: in functions, whose code can be exchanged, or outside of them."""
+"""Differences of a mutant from its module: in functions, whose code can be exchanged, or outside of them."""
 
 import ast
 import gc

@@ -1,4 +1,4 @@
-"""What the outlets cost: `python -m tests.benches.outlets_cost SECONDS KEYS`.
+"""Cost of the outlets: `python -m tests.benches.outlets_cost SECONDS KEYS`.
 
 One gateway with KEYS readings a second, and a decision with an event every ten, a router, Mosquitto, InfluxDB and the
 outlets run, each as a process; one of two OPC UA servers has a client that subscribes to every value of the machine,

@@ -1,4 +1,4 @@
-"""What a killed gateway leaves to the next one, in shared memory: its control, and what it had reported."""
+"""Shared memory that a killed gateway leaves to the next one: its control, and what it had reported."""
 
 import mmap
 import pickle

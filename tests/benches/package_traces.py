@@ -1,4 +1,4 @@
-"""What the Debian package leaves on a computer."""
+"""Traces that the Debian package leaves on a computer."""
 
 from pathlib import Path
 

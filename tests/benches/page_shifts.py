@@ -1,4 +1,4 @@
-"""What moves on a page: Chromium's own measure (layout shift), and where the parts begin."""
+"""Movements on a page: Chromium's own measure (layout shift), and where the parts begin."""
 
 from playwright.sync_api import Page, expect
 

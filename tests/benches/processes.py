@@ -1,4 +1,4 @@
-"""What the system reports about processes under test: their children, and what they keep open."""
+"""Facts that the system reports about processes under test: their children, and what they keep open."""
 
 import os
 from contextlib import suppress

@@ -1,4 +1,4 @@
-"""What publishing costs the service: `python -m tests.benches.publishing_cost SECONDS`.
+"""Cost of publishing for the service: `python -m tests.benches.publishing_cost SECONDS`.
 
 Three times `talc-gateway run` beside each other, each with its own emulated machine of 30 channels at 1 Hz, one sensor
 of them at 10 Hz: without telemetry; publishing to a subscriber; and publishing, while Prometheus asks for `/metrics`

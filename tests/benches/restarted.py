@@ -1,4 +1,4 @@
-"""What a gateway knows after a restart."""
+"""Restarts a gateway from its database, as far as what it then knows."""
 
 from gateway.config import GatewayConfig
 from gateway.past import Past, past_of

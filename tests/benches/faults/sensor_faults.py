@@ -1,4 +1,4 @@
-"""What each device reports about a broken sensor: rows of the fault matrix."""
+"""Reports of each device about a broken sensor: rows of the fault matrix."""
 
 from collections.abc import Sequence
 
