@@ -77,7 +77,7 @@ class SharedClock:
                 self._apply()
 
     def synchronised(self) -> bool:
-        """Simulated time is always right."""
+        """Whether the clock is right: simulated time always is."""
         return True
 
     def origin(self) -> str:

@@ -73,8 +73,8 @@ def learns(parameters: RunParameters) -> bool:
 
 
 def plainly_measured(here: Days) -> BoolArray:
-    """(T,) every step of the first day, then every 2 h and at the start of a stretch; nothing that is found adds
-    more."""
+    """(T,) every step of the first day, then every 2 h and at the start of a stretch. The errors that are found
+    add none."""
     used = np.zeros(len(here.truth), dtype=np.bool_)
     used[: CALIBRATION + 1] = True
     used[CALIBRATION::MEASURE_EACH] = True
@@ -103,7 +103,7 @@ def season_days(seed: int, repetition: int, small: bool) -> Days:
 
 
 def run(parameters: RunParameters) -> Mapping[str, Any]:
-    """E_PV and E_RMS of the nine errors after calibration, updates, chosen inputs; of repetition 0 a drawn series."""
+    """E_PV and E_RMS of the nine errors after calibration, updates, chosen inputs; for repetition 0 a plot's series."""
     here = season_days(parameters["seed"], parameters["repetition"], parameters["small"])
     training, settings = SELECTORS.get(parameters["selector"], SELECTORS["search"])
     kept = parameters["inputs"] == "static"
@@ -139,7 +139,7 @@ def _figures(left: FloatArray) -> dict[str, list[float]]:
 
 
 def _drawn(here: Days, course: Course) -> dict[str, Any]:
-    """Truth, residual and limits, every third step, rounded for the plot; None: not known yet."""
+    """Truth, residual and limits, every third step, rounded for the plot; None: unknown."""
     shown = slice(None, None, SHOWN_EACH)
 
     def rounded(values: FloatArray) -> list[list[float | None]]:

@@ -216,7 +216,7 @@ def _by_repetition(
 ) -> list[FloatArray]:
     """Mean of the translational errors, µm, of two groups in the order of their common repetitions.
 
-    A repetition has the same noise, whatever the way.
+    All ways have the same noise in a repetition, so they can be compared in pairs.
     """
     by = [{run.parameters["repetition"]: run for run in runs} for runs in groups]
     common = sorted(set(by[0]) & set(by[1]))

@@ -24,7 +24,7 @@ PAIRS = 30
 STEPS = 576
 """48 h at 5 min, each of the two load cases."""
 REST = 12
-"""Steps without load at the start of each: the longest model's past; they are not judged."""
+"""Steps without load at the start of each load case, as many as the longest model looks back; they are not judged."""
 HIGHEST_W = (150.0, 90.0)
 HOLD_STEPS = (12, 48)
 """A load lasts 1 to 4 h."""
@@ -49,7 +49,7 @@ def runs(seed: int, small: bool) -> list[RunParameters]:
 
 
 def heat(rng: np.random.Generator) -> FloatArray:
-    """(STEPS, 2) W: after the rest each source stands at a random level for a random time."""
+    """(STEPS, 2) W: after the rest each source has random levels, each for a random time."""
     loads = np.zeros((STEPS, len(SOURCES)))
     for s, highest in enumerate(HIGHEST_W):
         k = REST
@@ -63,7 +63,7 @@ def heat(rng: np.random.Generator) -> FloatArray:
 def recordings(parameters: RunParameters) -> list[tuple[FloatArray, FloatArray, FloatArray]]:
     """To learn from, and to be judged on: sensors (STEPS, 2) degC as read, true drift and measured drift (STEPS, 3) µm.
 
-    The loads depend on seed and pair only: near and far, clean and noisy are the same days.
+    The loads depend only on seed and pair: days with near or far, clean or noisy sensors have the same loads.
     """
     chosen = [THERMOMETERS.index(name) for name in PLACES[parameters["sensors"]]]
     rng = np.random.default_rng([parameters["seed"], parameters["pair"]])
@@ -108,7 +108,7 @@ def judge_forecast(truth: FloatArray, predicted: FloatArray) -> dict[str, float]
 def model_predictions(
     direction: str, u: FloatArray, y: FloatArray, new_u: FloatArray, new_y: FloatArray
 ) -> dict[str, FloatArray | None]:
-    """(STEPS,) µm by model. u, y: to learn from, every row measured; new_y: only what a method may see is used."""
+    """(STEPS,) µm by model. u, y: the rows to learn from, all measured; of new_y a method uses only what it may see."""
     steps = np.arange(len(new_y))
     found: dict[str, FloatArray | None] = {
         "none": np.zeros(len(new_y)),
@@ -150,7 +150,7 @@ def model_predictions(
 def _by_training(
     u: FloatArray, y: FloatArray, new_u: FloatArray, start: float, settings: TrainingSettings
 ) -> FloatArray | None:
-    """What the gateway itself would learn with its default settings; the drift takes the place of the first error."""
+    """The forecast of the gateway with its default settings; the drift takes the place of the first error."""
     measured = np.full((len(y), len(THERMAL_ERRORS)), np.nan)
     measured[:, 0] = y
     valid: BoolArray = np.ones(u.shape, dtype=np.bool_)
@@ -164,7 +164,7 @@ def _by_training(
 
 
 def _by_learner(u: FloatArray, y: FloatArray, new_u: FloatArray, start: float) -> FloatArray:
-    """The learner from the same rows, then a day off, one measurement, and the free run."""
+    """The learner's forecast: it learns from the same rows; then a day off, one measurement, and the free run."""
     controller = Controller(("first", "second"), TalcSettings(method="learner"))
     valid, errors = np.ones(2, dtype=np.bool_), len(THERMAL_ERRORS)
     sigma = np.full(errors, PROBING_NOISE_um)

@@ -20,7 +20,7 @@ PAPER = {
         "ARX": {"PV": 62.3, "RMSE": 3.5, "P99": 7.4, "SMAPE": 41.9},
     },
 }
-"""The paper's Table 2, validation. Its machine, loads and sensors are not known well enough to be ours."""
+"""The paper's Table 2, validation. Its machine, loads and sensors are not known well enough to simulate them."""
 _DIVERGED = 10.0
 """A model that leaves more than this many times the uncompensated error has run away."""
 _EIGHT = [(direction, name) for direction in PAPER for name in FIGURES]

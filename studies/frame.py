@@ -25,12 +25,12 @@ from studies.page import Origin, Report, write_page
 RunParameters = Mapping[str, Any]
 """JSON-able; contains everything that a run depends on, including its seed."""
 Only = Mapping[str, Sequence[str]]
-"""Parameter to the values, as text, of the runs that are wanted."""
+"""For each parameter, its values in the wanted runs, as text."""
 _PHYSICS = ("plant", "cases", "three_body")
 """Packages of the simulators that studies use."""
 _CODE = {".py", ".json", ".toml", ".cpp", ".hpp"}
 _LEARNER = ("learner", "kernel/learner.hpp")
-"""Of talc: what only the learner uses."""
+"""The part of talc that only the learner uses."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,11 +57,11 @@ class Study:
     """A function of a module, so that other processes find it; the same parameters give the same result."""
     report: Callable[[list[Run]], Report]
     then: Callable[[list[Run]], list[RunParameters]] | None = None
-    """Runs that depend on the results of the first ones, such as other seeds for what was chosen among them."""
+    """Runs that depend on the results of the first ones, such as the chosen parameters with other seeds."""
     goal_min: float | None = None
     """How long all of it may take on two cores."""
     learns: Callable[[RunParameters], bool] | None = None
-    """Whether a run uses the learner; None: all may. The others are not done again when only the learner changed."""
+    """Whether a run uses the learner; None: any may. The others are not done again when only the learner changed."""
 
 
 @cache
@@ -111,7 +111,7 @@ def key(study: Study, parameters: RunParameters) -> str:
 def carry_out(
     study: Study, folder: Path, seed: int, small: bool, workers: int, only: Only | None = None
 ) -> Iterator[tuple[int, int]]:
-    """Do what is not done yet, then write the report. Yields (runs done, runs in all), first those already there.
+    """Do the missing runs, then write the report. Yields (runs done, all runs), first for the runs already there.
 
     A study that was stopped continues where it was. ValueError: no worker; `only` names a parameter or a value that no
     run has. An exception of a run ends the study.
@@ -133,7 +133,7 @@ def carry_out(
 
 
 def chosen(runs: list[RunParameters], only: Only) -> list[RunParameters]:
-    """Those with one of the values of each parameter in `only`, or without that parameter.
+    """The runs that have one of the values of each parameter in `only`, or lack that parameter.
 
     ValueError: no run has the parameter or the value.
     """
@@ -153,7 +153,7 @@ def chosen(runs: list[RunParameters], only: Only) -> list[RunParameters]:
 def _do(
     study: Study, kept: Path, wanted: list[RunParameters], workers: int, before: int
 ) -> Generator[tuple[int, int], None, list[Run]]:
-    """Runs that `kept` does not have yet, in parallel; `before` runs are done already. Returns all that are wanted."""
+    """Do the runs that `kept` lacks, in parallel; `before` runs are done already. Returns all wanted runs."""
     files = [kept / f"{key(study, parameters)}.json" for parameters in wanted]
     runs = {file: run for file in files if (run := _stored(file)) is not None}
     yield before + len(runs), before + len(wanted)
@@ -182,7 +182,7 @@ def _timed(run: Callable[[RunParameters], Mapping[str, Any]], parameters: RunPar
 
 
 def _end_with_parent() -> None:
-    """Without this, a worker of a terminated study would continue its run for a minute or two."""
+    """End this worker with its parent. Otherwise it would continue its run for a minute or two."""
     parent = parent_process()
     if parent is not None:
         Thread(target=_exit_after, args=[parent], daemon=True).start()

@@ -56,11 +56,11 @@ class Course:
     """(T,) a measurement was made."""
     phases: tuple[Phase, ...]
     updates: tuple[tuple[int, ModelSet], ...]
-    """Row after which models were adopted, and the training's result; the first ones end the calibration."""
+    """Row after which models were adopted, and the training's result; the first adoption ends the calibration."""
 
 
 def days(recording: PlantRecording, seed: int) -> Days:
-    """With probing noise (1 µm a touch) and the steps of the temperature modules."""
+    """The recording with probing noise (1 µm a touch), in the steps of the temperature modules."""
     design = design_matrix(POSES, RADIUS_M, HEIGHT_M)
     covariance = np.linalg.inv(design.T @ design) * TOUCH_UM**2
     noise = np.random.default_rng([seed, 11]).multivariate_normal(np.zeros(9), covariance, len(recording.errors))
@@ -80,7 +80,8 @@ def control(
 ) -> Course:
     """Run the controller over the days; a training (`learn`) ends within its step.
 
-    measured: (t,) whether the first t rows have a measurement; in later ones the controller asks for it. None: in all.
+    measured: (t,) whether the first t rows have a measurement; in later rows the controller requests it. None: it
+    requests all.
     """
     controller = Controller(series.names, settings, step_s)
     given = np.zeros(0, dtype=np.bool_) if measured is None else measured
@@ -119,7 +120,8 @@ def held(series: Days, used: BoolArray) -> FloatArray:
 def regressed(series: Days, used: BoolArray, renewed: BoolArray | None = None) -> FloatArray:
     """(T, 9) by a linear regression on all inputs, from all measurements so far; NaN before 24.
 
-    renewed: (T,) measurements at which its gains are; None: at each. In between the last measurement sets its level."""
+    renewed: (T,) measurements at which its gains are computed; None: at each. In between, only its level is set, by the
+    last measurement."""
     estimate = np.full(series.truth.shape, np.nan)
     inputs = filled(series.inputs)
     rows = np.flatnonzero(used)
@@ -137,13 +139,13 @@ def regressed(series: Days, used: BoolArray, renewed: BoolArray | None = None) -
 
 
 def fitted_in_hindsight(series: Days, rows: BoolArray) -> FloatArray:
-    """(T, 9) by the same regression on the true errors of all these rows: how linear they are in the inputs."""
+    """(T, 9) by the same regression on the true errors of all these rows; shows how linear they are in the inputs."""
     known = np.flatnonzero(rows)
     return _fitted(filled(series.inputs), known, series.truth[known])
 
 
 def _fitted(inputs: FloatArray, known: NDArray[np.intp], errors: FloatArray) -> FloatArray:
-    """(T, 9) on all rows, with the gains of the known ones."""
+    """(T, 9) errors of all rows, with gains from the known rows."""
     mean, std = inputs[known].mean(axis=0), inputs[known].std(axis=0)
     varied = std > 1e-9
     x = (inputs[:, varied] - mean[varied]) / std[varied]

@@ -16,7 +16,7 @@ from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
 _PROSE_WIDTH = 120
-"""As of all pages."""
+"""Characters of a line, as on all pages of docs."""
 _STYLE: dict[Any, Any] = {
     "svg.fonttype": "none",
     "svg.hashsalt": "talc-gateway",
@@ -46,7 +46,7 @@ class Table:
     rows: tuple[TableRow, ...]
 
     def markdown(self) -> str:
-        """The paper's lines in italics."""
+        """The table as Markdown, with the paper's lines in italics."""
         lines = [f"| {' | '.join(self.head)} |", "|---|" + "---:|" * (len(self.head) - 1)]
         for row in self.rows:
             cells = [f"*{cell}*" if row.paper and cell else cell for cell in row.cells]
@@ -72,7 +72,7 @@ class PageSection:
 
 @dataclass(frozen=True, slots=True)
 class Claim:
-    """What the paper found, what was found here, and what decides it."""
+    """A finding of the paper, the finding here, and the criterion that compares them."""
 
     text: str
     paper: str
@@ -103,7 +103,7 @@ class Origin:
     seed: int
     versions: str
     code: str
-    """Start of the fingerprint of the code behind the figures; another one means other code."""
+    """First digits of the fingerprint of the code that made the figures; other code has others."""
     took: str
     """How long it took, on how many cores."""
     again: str
@@ -112,7 +112,7 @@ class Origin:
 
 
 def figure(width: float, height: float) -> Figure:
-    """An empty figure, size in inches, in the studies' style once it is drawn inside `style`."""
+    """An empty figure, size in inches. Draw it inside `style`."""
     return Figure(figsize=(width, height), layout="constrained")
 
 

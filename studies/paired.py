@@ -20,7 +20,7 @@ class Paired:
 
     @property
     def sure(self) -> bool:
-        """The second is smaller by more than twice the standard error; for a single pair its sign decides."""
+        """Whether the second is smaller by more than twice the standard error; of a single pair, smaller at all."""
         return bool(self.less > (0.0 if np.isnan(self.reach) else self.reach))
 
     def __str__(self) -> str:

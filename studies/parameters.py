@@ -31,7 +31,7 @@ CYCLE_S = 95.0
 CALIBRATION_H = (4.0, 5.0, 6.5, 8.0, 9.5, 11.0, 12.5, 14.0, 16.0, 18.0, 20.0, 22.0, 24.0)
 INTERVAL_H = (0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0)
 NO_GOOD = tuple(range(2, 27, 2))
-"""13 x 13 x 13 = 2,197 combinations; B19 has 2,191, of which no list is available. Its best set is among ours."""
+"""13 x 13 x 13 = 2,197 combinations. B19 has 2,191; no list of them is available. Its best set is among ours."""
 BEST_NO_GOOD = 12
 """The paper's best common set: 6.5 h, then 2 h, no good 12 x 10 min."""
 SHARES, SOONEST_H = (1.0, 1.5, 2.0, 3.0), 0.5
@@ -44,13 +44,13 @@ SPARSE, LEAST_CALIBRATION = (2, 3, 6), 24
 LEARNT_H, HOURLY = (12.0, 24.0), 6
 """The learner is measured every hour at first, for this number of steps."""
 LEARNT_UM = (2.5, 3.5, 5.0, 7.0, 10.0)
-"""Limits under which it asks for measurements itself."""
+"""Limits of uncertainty at which the learner requests measurements itself."""
 OTHER_SEEDS = 3
 """Seeds and machines on which the chosen sets are judged again."""
 SPARSE_INTERVAL_H, SPARSE_NO_GOOD = (1.0, 2.0, 3.0, 4.0, 6.0, 8.0), (2, 4, 8, 12)
 """Fixed intervals after such a calibration: as many sets as there are policies."""
 _SMALL = ("uncertainty 2, 0.5 to 16 h, 4", "each 4 h, 4")
-"""What the small version has of each kind."""
+"""One set of each kind, for the small version."""
 TRAINING = TrainingSettings(static_inputs=True, max_nb=1)
 """Inputs are chosen in the calibration and kept, as B19's are; orders up to 1 and parameters are renewed."""
 _LEARNER_WAYS = (
@@ -61,9 +61,9 @@ POSITIONS = np.array([ERROR_UNITS[name] == MICROMETRE for name in THERMAL_ERRORS
 
 
 def runs(seed: int, small: bool) -> list[RunParameters]:
-    """One for each load case and calibration length; the small version has two with a few combinations.
+    """One run for each load case and calibration length; the small version has two with a few combinations.
 
-    And one for each load case of the regression, with as many intervals and calibrations as the models have.
+    The regression also has one run for each load case, with as many intervals and calibrations as the models have.
     """
     cases, calibrations = (("A",), (6.5, 8.0)) if small else (get_args(Letter), CALIBRATION_H)
     grid = [
@@ -76,12 +76,12 @@ def runs(seed: int, small: bool) -> list[RunParameters]:
 
 
 def learns(parameters: RunParameters) -> bool:
-    """Whether a run is the learner's, or of chosen sets, among which are the learner's."""
+    """Whether a run uses the learner. Runs of chosen sets do: some of these sets are the learner's."""
     return "sets" in parameters or parameters.get("peer") == "learner"
 
 
 def then(first: list[Run]) -> list[RunParameters]:
-    """The sets chosen on one seed and machine: there beside closer peers, on other seeds, on other machines."""
+    """Runs of the sets chosen on one seed and machine: there with more comparisons, and on other seeds and machines."""
     seed, small = first[0].parameters["seed"], first[0].parameters["small"]
     seeds, machines = (1, ("warm",)) if small else (OTHER_SEEDS, MACHINES[1:])
     places = [(seed + n, "base") for n in range(seeds + 1)] + [(seed, machine) for machine in machines]
@@ -103,7 +103,7 @@ def case_days(case: Letter, seed: int, machine: str = "base") -> Days:
 
 
 def run(parameters: RunParameters) -> Mapping[str, Any]:
-    """One calibration length, the regression's sets, or the chosen sets somewhere."""
+    """Figures of one calibration length, of the regression's sets, or of the chosen sets on one series."""
     if "sets" in parameters:
         return _chosen(parameters)
     match parameters.get("peer"):
@@ -123,7 +123,7 @@ def _grid(parameters: RunParameters) -> Mapping[str, Any]:
     first: dict[tuple[int, int], ModelSet] = {}
 
     def learn(job: TrainingJob) -> ModelSet:
-        # The first training sees the same rows whatever follows.
+        # The first training sees the same rows in every combination.
         if job.static_inputs is not None:
             return train(job)
         seen = (job.k, int(np.isfinite(job.measured).any(axis=1).sum()))
@@ -191,7 +191,7 @@ def _learner(parameters: RunParameters) -> Mapping[str, Any]:
 
 
 def _learnt(here: Days, length_h: float, name: str) -> Course:
-    """A course by the name of its way."""
+    """The learner's course, measured in the way of this name."""
     first = np.zeros(_steps(length_h) + 1, dtype=np.bool_)
     first[::HOURLY] = True
     number = float(name.split()[2])
@@ -210,7 +210,7 @@ def _learnt(here: Days, length_h: float, name: str) -> Course:
 
 
 def _chosen(parameters: RunParameters) -> Mapping[str, Any]:
-    """`sets`: each chosen set's figures on this series, and for the models' ones peers with the same measurements."""
+    """`sets`: each chosen set's figures on this series; beside models, other methods with the same measurements."""
     here = case_days(parameters["case"], parameters["seed"], parameters["machine"])
     found = []
     for chosen in parameters["sets"]:
@@ -237,7 +237,7 @@ def _chosen(parameters: RunParameters) -> Mapping[str, Any]:
 
 
 def _beside(here: Days, settings: ControlSettings, course: Course, calibration_h: float) -> dict[str, float]:
-    """P99 of peers with a course's own measurements, and of models that choose their inputs at each update."""
+    """P99 of other methods with a course's measurements, and of models that choose their inputs at each update."""
     renewed = np.zeros_like(course.used)
     renewed[: _steps(calibration_h) + 1] = True
     renewed[[k for k, _ in course.updates]] = True
@@ -281,7 +281,7 @@ def _after(every: int) -> str:
 
 
 def _settings(chosen: Sequence[Any]) -> ControlSettings:
-    """Of a set by its key: lengths, or calibration and name."""
+    """Settings of the set with this key: three lengths, or calibration and name."""
     if len(chosen) == 3:
         return _control(*chosen)
     named = {

@@ -102,7 +102,7 @@ def _beside_regression(cases: list[str], chosen: Elsewhere, key: Key) -> Claim:
 
 
 def _with_few_measurements(cases: list[str], learner: ByCase) -> list[Claim]:
-    """Of one set of the learner on all load cases, the one whose worst P99 is least."""
+    """Claims on the set of the learner whose worst P99 over the load cases is least."""
     found = []
     for most, goal in _FEW.items():
         names = dict.fromkeys(key_of(p) for p in learner[cases[0]])

@@ -22,7 +22,7 @@ SeedMachine = tuple[int, str]
 
 @dataclass(frozen=True, slots=True)
 class Elsewhere:
-    """By place and load case, the points of the chosen sets by name."""
+    """Points of the chosen sets by name, for each place and load case."""
 
     sets: tuple[Key, ...]
     points: Mapping[tuple[SeedMachine, str], Mapping[str, StudyPoint]]
@@ -35,11 +35,11 @@ class Elsewhere:
 
     @property
     def places(self) -> list[SeedMachine]:
-        """First the one on which the sets were chosen."""
+        """All places; first the one on which the sets were chosen."""
         return list(dict.fromkeys(place for place, _ in self.points))
 
     def at(self, place: SeedMachine, key: Key) -> list[StudyPoint]:
-        """Of every load case."""
+        """The set's points on every load case."""
         return [points[name_of(key)] for (where, _), points in self.points.items() if where == place]
 
     def here(self, cases: list[str], key: Key, name: str) -> list[float]:
@@ -75,7 +75,7 @@ def elsewhere(runs: list[Run]) -> Elsewhere:
 
 
 def near_table(chosen: Elsewhere, cases: list[str], key: Key) -> Table:
-    """Peers with a set's own measurements."""
+    """Other methods with a set's measurements."""
     rows = [TableRow((title, *map(rounded_text, chosen.here(cases, key, name)))) for title, name in _PEERS.items()]
     made, updates, again = (
         [f"{n:.0f}" for n in chosen.here(cases, key, name)]

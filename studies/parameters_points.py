@@ -31,7 +31,7 @@ after calibrations measured less often, and the regression measured at the same 
 
 
 def fronts_of(runs: list[Run]) -> dict[str, ByCase]:
-    """By kind and load case, what the sets tried on one series gave."""
+    """Points of the sets that were tried on one series, by kind and load case."""
     tried = [run for run in runs if "sets" not in run.parameters]
     cases = dict.fromkeys(str(run.parameters["case"]) for run in tried)
     return {kind: {case: points_of(tried, case, kind) for case in cases} for kind in FRONTS}
@@ -69,13 +69,13 @@ def point_at(points: list[StudyPoint], key: Key) -> StudyPoint | None:
 
 
 def fewest_for(points: list[StudyPoint], p99: float) -> StudyPoint | None:
-    """The least measurements with a P99 of at most `p99`."""
+    """The point with the fewest measurements and a P99 of at most `p99`."""
     good = [p for p in points if p["P99"] <= p99]
     return min(good, key=lambda p: (p["measurements"], p["P99"])) if good else None
 
 
 def best_common(fixed: ByCase) -> Key | None:
-    """Largest mean Pd of the sets whose P99 is below the target on every load case."""
+    """The set with the largest mean Pd among those whose P99 is below the target on every load case."""
     by_key: dict[Key, list[StudyPoint]] = {}
     for points in fixed.values():
         for point in points:
@@ -95,7 +95,7 @@ def mean_made(points: ByCase, key: Key | None) -> float:
 def rivals(
     fixed: list[StudyPoint], adaptive: list[StudyPoint]
 ) -> list[tuple[str, float, StudyPoint | None, StudyPoint | None]]:
-    """At the target, and at what the paper's best set reaches: fewest measurements by a fixed interval, by a policy."""
+    """Fewest measurements by fixed interval and by policy, for the target P99 and for that of the paper's best set."""
     targets = [("P99 of at most 5 µm", TARGET_UM)]
     best = point_at(fixed, BEST)
     if best is not None:

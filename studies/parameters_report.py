@@ -130,7 +130,7 @@ def _pair(point: StudyPoint | None) -> str:
 
 
 def _bounds(runs: list[Run], cases: list[str]) -> Table:
-    """What does not depend on a set's measurements."""
+    """Figures that do not depend on a set's measurements."""
     none = {
         str(r.parameters["case"]): r.result["none"]["P99"] for r in runs if r.parameters.get("calibration_h") == BEST[0]
     }

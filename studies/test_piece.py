@@ -2,7 +2,7 @@
 
 A day of calibration under changing loads, a night of rest, then 4 h of the C axis at 1200 1/min and 4 h of rest; each
 hour a set of features is milled. A feature's deviation is that of the tool against the workpiece when it is milled,
-against the first set. The same with the other axes (ISO 230-3's tests), machines, and failing sensors.
+relative to the first set. The same with the other axes (ISO 230-3's tests), machines, and failing sensors.
 """
 
 from collections.abc import Mapping, Sequence
@@ -26,7 +26,7 @@ HOUR = 12
 """Steps."""
 CALIBRATION_H, REST_H, WARM_H, COOL_H = 24, 12, 4, 4
 IDLE_H = 12
-"""The machine is on before its calibration begins."""
+"""Hours for which the machine is on before its calibration begins."""
 SETS = WARM_H + COOL_H + 1
 
 FEATURES: dict[str, tuple[tuple[float, float, float], float, float, tuple[float, float, float]]] = {
@@ -76,7 +76,7 @@ def failures(channels: Sequence[str], seed: int) -> list[Failure]:
 
 
 def run(parameters: RunParameters) -> Mapping[str, Any]:
-    """By method, without and with the workpiece's growth: (sets, features) µm against the first set."""
+    """By method, without and with the workpiece's growth: (sets, features) µm relative to the first set."""
     seed = 1000 * parameters["seed"] + parameters["repetition"]
     rest, machine = MachineDrive(), load_machine(parameters["machine"])
     test = warm_up_and_cool_down(parameters["axis"], share=1.0, warm_h=WARM_H, cool_h=COOL_H, step_s=STEP_S)
@@ -123,7 +123,7 @@ def run(parameters: RunParameters) -> Mapping[str, Any]:
 
 
 def workpiece(table_degC: FloatArray, air_degC: FloatArray) -> FloatArray:
-    """(T,) degC: the workpiece's mean temperature follows table and air; before the first row it had settled."""
+    """(T,) degC: the workpiece's mean temperature, which follows table and air; in the first row it has settled."""
     to_table, to_air = STEP_S / TO_TABLE_S, STEP_S / TO_AIR_S
     rate = to_table + to_air
     keep = np.exp(-rate)
@@ -146,7 +146,7 @@ def deviations(errors: FloatArray) -> FloatArray:
 
 
 def growth(warmer_K: float) -> FloatArray:
-    """(features,) µm that a warmer workpiece loses there after cooling."""
+    """(features,) µm by which a feature of a warmer workpiece shrinks when the workpiece cools."""
     found = []
     for point, _, _, direction in FEATURES.values():
         shift = workpiece_growth(

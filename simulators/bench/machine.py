@@ -44,7 +44,7 @@ class BenchMachine:
     seed: determines weather, loads, sensor noise and probing noise
     clock: simulated time, read only
     hours: simulated hours that the load case must cover
-    errors: with which its control follows the nine errors; None: it has no program for that, but takes other routes
+    errors: terms of its control's program for nine errors; None: it has no such program, but takes other routes
     rests: its program stops every five minutes for three, so that a probing cycle can be had in each grid step
     """
 
@@ -147,7 +147,7 @@ def _with_rests(seed: int, hours: float) -> LoadCase:
 
 
 class TruthRecorder:
-    """Writes what only a simulation can know, once per simulated minute, for the report."""
+    """Writes the true errors, which only a simulation knows, once per simulated minute, for the report."""
 
     def __init__(self, machine: BenchMachine, clock: SimulatedClock, path: Path) -> None:
         self._machine, self._clock = machine, clock

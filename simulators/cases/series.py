@@ -18,8 +18,8 @@ SEASONS = {
     "spring": Environment(),
     "summer": Environment(mean_degC=24.5, daily_amplitude_K=3.0, door_drop_K=1.0),
 }
-"""Halls at 18-28 degC at working height but for the door, with a daily swing of +-2 to 3 K. In summer the air from the
-door is little colder than the hall's (choice)."""
+"""Halls at 18-28 degC at working height, except near the open door, with a daily swing of +-2 to 3 K. In summer the air
+from the door is little colder than the hall's (choice)."""
 
 
 LONG_TERM_H = {"winter": 196, "spring": 72, "summer": 72}
@@ -39,7 +39,7 @@ def random_axes(seed: int, steps: int, *, wet_share: float = 0.3) -> tuple[Machi
     """A new random load in each row, on one axis or the spindle at a time (Z22 §5), or no load.
 
     Speeds are uniform up to HIGHEST; cutting fluid is on in `wet_share` of the rows (choice: the paper gives no
-    distributions). Z never moves: only its standby heat is there.
+    distributions). Z never moves: it gives only its standby heat.
 
     ValueError: a share outside 0 to 1 or a negative number of steps.
     """

@@ -25,7 +25,7 @@ def table_and_fluid(letter: Letter, seed: int, *, hours: float = 120.0, step_s: 
     A: blocks of 0.5-3 h at a random C speed up to 1200 1/min, a quarter of them at rest; always dry.
     B: the same speeds; cutting fluid always on.
     C: the same speeds; cutting fluid changes between on and off each 2-8 h.
-    D: as C for 16 h a day, the rest of the day everything off but the machine powered.
+    D: as C for 16 h a day; for the rest of the day everything is off, but the machine is powered.
 
     B19 varies C speed and cutting fluid in four load cases; lengths, speeds and the differences between them are our
     choice.
@@ -60,7 +60,7 @@ def _held(
     draw: np.random.Generator,
     value: Callable[[np.random.Generator], float],
 ) -> NDArray[np.float64]:
-    """(steps,) values that stand for a random time each."""
+    """(steps,) values, each of which lasts for a random time."""
     series, k = np.empty(steps), 0
     while k < steps:
         hold = max(1, round(draw.uniform(*hold_h) * 3600 / step_s))

@@ -146,7 +146,7 @@ class DeviceServer:
             send(self._tell, self.spoil, unit, reply)
 
     def _tell(self, data: bytes) -> None:
-        """What the line says goes to every client that is connected by then."""
+        """Send bytes from the line to every client that is connected by then."""
         for connection in self.server.connections:
             if connection.transport is not None and not connection.forgotten:
                 connection.transport.write(data)

@@ -135,7 +135,7 @@ _MBAP = 7
 def unnumbered(events: Iterable[Passed]) -> list[Passed]:
     """Modbus TCP: numbers of answers relative to their request's, requests numbered 0.
 
-    The gateway numbers its requests as it likes; a recorded answer that was late keeps being late by its number.
+    The gateway numbers its requests as it likes; a recorded answer that was late remains late by its number.
     """
     number = 0
     rest = 0

@@ -9,7 +9,7 @@ _MODULE_WORDS = 65
 
 
 class WagoCoupler:
-    """A unit for a TcpHost around modules such as Wago464, which say where in the image they stand.
+    """A unit for a TcpHost around modules such as Wago464, which state their place in the image.
 
     modules: as register 0x2030 lists them: 464 for a 750-464, bit 15 set for digital modules
     """

@@ -36,7 +36,7 @@ HURRY: Mapping[str, object] = {
     "FINE_REACH": 0.05,
     "FIND_FEED": 600,
 }
-"""Settings of a machine without mass: a cycle takes half a minute, because the touches themselves stay slow."""
+"""Settings of a machine with very high accelerations. A cycle still takes half a minute, because touches stay slow."""
 
 _NAMESPACES = ("--ipc", "--pid", "--mount", "--net", "--fork", "--mount-proc", "--kill-child")
 _AS_ORDINARY_USER = ("--user", "--map-current-user", "--keep-caps")

@@ -21,7 +21,7 @@ import linuxcnc
 
 _LIMIT_S = 60.0
 ARRIVED = 1e-7
-"""How near to its setpoint an axis has arrived, in the machine's units and degrees."""
+"""An axis has arrived within this distance of its setpoint, in the machine's units or degrees."""
 _LISTENS = "0A"
 """TCP_LISTEN in /proc/net/tcp."""
 
@@ -219,7 +219,7 @@ def _stopped(process: int) -> bool:
 
 
 def _sphere() -> Any:
-    """With the sphere, tool and pivot of the INI file; its code stands beside this one."""
+    """The sphere's HAL component, by the sphere, tool and pivot of LinuxCNC's files; its code is beside this file."""
     sys.path.insert(0, str(Path.cwd()))
     from simulators.linuxcnc.sphere import Sphere
 

@@ -47,7 +47,7 @@ class Sphere:
         self._errors = tuple(errors)
 
     def loosen(self, play_um: float) -> None:
-        """From one touch to the next it is lifted by this much, or falls back; 0: it is fixed."""
+        """Loosen the sphere: from one touch to the next it is lifted by this much, or falls back; 0: it is fixed."""
         self._play_mm = play_um * 1e-3
 
     def _run(self) -> None:

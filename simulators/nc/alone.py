@@ -1,4 +1,4 @@
-"""The emulated control as a separate program: an imagined machine in real time, and what it says while it runs."""
+"""The emulated control as a separate program: a simple machine in real time, and the lines it prints while it runs."""
 
 import asyncio
 import math
@@ -14,7 +14,8 @@ from simulators.nc.variables import COOLANT, DRIVES_ON, PROBE_IN_SPINDLE
 from simulators.nc.watchdog import R_OWNER, R_SILENCE, R_WATCH, WatchState
 
 GROWTH_UM = (0.0, 4.0, 6.0)
-"""How far the table has moved in X, Y, Z once it is warm: above the probing noise, and hardly ever a surprise."""
+"""How far the table has moved in X, Y, Z once it is warm: more than the probing noise, but rarely so much at once
+that a measurement needs confirmation."""
 REFERENCE_CYCLES = 5
 """This many probing cycles end before the table moves: a gateway's reference, [probing] reference_cycles."""
 _REST_S, _WORK_S, _PARTS = 50.0, 10.0, 10000
@@ -61,7 +62,7 @@ class GrowingTable:
 
 
 class ControlTold:
-    """What has happened at the control since it was last asked, in plain words."""
+    """What has happened at the control since the last call, in plain words."""
 
     def __init__(self) -> None:
         self._owner, self._watch = 0.0, 0.0

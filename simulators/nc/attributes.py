@@ -21,11 +21,11 @@ _PROBING = f"/Channel/Parameter/R[u1,{R_STATE}]"
 
 
 class Kernel(Protocol):
-    """What the service needs of the control."""
+    """The part of the control that the service needs."""
 
     @property
     def out_of_service(self) -> set[str]:
-        """Names of nodes whose values the control calls bad."""
+        """Names of nodes whose values the control reports as bad."""
         ...
 
     @property
@@ -44,7 +44,7 @@ class Kernel(Protocol):
         ...
 
     def wake(self) -> None:
-        """A value was written: there may be something new to wait for."""
+        """Called after a value was written: the next event may have changed."""
         ...
 
 

@@ -22,7 +22,7 @@ from simulators.nc.variables import variables
 
 NAMESPACE_URI = "SinumerikVarProvider"
 SHORTEST_SESSION_S = 1.0
-"""A session may ask for this or more; what a real control grants is not known."""
+"""Shortest session timeout that is granted. The shortest of a real control is not known."""
 
 
 class SimulatedClock(Protocol):
@@ -52,8 +52,8 @@ class EmulatedControl:
 
     Attributes
     ----------
-    out_of_service: names of the nodes whose values the control itself calls bad
-    write_protected: names of the nodes that nobody may write, whatever his rights
+    out_of_service: names of the nodes whose values the control itself reports as bad
+    write_protected: names of the nodes that nobody may write, whatever their rights
     sampling: False reports no more changes of subscribed nodes; their subscriptions give signs of life all the same
     before_read: awaited with the names of the nodes before a read is answered, like a control that takes its time
     """
@@ -179,7 +179,7 @@ class EmulatedControl:
         return 0 if self._server is None else len(self._server.iserver._external_sessions)
 
     def wake(self) -> None:
-        """Tell the task that there may be something new to wait for."""
+        """Tell the task that the next event may have changed."""
         self._wake.set()
 
     async def _work_off(self) -> None:

@@ -8,7 +8,7 @@ AC_PARAMS, AC_TIMERS = 64, 3
 """$AC_PARAM and $AC_TIMER of the channel: MD28254, MD28258."""
 
 POWER_ON = 4.0
-"""$P_PROG_EVENT while PROG_EVENT runs because of it; 0: the operator has called a program."""
+"""$P_PROG_EVENT while PROG_EVENT runs after power on; 0: the operator has called a program."""
 
 
 class MainRun:

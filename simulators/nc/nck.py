@@ -46,7 +46,7 @@ class MachineUnderControl(Protocol):
     ) -> tuple[float, float, float]:
         """Thermal deviation (X, Y, Z) in µm of the workpiece side from where the tool meets it, uncompensated.
 
-        A sphere on the table that stands 5 µm too far in X is found at +5 µm. The time of a call may be a few seconds
+        If a sphere on the table is 5 µm too far in +X, it is found at +5 µm. The time of a call may be a few seconds
         behind the simulated clock, because touches are processed when the control's loop wakes.
         """
         ...
@@ -76,11 +76,11 @@ class Nck:
     program: the machine's day
     seed: of the probing noise; the draw of a cycle depends on the seed and its start alone, not on how many
         cycles went before
-    programs: texts of what runs at power on; their synchronised actions are evaluated in each interpolation cycle.
-        None: the watchdog of simulators.nc.watchdog, which is what they are meant to do, at any step of time
+    programs: texts of the programs that run at power on; their synchronised actions are evaluated in each interpolation
+        cycle. None: the watchdog of simulators.nc.watchdog, which does what the programs should do, at any time step
     ipo_s: interpolation cycle
     r_count: how many R-parameters the channel has
-    errors: the control computes K0 from nine errors, as TALC_ERRORS is meant to, at any step of time; not with programs
+    errors: the control computes K0 from nine errors, as TALC_ERRORS should, at any time step; not with programs
     """
 
     def __init__(
@@ -211,7 +211,7 @@ class Nck:
         )
 
     def mean_loads(self, start_s: float, end_s: float) -> MeanLoads:
-        """Exact mean of the loads over a stretch of time that is over, probing cycles included. Alarms are not."""
+        """Exact mean of the loads over a past stretch of time. It includes probing cycles, but not stops by alarms."""
         if not end_s > start_s:
             raise ValueError(f"start_s = {start_s}, end_s = {end_s}: expected an end after the start")
         total = self.program.integral(end_s) - self.program.integral(start_s)
@@ -232,10 +232,10 @@ class Nck:
         """Set an R-parameter; the handshake's own ones take effect."""
         self.advance(now_s)
         if number == R_WATCH:
-            return  # the watchdog's own: it writes it again in its next cycle
+            return  # the watchdog owns it and writes it again in its next cycle
         other, self.r[number] = value != self.r[number], value
         if number == R_OWNER:
-            self._run(now_s)  # a gateway that leaves is silent from now on
+            self._run(now_s)  # the silence of a gateway that leaves begins now
         elif number == R_BEAT and other and self.main_run is None:
             self.watchdog.beat(now_s)
         elif number == R_REQUEST and value > 0 and value != self.cycle.answer.number:
@@ -252,7 +252,7 @@ class Nck:
         self._note(now_s, ramped=False)
 
     def power_on(self, now_s: float) -> None:
-        """Switched off and on again: TALC_START takes the offsets away, no gateway is known, no axis is referenced."""
+        """Switch off and on again: TALC_START removes the offsets, no gateway is known, no axis is referenced."""
         self.advance(now_s)
         self.cycle.interrupt(now_s, ReasonCode.STOPPED)
         self.k0_mm[:] = self.slope[:] = [0.0] * 3
@@ -302,7 +302,7 @@ class Nck:
     # Compensation ----------------------------------------------------------------------------------------------------
 
     def shift_um(self, positions_mm: Centre) -> Centre:
-        """What the control adds to where the tool stands: SD43900-43920, sag tables and R-parameters together, µm.
+        """The control's shift of the tool: the sum of SD43900-43920, sag tables and R-parameters, µm.
 
         Position-dependent form: K = K0 + tanβ (P - P0) per axis; a sag table adds its value times its weight
         (Function Manual Extended Functions, K3).
@@ -318,7 +318,7 @@ class Nck:
         return shift[0], shift[1], shift[2]
 
     def shift_then_um(self, then: MachineState) -> Centre:
-        """The shift where the axes were at a moment that is over, with the offsets that are in force now."""
+        """The shift at the axes' positions of a past moment, with the offsets that are in force now."""
         x, y, z, a, c = (then.positions[axis] for axis in AXIS_LETTERS)
         if self.errors is None or not self.referenced:
             return self.shift_um((x, y, z))

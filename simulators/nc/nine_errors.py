@@ -1,7 +1,7 @@
 """The nine errors on the NC as in TALC_ERRORS: slewed, and turned into K0 wherever the axes are. Knows no protocol.
 
-It states what the generated program must do, exact at any step of time; a control that runs for days would need hours
-to interpret the program in each of its cycles. A test compares the two.
+It does what the generated program must do, and is exact at any time step. To interpret the program in each of its
+cycles, an emulated control would need hours for a run of days. A test compares the two.
 """
 
 import math
@@ -25,14 +25,14 @@ _BRIDGED_UM, _IMPLAUSIBLE_UM = 1e-6, 1e6
 
 @dataclass(frozen=True, slots=True)
 class FollowingTerms:
-    """What the program keeps to, whatever a gateway writes. X, Y, Z are measured from where A and C meet."""
+    """Limits and sizes of the program, whatever a gateway writes. X, Y, Z are measured from where A and C meet."""
 
     slew_um_per_s: float
     radius_mm: float
-    """Radius at which ER0T is."""
+    """Radius to which ER0T refers."""
     bound_um: tuple[float, float, float]
     reach_mm: tuple[float, float]
-    """Farthest that the tool gets from where A and C meet, along X and across it."""
+    """Largest distance of the tool from where A and C meet, along X and across it."""
 
 
 class ErrorFollower:
@@ -63,7 +63,7 @@ class ErrorFollower:
         self.power_on(0.0)
 
     def power_on(self, now_s: float) -> None:
-        """Nothing is in force, and the program is there."""
+        """Nothing is in force, and the program shows its version and terms."""
         self._now_s = now_s
         self._force: ShiftOfTool = np.zeros(_ERRORS)
         self._bridge: ShiftOfTool = np.zeros(3)
@@ -84,12 +84,12 @@ class ErrorFollower:
         self._until(now_s)
 
     def shift_um(self, positions: Sequence[float]) -> ShiftOfTool:
-        """(3,) with what is in force, unless it is held: for X Y Z in mm, A C in degrees."""
+        """(3,) the shift with the errors in force, unless it is held. positions: X Y Z in mm, A C in degrees."""
         return self._within_bound(self._target(positions) + self._bridge)
 
     @property
     def held_um(self) -> ShiftOfTool:
-        """(3,) that stood still while the control probed, or at the end of a cycle that no gateway compensated."""
+        """(3,) the shift held while the control probed, or at the end of a cycle that no gateway compensated."""
         return np.array(self._r[R_PROBED : R_PROBED + 3]) * 1e3
 
     @property
@@ -123,7 +123,7 @@ class ErrorFollower:
             self._r[R_WANTED : R_WANTED + _ERRORS] = [0.0] * _ERRORS
 
     def _move(self, passed_s: float) -> None:
-        """Half of the slew takes the bridge back; until it is gone, the errors have the other half."""
+        """Half of the slew removes the bridge; until it is gone, the errors have the other half."""
         slew = self._terms.slew_um_per_s
         alive = self._r[R_WATCH] == WatchState.ALIVE
         rate = slew if alive else min(slew, self._r[R_RAMP] * 1e3)
@@ -140,7 +140,7 @@ class ErrorFollower:
             self._force = self._force + way * (reach / far)
 
     def _farthest(self, way: list[float]) -> float:
-        """How far an axis moves somewhere in reach when the nine move by this, µm; infinite if one is no number."""
+        """Largest move of an axis within reach for this change of the nine errors, µm; infinite for a NaN."""
         if not all(map(math.isfinite, way)):
             return math.inf
         ey0a, ez0a, ex0c, ey0c, ez0t, er0t, ea0c, eb0c, ec0c = way
@@ -150,7 +150,7 @@ class ErrorFollower:
         return max(x, max(ey0a, ez0a) + ey0c + ez0t + (grown + ea0c) * across + (eb0c + ec0c) * along)
 
     def _target(self, positions: Sequence[float]) -> ShiftOfTool:
-        """Within the bound. The chain is that of docs/kinematics.md; C does not matter."""
+        """The bounded shift for the errors in force. The chain is that of docs/kinematics.md; C has no effect."""
         x, y, z, a, _ = positions
         cos, sin = math.cos(math.radians(a)), math.sin(math.radians(a))
         px, py, pz = x * 1e-3, (cos * y + sin * z) * 1e-3, (cos * z - sin * y) * 1e-3

@@ -1,8 +1,8 @@
 """The machine's program as a pure function of time: a seeded sequence of operations with mean speeds.
 
 Z22 loads the machine with random load cases of five minutes; B19 varies C axis speed and cutting fluid in longer
-blocks, with standstill between them. A load case here combines both. It is indexed by the clock, not by parts made:
-time lost to probing does not shift the rest of the day, so runs of different methods see the same loads.
+blocks, with standstill between them. A load case here combines both. It is indexed by the clock and not by the number
+of parts made: time lost to probing does not shift the rest of the day, so runs of different methods see the same loads.
 """
 
 import math

@@ -9,7 +9,7 @@ from asyncua.ua.uatypes import NodeId, StatusCode, UInt32
 
 
 class Subscriptions(SubscriptionService):
-    """The library's, which a test makes fail."""
+    """The library's subscription service, which a test can make fail."""
 
     _silent = False
 

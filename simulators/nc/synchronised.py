@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from typing import Final
 
 HIGHEST_ID: Final = 255
-"""Highest id of a synchronised action; the control's own display of them has as many places."""
+"""Highest id of a synchronised action; the control's display of them has the same number of places."""
 LONGEST_BLOCK: Final = 512
 """Characters."""
 FUNCTIONS: Final[Mapping[str, Callable[[float], float]]] = {
@@ -91,7 +91,7 @@ class SynchronisedActions:
         return sorted(self._actions)
 
     def load(self, program: str) -> None:
-        """Run a program that assigns, defines, and ends if something is the case. Raises ProgramAlarm naming line and
+        """Run a program of assignments, definitions and conditional ends. Raises ProgramAlarm, which names line and
         cause."""
         passes = True
         for number, line in enumerate(program.splitlines(), 1):

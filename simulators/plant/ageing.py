@@ -16,9 +16,9 @@ class Ageing:
     """Slow drift of friction and of sensors. `Ageing(friction_sigma=0, sensor_K_per_100h=0)` has no drift."""
 
     friction_sigma: float = 0.08
-    """Standard deviation of each loss's logarithm: grease moves, preload settles (choice)."""
+    """Standard deviation of each loss's logarithm: the grease moves and the preload settles (choice)."""
     friction_tau_h: float = 150.0
-    """It forgets within about a week (choice)."""
+    """Correlation time: about a week (choice)."""
     sensor_K_per_100h: float = 0.05  # noqa: N815
     """Random walk of each temperature channel, standard deviation after 100 h (choice; Pt100 and amplifier)."""
 
@@ -33,7 +33,7 @@ class Drift:
         self._offset = [np.zeros(channels)]
 
     def friction(self, time_s: float) -> FloatArray:
-        """(s,) factors of the losses; before the start those of the start."""
+        """(s,) factors of the losses; before the start, those at the start."""
         k, part = self._at(time_s)
         return np.asarray(np.exp(self._log[k] + part * (self._log[k + 1] - self._log[k])), dtype=np.float64)
 
@@ -68,7 +68,7 @@ class FailureKind(StrEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Failure:
-    """One channel between two times since the start."""
+    """A failure of one channel between two times since the start."""
 
     channel: str
     kind: FailureKind

@@ -14,7 +14,7 @@ Matrix = Any
 
 @dataclass(frozen=True, slots=True)
 class Face:
-    """A patch of the skin: a film of h W/(m2 K) adds h * H to the body's matrix and draws it towards h * g * T."""
+    """A patch of the surface: a film of h W/(m2 K) adds h * H to the body's matrix, and h * g * T to its heat input."""
 
     H: Matrix
     """(n, n) m2, symmetric, positive semidefinite"""
@@ -37,7 +37,7 @@ class BodyModel:
     even: FloatArray
     """(n,) coordinates of 1 K everywhere"""
     elastic: FloatArray
-    """(10, n) µm/K and µm/m/K for 1e-6/K of expansion: nine errors, then the housing's part of the spindle's growth"""
+    """(10, n) µm/K and µm/m/K for 1e-6/K of expansion: nine errors, then the housing's share of the spindle growth"""
 
     def project(self, basis: FloatArray) -> "BodyModel":
         """Galerkin: every matrix X becomes V' X V, so symmetry, definiteness and stability stay for any films h >= 0.

@@ -12,7 +12,7 @@ from simulators.plant.joined import ZONES
 _WEATHER_STEP_S = 600.0
 _DAY_S = 86400.0
 _FORGOTTEN = 10.0
-"""After this many recovery times less than a millikelvin of a door's effect is left."""
+"""After this many recovery times, less than a millikelvin of the effect of an open door is left."""
 _HEIGHT_M = {"left": 1.0, "right": 1.0, "front": 1.0, "rear": 1.3, "high": 2.6, "ground": 0.0}
 """Height of each zone's air beside the machine above the hall's floor (assumed: panels' middle, portal's top)."""
 _DOOR_SHARE = {"left": 1.0, "right": 0.5, "front": 0.9, "rear": 0.4, "high": 0.3, "ground": 0.0}
@@ -42,7 +42,7 @@ class Environment:
 
 
 class Hall:
-    """Zone temperatures at any time since `start_utc`, also before it (negative seconds down to `-before_s`)."""
+    """Zone temperatures at any time since `start_utc`, or before it (negative seconds down to `-before_s`)."""
 
     def __init__(self, environment: Environment, seed: int, start_utc: datetime, before_s: float) -> None:
         self.environment, self._start, self._before_s = environment, start_utc, before_s
@@ -88,7 +88,8 @@ class Hall:
         return self._doors[day]
 
     def _door(self, day_s: float) -> float:
-        """Drop in K: towards the full drop within 3 min while open, back within `door_recovery_s`."""
+        """Drop in K: it tends to the full drop with a time constant of 3 min while the door is open, then back with
+        `door_recovery_s`."""
         drop, hour = 0.0, math.floor(day_s / 3600.0)
         if self._recent[0] != hour:
             day, long_ago = math.floor(day_s / _DAY_S), hour * 3600.0 - _FORGOTTEN * self.environment.door_recovery_s

@@ -24,12 +24,12 @@ SHIFTS = (1e-7, *np.logspace(-5.5, -2.5, 7).tolist())
 TOLERANCE_K = 0.2
 """Directions that contribute less than this to the snapshots of all causes are omitted."""
 TOLERANCE_WATCHED = 1.0
-"""The same for what determines the errors; those snapshots are scaled to 1 K on average."""
+"""The same for the adjoint snapshots, which determine the errors; they are scaled to 1 K on average."""
 _ZONE_K, _CHILLER_W = 3.0, 1000.0
 
 
 def snapshots(joined: Joined, table: Mapping[str, Any]) -> tuple[FloatArray, FloatArray]:
-    """(n, m) K each: answers to every source at full load and every zone; and, backwards, what each error watches.
+    """(n, m) K each: responses to every source at full load and to every zone; and adjoint solutions for each error.
 
     A rational Krylov space: solutions at real shifts (Antoulas 2005, ch. 11), for dry, wet and turning machines.
     """

@@ -94,7 +94,7 @@ class Plant:
     def zero(self, like: "Plant | None" = None) -> None:
         """Set the reference of errors and spindle growth to the present state, as after a reference measurement.
 
-        like: to the reference of another plant of the same machine, as in another season. ValueError: another machine.
+        like: take that of another plant of the same machine, as in another season. ValueError: another machine.
         """
         if like is not None and like.parameters is not self.parameters:
             raise ValueError("like: expected a plant of the same parameters")
@@ -126,9 +126,9 @@ class Plant:
     def deviation_um(self, x_mm: float, y_mm: float, z_mm: float, a_deg: float, c_deg: float) -> FloatArray:
         """(3,) µm by which the workpiece point that should be at (x, y, z) is away from it.
 
-        Origin where A and C meet. Small errors in homogeneous transforms T_A Rx(a) T_C against Rx(a); the table's
-        growth acts along C and, in proportion to the radius, outwards. `c_deg` drops out: the nine errors stand
-        before C in the chain and the table grows alike in all directions.
+        The origin is where A and C meet. Homogeneous transforms T_A Rx(a) T_C with small errors are compared with
+        Rx(a); the table's growth acts along C and, in proportion to the radius, outwards. `c_deg` has no effect: the
+        nine errors come before C in the chain, and the table grows equally in all directions.
         """
         del c_deg
         ey0a, ez0a, ex0c, ey0c, ez0t, er0t, ea0c, eb0c, ec0c = self.errors() * 1e-6
@@ -175,7 +175,8 @@ class Plant:
         self.state = self._network.step(self.state, load.films, heat, self._air, dt_s)
 
     def _note_stuck(self) -> None:
-        """A sensor's reading from now on; drawn here and not on reading, so that polling changes nothing."""
+        """Note the reading of a sensor that is stuck from now on. Noted here and not on reading, so that polling has no
+        effect."""
         for failure in self._failures:
             if (
                 failure.kind is FailureKind.STUCK

@@ -16,7 +16,7 @@ Box = tuple[float, float, float, float, float, float]
 
 @dataclass(frozen=True, slots=True)
 class Body:
-    """Boxes of one homogenised material: a casting's iron share is in every number."""
+    """Boxes of one homogenised material: every number accounts for the casting's share of iron."""
 
     boxes: tuple[Box, ...]
     heat_capacity: float

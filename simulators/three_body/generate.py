@@ -12,7 +12,7 @@ from simulators.plant import FloatArray
 from simulators.three_body.model import ThreeBody
 from simulators.three_body.solid import Solid, assemble
 
-_STATES = 14  # the least that keeps drift within 0.02 µm; 12 miss it in the steady state (0.0213)
+_STATES = 14  # the fewest that keep drift within 0.02 µm; with 12 it is 0.0213 in the steady state
 _SHIFTS = np.logspace(-6, -2, 9)  # 1/s: from beyond the slowest mode to below the 5-min step
 
 
@@ -26,7 +26,7 @@ def reduce_whole(solid: Solid, states: int = _STATES) -> ThreeBody:
         blocks += [once, factor.solve(solid.C @ once)]
     space = np.hstack(blocks)
     space /= np.sqrt(np.einsum("ij,ij->j", space, solid.C @ space))
-    # Directions that repeat others to rounding are dropped; the rest is orthonormal in C.
+    # Directions that depend on others within rounding are dropped; the rest is orthonormal in C.
     size, turn = eigh(space.T @ (solid.C @ space))
     keep = size > 1e-12 * size[-1]
     basis = space @ (turn[:, keep] / np.sqrt(size[keep]))

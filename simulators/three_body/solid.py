@@ -67,7 +67,7 @@ def mesh(size: float) -> MeshHex:
 def assemble(size: float = 0.1, free: bool = False) -> Solid:
     """The whole model. Three adjoint elastic solves make rows of the drift, so stepping is thermal only.
 
-    free: held at six displacements of three corners instead of the four feet, so that even warming strains nothing.
+    free: held at six displacements of three corners instead of the four feet, so that uniform warming causes no strain.
     """
     cells = mesh(size)
     heat = Basis(cells, ElementHex2(), intorder=4)
