@@ -227,7 +227,7 @@ def test_another_learner_leaves_the_runs_of_models_as_they_are(science: Path) ->
         ('"""Its step."""', "", False),
         ('    """Its gain."""\n', '    """Its gain,\n    without a unit."""\n', False),
         ("300.0", "301.0", True),
-        ("_STEP_S", "_STEP", True),
+        ("STEP_S", "STEP", True),
         ('"gain"', '"gains"', True),
         ("2 * gain", "gain * 2", True),
     ],
@@ -235,7 +235,7 @@ def test_another_learner_leaves_the_runs_of_models_as_they_are(science: Path) ->
 def test_a_fingerprint_is_of_the_code_and_not_of_its_prose(science: Path, old: str, new: str, other: bool) -> None:
     source = science / "added.py"
     text = (
-        '"""Of a model."""\n\n_STEP_S = 300.0  # seconds\n"""Its step."""\n\n\ndef gained(gain):\n    """Its gain."""\n'
+        '"""Of a model."""\n\nSTEP_S = 300.0  # seconds\n"""Its step."""\n\n\ndef gained(gain):\n    """Its gain."""\n'
     )
     text += '    return {"gain": 2 * gain}\n'
 
