@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from gateway.cli.run import stop_s
+from gateway.cli.running.run import stop_s
 from gateway.config import GatewayConfig, validate
 
 DEPLOY = Path(__file__).parents[1] / "deploy"

@@ -65,7 +65,9 @@ def test_a_reader_that_calls_the_service_is_noticed(importer: str, imported: str
     assert broken(graph)
 
 
-@pytest.mark.parametrize("importer", ["gateway.cli.doctor", "gateway.cli.run", "gateway.cli.main", "gateway.service"])
+@pytest.mark.parametrize(
+    "importer", ["gateway.cli.condition.doctor", "gateway.cli.running.run", "gateway.cli.main", "gateway.service"]
+)
 def test_a_command_that_needs_no_simulator_and_imports_one_is_noticed(importer: str, tree: grimp.ImportGraph) -> None:
     graph = deepcopy(tree)
     graph.add_import(importer=importer, imported="simulators.devices")
@@ -75,10 +77,31 @@ def test_a_command_that_needs_no_simulator_and_imports_one_is_noticed(importer: 
 @pytest.mark.parametrize(
     ("importer", "imported"),
     [
+        ("conventions.exits", "running.run"),
+        ("running.run", "condition.status"),
+        ("running.serving", "emulated.demo"),
+        ("beside.web", "recorded.report"),
+        ("recorded.commands", "commissioning.scan"),
+        ("condition.status", "running.memory"),  # what others may use, but not this module
+        ("emulated.demo", "main"),
+    ],
+)
+def test_an_arrow_between_folders_of_commands_that_must_not_be_is_noticed(
+    importer: str, imported: str, tree: grimp.ImportGraph
+) -> None:
+    graph = deepcopy(tree)
+    assert {f"gateway.cli.{importer}", f"gateway.cli.{imported}"} <= graph.modules
+    graph.add_import(importer=f"gateway.cli.{importer}", imported=f"gateway.cli.{imported}")
+    assert broken(graph)
+
+
+@pytest.mark.parametrize(
+    ("importer", "imported"),
+    [
         *((room, "tests") for room in ("talc.arx", "gateway.service", "simulators.clock", "studies.page")),
         ("benchmarks.__main__", "tests"),
         ("benchmarks.__main__", "gateway.web"),
-        ("benchmarks.__main__", "gateway.cli.run"),
+        ("benchmarks.__main__", "gateway.cli.running.run"),
         ("studies.page", "gateway.config"),
         ("studies.page", "benchmarks"),
         *((room, "studies") for room in ("talc.arx", "drivers.base", "gateway.service", "simulators.clock")),

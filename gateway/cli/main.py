@@ -9,7 +9,7 @@ from typing import Literal
 
 import click
 
-from gateway.cli.arguments import (
+from gateway.cli.conventions.arguments import (
     SCAN_LIMIT_S,
     ConfigPath,
     FiniteNumber,
@@ -20,26 +20,26 @@ from gateway.cli.arguments import (
     heard_options,
     read_config,
 )
-from gateway.cli.exits import EXIT_WORLD, Commands
-from gateway.cli.extras import need_extra
-from gateway.cli.log import log_to_stderr
+from gateway.cli.conventions.exits import EXIT_WORLD, Commands
+from gateway.cli.conventions.extras import need_extra
+from gateway.cli.conventions.log import log_to_stderr
 from gateway.config import DEFAULT_PREFIX, LOOPBACK
 
 _ELSEWHERE = {
-    "agent-test": "gateway.cli.agent_test",
-    "collect": "gateway.cli.collect",
-    "command": "gateway.cli.command",
-    "db": "gateway.cli.db",
-    "doctor": "gateway.cli.condition",
-    "inspect": "gateway.cli.by_hand",
-    "nc": "gateway.cli.nc",
-    "opcua": "gateway.cli.opcua",
-    "prior": "gateway.cli.recorded",
-    "publish": "gateway.cli.publish",
-    "replay": "gateway.cli.recorded",
-    "report": "gateway.cli.recorded",
-    "scan": "gateway.cli.by_hand",
-    "status": "gateway.cli.condition",
+    "agent-test": "gateway.cli.commissioning.agent_test",
+    "collect": "gateway.cli.beside.collect",
+    "command": "gateway.cli.beside.command",
+    "db": "gateway.cli.recorded.db",
+    "doctor": "gateway.cli.condition.commands",
+    "inspect": "gateway.cli.commissioning.groups",
+    "nc": "gateway.cli.commissioning.nc",
+    "opcua": "gateway.cli.beside.opcua",
+    "prior": "gateway.cli.recorded.commands",
+    "publish": "gateway.cli.beside.publish",
+    "replay": "gateway.cli.recorded.commands",
+    "report": "gateway.cli.recorded.commands",
+    "scan": "gateway.cli.commissioning.groups",
+    "status": "gateway.cli.condition.commands",
 }
 """Commands that are not defined here."""
 
@@ -84,7 +84,7 @@ def init(config: Path, answers: Path | None, limit: float) -> None:
     `check` accepts. Lines that hold a guess say CONFIRM, and are listed. An existing file is never changed, except the
     untouched example of the Debian package: `scan --toml` adds to it.
     """
-    from gateway.cli.init import init as begin
+    from gateway.cli.commissioning.init import init as begin
 
     sys.exit(begin(config, answers, limit))
 
@@ -93,7 +93,7 @@ def init(config: Path, answers: Path | None, limit: float) -> None:
 @ConfigPath
 def check(config: Path) -> None:
     """Check CONFIG without touching the network."""
-    from gateway.cli.opening import armed, contents
+    from gateway.cli.running.opening import armed, contents
     from gateway.config import ConfigError, credential_problems, described, other_kinds, unarmed
     from gateway.scan import to_confirm
 
@@ -137,12 +137,12 @@ def probe(config: Path, watched: bool, seconds: float | None, every: float | Non
     if watched and try_writing:
         raise click.UsageError("--try-writing and --watch cannot be combined")
     if watched:
-        from gateway.cli.probe_watch import watch_channels as keep_watching
+        from gateway.cli.commissioning.probe_watch import watch_channels as keep_watching
 
         sys.exit(0 if keep_watching(read_config(config), seconds, every) else EXIT_WORLD)
     if seconds is not None or every is not None:
         raise click.UsageError("--seconds and --every need --watch")
-    from gateway.cli.probe import show
+    from gateway.cli.commissioning.probe import show
 
     sys.exit(0 if show(read_config(config), try_writing=try_writing) else EXIT_WORLD)
 
@@ -161,7 +161,7 @@ def record(config: Path, output: Path, seconds: float | None, most_mb: float) ->
     buses and devices of CONFIG, so that it can be played elsewhere. The NC is not recorded. Nothing is written to any
     device. Exit code 3: no channel could be read at any time.
     """
-    from gateway.cli.record import record as write_down
+    from gateway.cli.running.record import record as write_down
 
     if output.exists():
         raise click.UsageError(f"{output} already exists; recordings are not overwritten, so give another name with -o")
@@ -185,7 +185,7 @@ def play(file: Path, folder: Path | None, seconds: float | None, multicast: str 
     """
     _with_simulators()
     from drivers.can import is_multicast_group
-    from gateway.cli.play import play as be_devices
+    from gateway.cli.emulated.play import play as be_devices
 
     group = None
     if multicast is not None:
@@ -204,7 +204,7 @@ def play(file: Path, folder: Path | None, seconds: float | None, multicast: str 
               help="With --record: start a new file at this size.")  # fmt: skip
 def run(config: Path, wires: Path | None, record_mb: float) -> None:
     """Run the gateway of CONFIG until SIGINT or SIGTERM."""
-    from gateway.cli.run import run_service
+    from gateway.cli.running.run import run_service
     from gateway.config import credential_problems
 
     checked = read_config(config)
@@ -253,13 +253,13 @@ def demo(
     """Run an emulated machine and its gateway over real protocols, on this computer only."""
     _with_simulators()
     if nc == "linuxcnc":
-        from gateway.cli.demo_linuxcnc import run_linuxcnc_demo
+        from gateway.cli.emulated.demo_linuxcnc import run_linuxcnc_demo
 
         run_linuxcnc_demo(folder / "linuxcnc")
         return
     need_extra("report")
-    from gateway.cli.demo import run_demo
-    from gateway.cli.demo_machine import Demo
+    from gateway.cli.emulated.demo import run_demo
+    from gateway.cli.emulated.demo_machine import Demo
 
     if preset is not None and method == "learner":
         raise click.UsageError(f"--preset {preset} is a system of models, not the learner")
@@ -285,8 +285,8 @@ def watch(
     password_file: Path | None,
 ) -> None:
     """Follow a running gateway as an ordinary Zenoh subscriber: the gateway of CONFIG, or the one at --connect."""
-    from gateway.cli.watch import watch as follow
-    from gateway.cli.watch import watch_own
+    from gateway.cli.beside.watch import watch as follow
+    from gateway.cli.beside.watch import watch_own
 
     if config is not None:
         if connect or prefix or machine or authority or certificate or key or user or password_file:
@@ -317,8 +317,8 @@ def web(
     users in --settings.
     """
     need_extra("web")
-    from gateway.cli.heard import print_hash
-    from gateway.cli.web import WebCommand, serve_pages
+    from gateway.cli.beside.heard import print_hash
+    from gateway.cli.beside.web import WebCommand, serve_pages
 
     if make_password:
         print_hash()

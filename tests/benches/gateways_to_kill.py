@@ -9,7 +9,7 @@ import signal
 import sys
 from pathlib import Path
 
-from gateway.cli.run import run_service
+from gateway.cli.running.run import run_service
 from gateway.config import load
 
 

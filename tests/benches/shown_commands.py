@@ -82,30 +82,32 @@ TABLE: dict[str, HowShown] = {
     r"demo": RunElsewhere("tests/test_shown_commands.py", '"demo", "--hours", "2"'),
     r"demo --method models": RunElsewhere("tests/system/test_demo.py", '"--method", "models"'),
     r"demo --preset zimmermann-2022.*": RunElsewhere("tests/system/test_demo.py", '"--preset", "blaser-2019"'),
-    r"init (gateway\.toml|CONFIG)": RunElsewhere("tests/gateway/cli/test_init.py", '"init"'),
+    r"init (gateway\.toml|CONFIG)": RunElsewhere("tests/gateway/cli/commissioning/test_init.py", '"init"'),
     r"init /etc/.*": RunElsewhere("tests/system/test_debian_package.py", "talc-gateway init /"),
     r"probe /etc/.*": RunElsewhere("tests/system/test_debian_package.py", "talc-gateway probe /"),
     r"collect '?postgresql://.*": RunElsewhere("tests/gateway/collect/test_database_command.py", '"collect"'),
     r"collect (FOLDER|site) .*": RunElsewhere("tests/gateway/collect/test_network.py", '"collect"'),
     r"publish (OUTLETS|outlets\.toml.*)": RunElsewhere("tests/gateway/outlets/test_publish.py", '"publish"'),
-    r"watch.*": RunElsewhere("tests/gateway/cli/test_watch.py", '"watch"'),
+    r"watch.*": RunElsewhere("tests/gateway/cli/beside/test_watch.py", '"watch"'),
     r"web (CONFIG|gateway\.toml|--connect .*)": RunElsewhere("tests/benches/page_rig.py", '"web", '),
     r"opcua (CONFIG|gateway\.toml)": RunElsewhere("tests/gateway/umati/test_opcua_command.py", '"opcua"'),
     r"nc sinumerik-files (gateway\.toml|CONFIG)": RunElsewhere(
-        "tests/gateway/cli/test_nc_files.py", '"sinumerik-files"'
+        "tests/gateway/cli/commissioning/test_nc_files.py", '"sinumerik-files"'
     ),
     r"agent-test .*": RunElsewhere("tests/gateway/agent_test/test_agent_test.py", '"agent-test"'),
     r"command (pause|resume) .*": RunElsewhere("tests/gateway/telemetry/test_commands.py", '"command"'),
     # Wires.
     r"play (docs/example\.wire|field\.wire|FILE)": RunOnWires(),
     r"probe field\.wire\.play/.*": RunOnWires(),
-    r"probe .*\.play/.* --watch": RunElsewhere("tests/gateway/cli/test_probe_watch.py", '"--watch"'),
+    r"probe .*\.play/.* --watch": RunElsewhere("tests/gateway/cli/commissioning/test_probe_watch.py", '"--watch"'),
     r"probe (gateway\.toml|CONFIG)": RunOnWires(),
     r"probe gateway\.toml --watch .*": RunOnWires(),
-    r"probe gateway\.toml --try-writing": RunElsewhere("tests/gateway/cli/test_probe.py", '"--try-writing"'),
+    r"probe gateway\.toml --try-writing": RunElsewhere(
+        "tests/gateway/cli/commissioning/test_probe.py", '"--try-writing"'
+    ),
     r"record (gateway\.toml -o field\.wire|CONFIG)": RunOnWires(),
     r"run gateway\.toml --record field\.wire": RunOnWires(),
-    r"run CONFIG": RunElsewhere("tests/gateway/cli/test_service_manager.py", '"run"'),
+    r"run CONFIG": RunElsewhere("tests/gateway/cli/running/test_service_manager.py", '"run"'),
     r"scan ports": RunElsewhere("tests/gateway/scan/test_ports.py", '"ports"'),
     r"scan (serial|tcp|can) .*": RunElsewhere("tests/system/test_wiring_faults.py", "comparable"),
     r"inspect registers .*": RunElsewhere("tests/gateway/scan/test_inspect.py", '"registers"'),

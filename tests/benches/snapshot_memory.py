@@ -13,7 +13,7 @@ from unittest.mock import patch
 
 import numpy as np
 
-from gateway.cli.run import run_service
+from gateway.cli.running.run import run_service
 from gateway.clock import ServiceClock
 from gateway.config import GatewayConfig, load
 from gateway.events import DecisionMade, FrameMade, Sink
@@ -72,7 +72,7 @@ def main(path: Path, count: int) -> None:
     ) -> None:
         taken(config, clock, count)
 
-    with patch("gateway.cli.run.serve", snapshots_alone):
+    with patch("gateway.cli.running.run.serve", snapshots_alone):
         run_service(load(path), path)
 
 

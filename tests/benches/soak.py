@@ -30,8 +30,8 @@ from unittest.mock import patch
 import numpy as np
 
 from gateway.apart import apart
-from gateway.cli.memory import give_back_large_blocks
-from gateway.cli.running import serve
+from gateway.cli.running.memory import give_back_large_blocks
+from gateway.cli.running.serving import serve
 from gateway.clock import RealClock
 from gateway.config import GatewayConfig, load
 from gateway.control import sensor_watch, trainer

@@ -33,7 +33,7 @@ from numpy.typing import NDArray
 from drivers.base import Quality, Reading
 from gateway.acquisition import Board
 from gateway.acquisition.sample import samples
-from gateway.cli.memory import give_back_large_blocks
+from gateway.cli.running.memory import give_back_large_blocks
 from gateway.config import GatewayConfig, load
 from gateway.control import Explanations, PlannedLoads, SensorWatch
 from gateway.events import (

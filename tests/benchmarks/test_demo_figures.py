@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from benchmarks import demo
-from gateway.cli.demo_machine import Demo, talc_section
+from gateway.cli.emulated.demo_machine import Demo, talc_section
 from gateway.report import ReportData, Truth, summary
 from talc.settings import LearnerSettings, TalcSettings
 

@@ -14,8 +14,8 @@ from drivers.base import SetupError
 from drivers.canopen import CanOpenBus, Cia404Device
 from drivers.modbus import ModbusDevice, ModbusRtuBus
 from gateway.acquisition import Acquisition, ReloadError, apply, bus_changes, lines_of, read_once
-from gateway.cli.reloading import Reloading
-from gateway.cli.running import serve
+from gateway.cli.running.reloading import Reloading
+from gateway.cli.running.serving import serve
 from gateway.config import ConfigError, GatewayConfig, load
 from tests.benches.kept_events import KeptEvents
 from tests.benches.reloaded_service import service_of

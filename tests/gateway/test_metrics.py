@@ -16,7 +16,7 @@ from prometheus_client.parser import text_string_to_metric_families
 
 from drivers.base import Quality
 from gateway.acquisition import Sample
-from gateway.cli.running import serve
+from gateway.cli.running.serving import serve
 from gateway.config import ConfigError, Metrics, TelemetryTls, parse
 from gateway.events import (
     CompensationStepped,

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gateway.cli.running import serve
+from gateway.cli.running.serving import serve
 from gateway.config import GatewayConfig, load
 from gateway.storage import History
 from simulators.bench import gateway_toml

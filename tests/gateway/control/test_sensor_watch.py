@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from rich.console import Console
 
 from gateway.apart import WorkError
-from gateway.cli.view import ViewState, render
+from gateway.cli.beside.view import ViewState, render
 from gateway.control import SeenBefore, SensorWatch
 from gateway.events import EventReported, GatewayEvent, SensorsJudged
 from gateway.telemetry import Composer, SensorsMessage, decode, encode

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gateway.cli.running import serve
+from gateway.cli.running.serving import serve
 from gateway.config import GatewayConfig, parse
 from gateway.events import DecisionMade, FrameMade, ModelsAdopted
 from gateway.past import Interrupted, Past, Rebuilt, SnapshotKeeper, marks, past_in, past_of

@@ -6,7 +6,7 @@ from pathlib import Path
 from click.testing import CliRunner, Result
 
 from gateway.cli import main
-from gateway.cli.record import not_recorded
+from gateway.cli.running.record import not_recorded
 from gateway.config import load, packed_toml
 from gateway.recordings import WireLogWriter
 

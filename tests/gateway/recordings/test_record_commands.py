@@ -11,7 +11,7 @@ from pathlib import Path
 import can
 import pytest
 
-from gateway.cli.play import playing, read_wire_recording
+from gateway.cli.emulated.play import playing, read_wire_recording
 from gateway.recordings import read_wire_log
 from simulators.devices import M7015, Cia404Node, RtuLine, SlcanAdapter
 from simulators.devices.can_logger import CanLogger

@@ -12,7 +12,7 @@ from drivers.base import DriverError, Quality, Reading, SystemClock
 from drivers.build import make_bus, make_device
 from drivers.micro_epsilon.ethernet import find_block
 from gateway.acquisition import lines_of
-from gateway.cli.play import play_bus, read_wire_recording
+from gateway.cli.emulated.play import play_bus, read_wire_recording
 from gateway.clock import RealClock
 from gateway.config import parse, wires_toml
 from gateway.recordings import WireLog, WireLogWriter, read_wire_log

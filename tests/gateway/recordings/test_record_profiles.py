@@ -13,7 +13,7 @@ import pytest
 
 from drivers.modbus import ModbusProfile
 from drivers.profiles import load_profile
-from gateway.cli.play import playing, read_wire_recording
+from gateway.cli.emulated.play import playing, read_wire_recording
 from gateway.config import ConfigError, load, packed_toml, unpacked
 from gateway.recordings import read_wire_log
 from simulators.devices import M7015, RtuLine, SlcanAdapter

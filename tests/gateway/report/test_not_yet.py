@@ -130,7 +130,9 @@ def test_an_installation_without_the_page_maker_says_what_to_install(
     file = tmp_path / "g.sqlite"
     file.touch()
     monkeypatch.setattr(
-        sys.modules["gateway.cli.extras"], "find_spec", lambda name: None if name == "matplotlib" else object()
+        sys.modules["gateway.cli.conventions.extras"],
+        "find_spec",
+        lambda name: None if name == "matplotlib" else object(),
     )
     answer = CliRunner().invoke(main, [command] if command == "demo" else [command, str(file)])
     assert (answer.exit_code, "matplotlib not installed; pip install" in answer.output) == (2, True)

@@ -14,7 +14,7 @@ import zenoh
 
 from drivers.base import Quality
 from gateway.acquisition import Sample
-from gateway.cli.view import ViewState, feeding, render
+from gateway.cli.beside.view import ViewState, feeding, render
 from gateway.config import GatewayConfig, parse
 from gateway.events import (
     CompensationStepped,

@@ -12,7 +12,7 @@ from drivers.base import Quality, SystemClock
 from drivers.build import make_bus, make_device
 from drivers.mqtt.packets import publish_packet
 from drivers.section import LONGEST_ANSWER_S
-from gateway.cli.play import Played, play_bus
+from gateway.cli.emulated.play import Played, play_bus
 from gateway.recordings import WireEvent, WireLogWriter, read_wire_log
 from tests.benches.mosquitto import LIMIT_S, mosquitto
 

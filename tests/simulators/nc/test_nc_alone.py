@@ -16,7 +16,7 @@ from pathlib import Path
 
 import pytest
 
-from gateway.cli.running import serve
+from gateway.cli.running.serving import serve
 from gateway.config import parse
 from gateway.events import GatewayEvent, MeasurementEnded
 from gateway.probing import End, Outcome

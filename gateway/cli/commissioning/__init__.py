@@ -1,0 +1,7 @@
+"""Before a gateway runs: find devices and read them by hand, write its first configuration, prepare the control.
+
+The commands `scan`, `inspect`, `init`, `probe`, `nc` and `agent-test`. Others use the modules named here; none is
+imported.
+"""
+
+__all__ = ["agent_test", "groups", "init", "nc", "probe", "probe_watch"]

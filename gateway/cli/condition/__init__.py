@@ -1,0 +1,6 @@
+"""How a gateway is: `status` and `doctor`, which only look.
+
+Others use the module named here. It is not imported.
+"""
+
+__all__ = ["commands"]

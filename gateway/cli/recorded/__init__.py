@@ -1,0 +1,6 @@
+"""What was recorded: `db`, `replay`, `prior` and `report`.
+
+Others use the modules named here. None is imported.
+"""
+
+__all__ = ["commands", "db", "report"]
