@@ -8,7 +8,7 @@ if TYPE_CHECKING:
     from gateway.polling.boundary import UnexpectedError, contained, uncancelled, unexpected
     from gateway.polling.breaker import Breaker
     from gateway.polling.periodic import Periodic
-    from gateway.polling.problems import Notice, Notify, Problems
+    from gateway.polling.problems import Notice, Notify, Problems, TurnTime
 else:
     __getattr__ = on_first_use(
         __name__,
@@ -16,7 +16,7 @@ else:
             ".boundary": ("UnexpectedError", "contained", "uncancelled", "unexpected"),
             ".breaker": ("Breaker",),
             ".periodic": ("Periodic",),
-            ".problems": ("Notice", "Notify", "Problems"),
+            ".problems": ("Notice", "Notify", "Problems", "TurnTime"),
         },
     )
 
@@ -26,6 +26,7 @@ __all__ = [
     "Notify",
     "Periodic",
     "Problems",
+    "TurnTime",
     "UnexpectedError",
     "contained",
     "uncancelled",

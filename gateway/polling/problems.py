@@ -5,11 +5,12 @@ import traceback
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
-
-from drivers.base import Clock
+from typing import Protocol
 
 _STEADY_S, _STEADY_PERIODS = 60.0, 10
 """A problem unchanged for this long is steady; one that begins often within it is intermittent."""
+_MOST_KINDS = 10
+"""Of one problem, from its beginning to its end: the reason may be a text that is different each time."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,6 +24,26 @@ class Notice:
 
 
 Notify = Callable[[Notice], None]
+
+
+class Monotonic(Protocol):
+    """A clock, as far as problems need one."""
+
+    def monotonic(self) -> float:
+        """Seconds that never jump."""
+        ...
+
+
+@dataclass(slots=True)
+class TurnTime:
+    """The time of what is given its time at each turn, as a clock: it stands still within a turn."""
+
+    now_s: float = 0.0
+    """To be set as a turn begins, monotonic."""
+
+    def monotonic(self) -> float:
+        """See Monotonic."""
+        return self.now_s
 
 
 @dataclass(slots=True)
@@ -40,19 +61,27 @@ class Problems:
 
     A subject with more than `most` new problems before it has been steady is intermittent: that is reported with the
     last beginning, and then nothing until it has been steady. Steady means unchanged for a minute and for ten periods.
+    Of a problem that changes its kind again and again, ten kinds are reported until it ends.
 
     Parameters
     ----------
-    clock: its monotonic seconds are used
+    clock: a service's own, or a TurnTime
     period_s: how often the subjects are checked, s, > 0
     notify: receives each problem as it begins and as it ends
     log: where both are logged too, at the same level: a log that shows faults shows that they ended
     most: beginnings that are reported before a subject is steady
-    quiet: log only unexpected problems, because `notify` shows the rest
+    quiet: log only the first of each unexpected problem, with its traceback, because `notify` shows all
     """
 
     def __init__(
-        self, clock: Clock, period_s: float, notify: Notify, log: logging.Logger, *, most: int = 3, quiet: bool = False
+        self,
+        clock: Monotonic,
+        period_s: float,
+        notify: Notify,
+        log: logging.Logger,
+        *,
+        most: int = 3,
+        quiet: bool = False,
     ) -> None:
         self._clock, self._notify, self._log, self._most, self._quiet = clock, notify, log, most, quiet
         self._window_s = max(_STEADY_S, _STEADY_PERIODS * period_s)
@@ -70,7 +99,7 @@ class Problems:
         """How long a subject must be unchanged to be steady, s."""
         return self._window_s
 
-    def report(self, subject: str, kind: str, text: str, *, bug: Exception | None = None) -> None:
+    def report(self, subject: str, kind: str, text: str, *, bug: BaseException | None = None) -> None:
         """The subject has a problem. Call it whenever that is seen: it is reported when it begins or changes its kind.
 
         bug: an unexpected exception; it is logged, the first time with its traceback
@@ -79,9 +108,11 @@ class Problems:
         history = self._subjects.setdefault(subject, _SubjectHistory())
         if history.failing:
             history.muted &= now_s - history.changed_s < self._window_s
-            if history.muted or kind in history.kinds:
+            if history.muted or kind in history.kinds or len(history.kinds) >= _MOST_KINDS:
                 return
             history.kinds.add(kind)
+            if len(history.kinds) == _MOST_KINDS:
+                text += "; what else goes wrong is not reported until this has ended"
         else:
             history.failing, history.changed_s = True, now_s
             if history.muted:
@@ -93,11 +124,12 @@ class Problems:
             history.muted = len(history.begun_s) > self._most
             if history.muted:
                 text += f"; it is intermittent: reported again when it has been steady for {self._window_s:g} s"
-        if bug is not None or not self._quiet:
-            self._log.warning("%s", text, exc_info=self._first_of(bug))
+        first = self._first_of(bug)
+        if first is not None or not self._quiet:
+            self._log.warning("%s", text, exc_info=first)
         self._notify(Notice(subject, text))
 
-    def _first_of(self, bug: Exception | None) -> Exception | None:
+    def _first_of(self, bug: BaseException | None) -> BaseException | None:
         """The same, unless one of its kind and place has been logged."""
         if bug is None:
             return None

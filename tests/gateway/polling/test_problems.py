@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gateway.polling import Notice, Problems
+from gateway.polling import Notice, Problems, TurnTime
 from tests.benches.manual_clock import ManualClock
 
 WINDOW_S = 60.0
@@ -114,3 +114,39 @@ async def test_what_is_reported_is_logged_once_and_a_bug_with_its_traceback(capl
         ("WARNING", "a: silent", False),
         ("WARNING", "a: well", False),
     ]
+
+
+def test_of_reasons_that_are_always_others_ten_are_reported_until_the_problem_has_ended() -> None:
+    seen = Seen()
+    told = [seen.bad("a", f"line {n} is refused", float(n)) for n in range(100)]
+    said = [notice.text for notice in told if notice is not None]
+    assert said[:9] == [f"a: line {n} is refused" for n in range(9)]
+    assert said[9:] == ["a: line 9 is refused; what else goes wrong is not reported until this has ended"]
+    assert seen.well("a", 100.0)
+    assert seen.bad("a", "line 100 is refused", 101.0) == Notice("a", "a: line 100 is refused")
+
+
+def test_a_quiet_one_logs_each_unexpected_exception_once_and_notifies_of_all(caplog: pytest.LogCaptureFixture) -> None:
+    notices = list[Notice]()
+    problems = Problems(ManualClock(), 1.0, notices.append, LOG, quiet=True)
+    bug = ValueError("no rows")
+    for subject in ("a", "b", "a"):
+        problems.report(subject, "ValueError", f"{subject}: unexpected", bug=bug)
+    problems.report("c", "silent", "c: silent")
+    assert notices == [Notice("a", "a: unexpected"), Notice("b", "b: unexpected"), Notice("c", "c: silent")]
+    assert [(r.getMessage(), r.exc_info is not None) for r in caplog.records] == [("a: unexpected", True)]
+
+
+def test_what_is_given_its_time_at_each_turn_is_steady_by_that_time() -> None:
+    time, notices = TurnTime(), list[Notice]()
+    problems = Problems(time, 1.0, notices.append, LOG, most=1)
+    for now_s in (0.0, 10.0):
+        time.now_s = now_s
+        problems.report("a", "silent", "silent")
+        problems.clear("a", "well")
+    notices.clear()
+    for now_s in (10.0 + WINDOW_S - 0.1, 10.0 + WINDOW_S):
+        assert notices == []
+        time.now_s = now_s
+        problems.clear("a", "well")
+    assert notices == [Notice("a", "well", ended=True)]
