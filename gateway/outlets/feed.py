@@ -8,7 +8,7 @@ from time import monotonic
 
 from gateway.heard import instant
 from gateway.outlets.outlet import Outlet, OutletError, OutletMessage, OutletSettings, Unacceptable
-from gateway.polling import Breaker
+from gateway.polling import Breaker, Notice, Problems, TurnTime
 from gateway.telemetry import ReadingMessage, keys
 
 log = logging.getLogger(__name__)
@@ -36,7 +36,10 @@ class Feed:
         self._stopping = False
         self._open, self._problem = False, ""
         self._breaker = Breaker(_SHORTEST_PAUSE_S, _LONGEST_PAUSE_S)
-        self._gone_s, self._refusal, self._dropped_before = 0.0, "", 0
+        self._time = TurnTime()
+        self._problems = Problems(self._time, _LONGEST_PAUSE_S, self._noticed, log)
+        self._began: dict[str, tuple[float, int]] = {}
+        """By subject of a problem that was reported: when it began, and how many messages were lost until then."""
         self.sent = 0
         self.dropped = 0
         """Because too many were waiting."""
@@ -118,6 +121,7 @@ class Feed:
 
     def turn(self, now_s: float) -> float:
         """Send one batch, if it is time. Returns when the next turn is due, monotonic."""
+        self._time.now_s = now_s
         due_s = self._due_s(now_s)
         if due_s > now_s and (self._open or self._breaker.failing):
             return due_s
@@ -131,21 +135,38 @@ class Feed:
                 self._first_s = now_s
             if batch:
                 self._outlet.send(batch)
-            self.sent += len(batch)
+                self._accepted(len(batch))
         except Unacceptable as error:
-            self.unacceptable += len(batch)
-            if str(error) != self._refusal:
-                log.warning("%s: %d messages are not accepted and were dropped: %s", self._settings.name, len(batch),
-                            error)  # fmt: skip
-            self._refusal = str(error)
+            self._refused(len(batch), error)
         except OutletError as error:
-            return self._gone(batch, error, now_s)
-        except (Exception, SystemExit) as error:  # the outlet's fault, not the end of its feed
-            if (unexpected := f"unexpected {type(error).__name__}: {error}") != self._problem:
-                log.exception("%s: please report this", self._settings.name)
-            return self._gone(batch, OutletError(unexpected), now_s)
+            return self._gone(batch, str(error), now_s)
+        except (Exception, SystemExit) as error:  # noqa: BLE001 - an outlet's fault must not end its feed; it is reported
+            return self._gone(batch, f"unexpected {type(error).__name__}: {error}", now_s, bug=error)
         self._back(now_s)
         return self._due_s(now_s)
+
+    def _noticed(self, notice: Notice) -> None:
+        if notice.ended:
+            del self._began[notice.subject]
+        elif notice.subject not in self._began:
+            lost = self.dropped if notice.subject == self.name else self.unacceptable
+            self._began[notice.subject] = self._time.now_s, lost
+
+    def _accepted(self, messages: int) -> None:
+        self.sent += messages
+        _, before = self._began.get(self._acceptance, (0.0, self.unacceptable))
+        lost = self.unacceptable - before
+        self._problems.clear(self._acceptance, f"{self.name}: messages are accepted again; {lost} were dropped")
+
+    def _refused(self, messages: int, error: Unacceptable) -> None:
+        text = f"{self.name}: {messages} messages are not accepted and were dropped: {error}"
+        self._problems.report(self._acceptance, str(error), text)
+        self.unacceptable += messages
+
+    @property
+    def _acceptance(self) -> str:
+        """Subject: the outlet is there, but may not take what it is given."""
+        return f"messages of {self.name}"
 
     def _due_s(self, now_s: float) -> float:
         """When the next turn has something to do, monotonic."""
@@ -165,24 +186,24 @@ class Feed:
             log.debug("%s: closing raised %r", self._settings.name, error, exc_info=True)
         self._open = False
 
-    def _gone(self, batch: list[OutletMessage], error: OutletError, now_s: float) -> float:
+    def _gone(self, batch: list[OutletMessage], why: str, now_s: float, bug: BaseException | None = None) -> float:
         self._close()
+        kind = "away" if bug is None else type(bug).__name__
+        told = why if bug is None else f"{why}; please report this"
+        most = self._settings.most_waiting
+        self._problems.report(self.name, kind, f"{self.name}: {told}; messages wait, at most {most}", bug=bug)
         with self._news:
             self._waiting.extendleft(reversed(batch))
             self._bound()
-        if not self._breaker.failing:
-            self._gone_s, self._dropped_before = now_s, self.dropped
-            log.warning(
-                "%s: %s; messages wait, at most %d", self._settings.name, str(error), self._settings.most_waiting
-            )
-        self._problem = str(error)
+        self._problem = why
         self._breaker.failed(now_s)
         return self._breaker.retry_at
 
     def _back(self, now_s: float) -> None:
-        if self._breaker.failing:
-            lost = self.dropped - self._dropped_before
-            log.warning("%s: is back after %.0f s; %d messages were dropped meanwhile", self._settings.name,
-                        now_s - self._gone_s, lost)  # fmt: skip
         self._problem = ""
         self._breaker.succeeded()
+        since_s, before = self._began.get(self.name, (now_s, self.dropped))
+        lost = self.dropped - before
+        self._problems.clear(
+            self.name, f"{self.name}: is back after {now_s - since_s:.0f} s; {lost} messages were dropped meanwhile"
+        )

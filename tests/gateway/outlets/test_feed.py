@@ -99,7 +99,69 @@ def test_what_the_other_side_will_never_take_does_not_stop_the_rest(caplog: pyte
     feed.turn(0.0)
     assert [numbers(batch) for batch in outlet.sent] == [[3]]
     assert (feed.sent, feed.unacceptable) == (1, 2)
-    assert [r.message for r in caplog.records] == ["plant: 1 messages are not accepted and were dropped: unparsable"]
+    assert [r.message for r in caplog.records] == [
+        "plant: 1 messages are not accepted and were dropped: unparsable",
+        "plant: messages are accepted again; 2 were dropped",
+    ]
+
+
+def test_a_refusal_is_reported_again_after_it_ended_and_when_its_reason_changes(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    outlet, refused = FailingOutlet(), Unacceptable("of another type")
+    feed = Feed(settings(), outlet)
+    for now_s, failing in enumerate((refused, refused, None, refused, Unacceptable("too large"), refused, None)):
+        outlet.failing = failing
+        feed.put(reading(now_s), float(now_s))
+        feed.turn(float(now_s))
+    assert caplog.messages == [
+        "plant: 1 messages are not accepted and were dropped: of another type",
+        "plant: messages are accepted again; 2 were dropped",
+        "plant: 1 messages are not accepted and were dropped: of another type",
+        "plant: 1 messages are not accepted and were dropped: too large",
+        "plant: messages are accepted again; 3 were dropped",
+    ]
+
+
+def test_a_turn_without_messages_ends_no_refusal(caplog: pytest.LogCaptureFixture) -> None:
+    outlet = FailingOutlet()
+    feed = Feed(settings(), outlet)
+    outlet.failing = Unacceptable("of another type")
+    for now_s in (0.0, 100.0):
+        feed.put(reading(1), now_s)
+        feed.turn(now_s)
+        feed.turn(now_s + 90.0)
+    assert len(caplog.messages) == 1
+
+
+@pytest.mark.parametrize("failing", [OutletError("reset"), Unacceptable("of another type")], ids=["away", "refusing"])
+def test_an_intermittent_outlet_is_reported_so_and_then_not_until_it_was_steady_for_ten_minutes(
+    failing: OutletError, caplog: pytest.LogCaptureFixture
+) -> None:
+    outlet = FailingOutlet()
+    feed = Feed(settings(most_waiting=100), outlet)
+    for number in range(400):
+        outlet.failing = failing if number % 2 else None
+        feed.put(reading(number), 10.0 * number)
+        feed.turn(10.0 * number)
+    assert len(caplog.messages) == 7, "three beginnings and ends, and the beginning of what is intermittent"
+    assert caplog.messages[-1].endswith("; it is intermittent: reported again when it has been steady for 600 s")
+    outlet.failing = None
+    for second in range(4000, 4700, 10):
+        feed.put(reading(second), float(second))
+        feed.turn(float(second))
+    lost = "0 messages were dropped meanwhile" if feed.dropped == feed.unacceptable else "197 were dropped"
+    assert [message.rpartition("; ")[2] for message in caplog.messages[7:]] == [lost]
+
+
+def test_what_goes_wrong_while_it_is_away_is_not_another_line(caplog: pytest.LogCaptureFixture) -> None:
+    outlet = FailingOutlet()
+    feed, now_s = Feed(settings(), outlet), 0.0
+    for port in range(50000, 50020):
+        outlet.away = OutletError(f"refused from port {port}")
+        now_s = feed.turn(now_s)
+    assert caplog.messages == ["plant: refused from port 50000; messages wait, at most 20000"]
+    assert feed.problem == "refused from port 50019"
 
 
 def test_an_error_that_no_outlet_should_raise_ends_no_feed_and_loses_nothing(caplog: pytest.LogCaptureFixture) -> None:
@@ -110,10 +172,13 @@ def test_an_error_that_no_outlet_should_raise_ends_no_feed_and_loses_nothing(cap
     assert feed.turn(0.0) == 1.0
     assert feed.turn(1.0) == 3.0
     assert (feed.problem, feed.waiting) == ("unexpected RecursionError: too deep", 1)
-    assert [record.message for record in caplog.records if record.exc_info] == ["plant: please report this"]
     outlet.failing = None
     feed.turn(3.0)
     assert ([numbers(batch) for batch in outlet.sent], feed.problem) == ([[1]], "")
+    assert [(record.message, record.exc_info is not None) for record in caplog.records] == [
+        ("plant: unexpected RecursionError: too deep; please report this; messages wait, at most 20000", True),
+        ("plant: is back after 3 s; 0 messages were dropped meanwhile", False),
+    ]
 
 
 def test_a_library_that_wants_to_end_the_program_ends_no_feed(caplog: pytest.LogCaptureFixture) -> None:
@@ -123,6 +188,7 @@ def test_a_library_that_wants_to_end_the_program_ends_no_feed(caplog: pytest.Log
     outlet.failing = SystemExit(1)
     assert feed.turn(0.0) == 1.0
     assert "unexpected SystemExit: 1" in feed.problem
+    assert [record.exc_info is not None for record in caplog.records] == [True]
     outlet.failing = None
     feed.turn(1.0)
     assert [numbers(batch) for batch in outlet.sent] == [[1]]
