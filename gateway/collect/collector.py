@@ -16,7 +16,7 @@ from drivers.base import SystemClock
 from gateway.collect.folder import Commit
 from gateway.collect.progress import CollectProgress, TablePlace
 from gateway.collect.tables import arrow_of, check_end
-from gateway.polling import Problems
+from gateway.polling import Notice, Problems, TurnTime
 from gateway.storage import NUMBERS
 from gateway.telemetry import StoredRows, StoredTable
 
@@ -104,72 +104,79 @@ class Collector:
     ) -> None:
         self._gateways, self._kept, self._every_s, self._limit, self._utc = gateways, kept, every_s, limit, utc
         self.machines: dict[str, MachineAsked] = {}
-        self._heard, self._writing = True, threading.Semaphore(_WRITTEN_AT_ONCE)
+        self._writing = threading.Semaphore(_WRITTEN_AT_ONCE)
+        self._time, self._notices = TurnTime(), list[Notice]()
+        self._problems = Problems(self._time, every_s, lambda _: None, log)
+        self._of_machines = Problems(self._time, every_s, self._notices.append, log, quiet=True)
+        """Told together for all machines that have the same one."""
 
     def run(self, stop: threading.Event) -> None:
         """Turn after turn until `stop`. What holds up all machines is logged when it begins and when it ends."""
         clock = SystemClock()
-        problems = Problems(clock, self._every_s, lambda _: None, log)
         while not stop.is_set():
             try:
                 due_s = self.turn(clock.monotonic())
             except OSError as error:
                 due_s = clock.monotonic() + self._every_s
-                problems.report("site", str(error), str(error))
+                self._problems.report("site", str(error), str(error))
             else:
-                problems.clear("site", "collecting again")
+                self._problems.clear("site", "collecting again")
             stop.wait(max(0.0, due_s - clock.monotonic()))
 
     def turn(self, now_s: float) -> float:
         """Ask each machine that runs and is due once: those with a backlog get one page each, so that none waits for
         another's backlog. Returns when the next turn is due. Raises OSError while nothing can be kept, or when the
         network fails as a whole."""
+        self._time.now_s = now_s
         self._kept.ready()
         running = self._gateways.running()
-        if bool(running) != self._heard:
-            self._heard = bool(running)
-            log.warning("gateways are heard again" if running else "no gateway is heard; trying again")
+        if running:
+            self._problems.clear("gateways", "gateways are heard again")
+        else:
+            self._problems.report("gateways", "none", "no gateway is heard; trying again")
         slots = max(1, int(self._every_s / _APART_S))
         phase_s = {name: at * slots // len(running) * self._every_s / slots for at, name in enumerate(running)}
         due = [name for name in running if self.machines.setdefault(name, MachineAsked()).due_s <= now_s]
-        before = {name: self.machines[name].problem for name in due}
         with ThreadPoolExecutor(_AT_ONCE) as pool:
-            for name, more in zip(due, pool.map(self._collect, due), strict=True):
+            for name, (more, bug) in zip(due, pool.map(self._collect, due), strict=True):
                 self.machines[name].due_s = now_s if more else self._next_s(now_s, phase_s[name])
-        self._tell(before)
+                self._report(name, self.machines[name].problem, bug)
+        self._tell()
         return min((self.machines[name].due_s for name in running), default=now_s + self._every_s)
 
     def _next_s(self, now_s: float, phase_s: float) -> float:
         """The next time of this phase that is at least half of `every_s` away."""
         return phase_s + math.ceil((now_s + self._every_s / 2 - phase_s) / self._every_s) * self._every_s
 
-    def _collect(self, name: str) -> bool:
-        """Whether there is more. Whatever goes wrong with a machine holds up no other one."""
+    def _collect(self, name: str) -> tuple[bool, Exception | None]:
+        """Whether there is more; an unexpected exception. Whatever goes wrong with a machine holds up no other one."""
         asked = self.machines[name]
         try:
             more = self._page(name, asked)
-        except Exception as error:  # a gateway, or a program that claims to be one, may answer anything
+        except Exception as error:  # noqa: BLE001 - whatever claims to be a gateway may answer anything; it is reported
             asked.progress = None  # the disk says whether the batch counts
             asked.problem = str(error) or type(error).__name__
-            if not isinstance(error, OSError | ValueError | pa.ArrowException):
-                log.exception("%s", name)
-            return False
+            if isinstance(error, OSError | ValueError | pa.ArrowException):
+                return False, None
+            asked.problem = f"unexpected {type(error).__name__}: {error}"
+            return False, error
         asked.problem = ""
-        return more
+        return more, None
 
-    def _tell(self, before: Mapping[str, str]) -> None:
-        """Log which problems begin and end, in one line for all machines that have the same one."""
-        begun, ended = dict[str, list[str]](), list[str]()
-        for name, earlier in before.items():
-            problem = self.machines[name].problem
-            if problem and problem != earlier:
-                begun.setdefault(problem, []).append(name)
-            elif earlier and not problem:
-                ended.append(name)
-        for problem, names in begun.items():
-            log.warning("%s: not collected: %s", _some(names), problem)
-        if ended:
-            log.warning("%s: collected again", _some(ended))
+    def _report(self, name: str, problem: str, bug: Exception | None) -> None:
+        if problem:
+            self._of_machines.report(name, problem, f"{name}: not collected: {problem}", bug=bug)
+        else:
+            self._of_machines.clear(name, f"{name}: collected again")
+
+    def _tell(self) -> None:
+        """Log what began and ended in this turn, in one line for all machines of which the same is said."""
+        together = dict[str, list[str]]()
+        for notice in self._notices:
+            together.setdefault(notice.text.removeprefix(f"{notice.subject}: "), []).append(notice.subject)
+        self._notices.clear()
+        for text, names in together.items():
+            log.warning("%s: %s", _some(names), text)
 
     def _page(self, name: str, asked: MachineAsked) -> bool:
         before = asked.progress or self._kept.progress(name)

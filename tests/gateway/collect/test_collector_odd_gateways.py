@@ -173,6 +173,41 @@ def test_a_gateway_that_says_to_have_no_table_at_all_is_asked_for_all_of_them_ag
         assert kept(tmp_path / "site") == expected(range(20))
 
 
+def test_an_unexpected_exception_is_logged_with_its_traceback_once_for_all_machines_and_turns(
+    stored_site: StoredSite, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    machines = [f"m{n}" for n in range(7)]
+    liar = Liar(stored_site.folder, {name: RecursionError("too deep") for name in machines})
+    with SiteFolder(tmp_path / "site") as folder:
+        collecting = collector(liar, folder)
+        for now_s in (0.0, 30.0, 60.0):
+            catch_up(collecting, now_s)
+        assert {collecting.machines[name].problem for name in machines} == {"unexpected RecursionError: too deep"}
+    assert [(record.message, record.exc_info is not None) for record in caplog.records] == [
+        ("m0: not collected: unexpected RecursionError: too deep", True),
+        ("m0, m1, m2, m3, m4 and 2 more: not collected: unexpected RecursionError: too deep", False),
+    ]
+
+
+def test_machines_that_are_often_away_do_not_fill_the_log(
+    stored_site: StoredSite, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    machines = [f"m{n}" for n in range(3)]
+    liar = Liar(stored_site.folder, {})
+    with SiteFolder(tmp_path / "site") as folder:
+        collecting = collector(liar, folder)
+        for turn in range(200):
+            liar.answers = {name: StoredRows({}) if turn % 2 else OSError("no answer") for name in machines}
+            catch_up(collecting, 45.0 * turn)
+        assert caplog.messages[:2] == ["m0, m1, m2: not collected: no answer", "m0, m1, m2: collected again"]
+        assert caplog.messages[6:] == [
+            "m0, m1, m2: not collected: no answer; it is intermittent: reported again when it has been steady for 300 s"
+        ]
+        for turn in range(200, 212):
+            catch_up(collecting, 45.0 * turn)
+    assert caplog.messages[7:] == ["m0, m1, m2: collected again"]
+
+
 def test_a_problem_of_many_machines_is_reported_in_one_line_when_it_begins_and_when_it_ends(
     stored_site: StoredSite, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -185,8 +220,13 @@ def test_a_problem_of_many_machines_is_reported_in_one_line_when_it_begins_and_w
         catch_up(collecting, 60.0)
         liar.answers = {}
         catch_up(collecting, 90.0)
+        catch_up(collecting, 120.0)
+        liar.answers = {"m0": StoredRows({})}
+        catch_up(collecting, 150.0)
+        catch_up(collecting, 180.0)
     assert caplog.messages == [
         "m0, m1, m2, m3, m4 and 2 more: not collected: no answer",
         "m0, m1, m2, m3, m4 and 2 more: collected again",
         "no gateway is heard; trying again",
+        "gateways are heard again",
     ]
