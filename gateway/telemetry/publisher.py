@@ -11,7 +11,7 @@ from typing import Self
 
 import zenoh
 
-from drivers.base import Clock
+from drivers.base import Clock, SystemClock
 from drivers.signature import shared_key
 from gateway.commands import Command, CommandOutcome
 from gateway.config import Telemetry as TelemetrySettings
@@ -27,6 +27,7 @@ from gateway.events import (
     StorageChanged,
     StoreHealth,
 )
+from gateway.polling import Problems
 from gateway.probing import Outlook
 from gateway.telemetry import keys
 from gateway.telemetry.backlog import Backlog
@@ -113,6 +114,7 @@ class TelemetryPublisher:
         self._last: dict[str, bytes] = {}
         self._last_lock = threading.Lock()
         self._thread = threading.Thread(target=self._send, name="telemetry", daemon=True)
+        self._problems = Problems(SystemClock(), 1.0, lambda _: None, log)
         self._session: zenoh.Session | None = None
         self._queries: tuple[Queries, ...] = (
             Queries(self._root, keys.HISTORY, None if history is None else history_answer(history)),
@@ -254,7 +256,10 @@ class TelemetryPublisher:
                 try:
                     session.put(f"{self._root}/{suffix}", payload, encoding=_JSON, congestion_control=control)
                 except zenoh.ZError as error:
-                    log.warning("telemetry: %s was not published: %s", suffix, error)
+                    text = f"telemetry: {suffix} was not published: {error}"
+                    self._problems.report("telemetry", "refused", text)
+                else:
+                    self._problems.clear("telemetry", "telemetry: messages are published again")
 
     def _answer(self, query: zenoh.Query) -> None:
         """Reply with the last value of every requested key, or with schemas; called in one of Zenoh's threads."""

@@ -5,6 +5,8 @@ import json
 import math
 import socket
 import threading
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -33,7 +35,8 @@ from tests.benches.free_port import free_port
 from tests.benches.service_file import adam6015
 from tests.benches.stepped_clock import SteppedClock
 from tests.benches.telemetry_examples import configuration
-from tests.benches.telemetry_peer import NAMES, NOW, decision, last_values, reading, telemetry
+from tests.benches.telemetry_peer import NAMES, NOW, decision, last_values, problem, reading, telemetry
+from tests.benches.waits import until
 from tests.benches.zenoh_sessions import client
 
 
@@ -197,3 +200,21 @@ async def test_where_probing_stands_is_in_its_own_key_and_in_the_status() -> Non
     }
     assert expected.items() <= found["talc/mill/probing"].items()
     assert found["talc/mill/status"]["probing"] == expected
+
+
+async def test_messages_that_zenoh_refuses_are_reported_when_that_begins_and_when_it_ends(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    def more_said(before: int) -> bool:
+        return len(caplog.messages) > before
+
+    refused = [replace(reading(20.5), channel=f"bed#{number}") for number in range(3)]
+    async with telemetry(free_port()) as t:
+        for event in (ReadingsTaken(refused), problem("after it"), ReadingsTaken(refused), problem("after that")):
+            before = len(caplog.messages)
+            t.publish(event)
+            await until(partial(more_said, before))
+    began, ended = caplog.messages[:2]
+    assert began.startswith("telemetry: reading/bed#0 was not published: ")
+    assert ended == "telemetry: messages are published again"
+    assert caplog.messages[2:] == [began, ended]
