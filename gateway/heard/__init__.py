@@ -21,6 +21,7 @@ if TYPE_CHECKING:
         nine,
     )
     from gateway.heard.site import SiteSeen, SiteSubscription, listened_to
+    from gateway.heard.unreadable import UnreadableMessages
 else:
     __getattr__ = on_first_use(
         __name__,
@@ -41,6 +42,7 @@ else:
                 "nine",
             ),
             ".site": ("SiteSeen", "SiteSubscription", "listened_to"),
+            ".unreadable": ("UnreadableMessages",),
         },
     )
 
@@ -54,6 +56,7 @@ __all__ = [
     "MeasuredErrors",
     "SiteSeen",
     "SiteSubscription",
+    "UnreadableMessages",
     "applied",
     "believable",
     "holds_s",

@@ -12,6 +12,7 @@ from gateway.commands import CommandName
 from gateway.config import Telemetry
 from gateway.heard.hearing import Hearing
 from gateway.heard.machine import MachineSeen
+from gateway.heard.unreadable import UnreadableMessages
 from gateway.telemetry import (
     COMMAND_LIMIT_S,
     CommandAnswer,
@@ -60,6 +61,7 @@ class SiteSeen:
         self._lock = threading.Lock()
         self._machines = {name: MachineSeen(name) for name in expected}
         self._full = False
+        self._unreadable = UnreadableMessages(log, "not shown")
         self.changed: Callable[[], None] = lambda: None
         """Called from any thread when something was heard."""
 
@@ -77,14 +79,15 @@ class SiteSeen:
         return machine in self._machines or keys.MACHINE.fullmatch(machine) is not None
 
     def take(self, key: str, payload: bytes) -> None:
-        """One published message; an invalid one is only logged."""
+        """One published message; an invalid one is only reported."""
         machine, _, suffix = key.removeprefix(self.prefix + "/").partition("/")
         try:
             message = decode(suffix, payload)
         except ValueError as error:
-            log.warning("%s: %s", machine, error)
+            self._unreadable.invalid(machine, suffix, error)
             return
         if message is not None:
+            self._unreadable.valid(machine, suffix)
             with self._lock:
                 if (seen := self._of(machine)) is not None:
                     seen.apply(suffix, message, self.now(), self.now_s())

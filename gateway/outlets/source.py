@@ -6,7 +6,7 @@ from collections.abc import Callable, Collection
 from typing import Self
 
 from gateway.config import Telemetry
-from gateway.heard import Hearing
+from gateway.heard import Hearing, UnreadableMessages
 from gateway.outlets.outlet import OutletMessage
 from gateway.telemetry import decode
 
@@ -34,7 +34,7 @@ class GatewaySource:
         self._hearing = Hearing(telemetry, self._heard, self._life)
         self._passed: dict[str, tuple[str, int]] = {}
         """Boot and number of the latest message, by key."""
-        self._told = ""
+        self._unreadable = UnreadableMessages(log, "not passed on")
 
     def __enter__(self) -> Self:
         self._hearing.__enter__()
@@ -60,12 +60,11 @@ class GatewaySource:
         try:
             message = decode(suffix, payload)
         except ValueError as error:
-            if str(error) != self._told:
-                log.warning("%s: not passed on: %s", machine, error)
-            self._told = str(error)
+            self._unreadable.invalid(machine, suffix, error)
             return
         if message is None:
             return
+        self._unreadable.valid(machine, suffix)
         boot, number = self._passed.get(key, ("", -1))
         if message.boot == boot and message.seq <= number:
             return  # the answer to a query, and older than what was heard
