@@ -1,5 +1,6 @@
 """What the OPC UA server cannot show is reported when that begins and when it ends."""
 
+import asyncio
 from datetime import UTC, datetime
 
 import pytest
@@ -7,7 +8,8 @@ import pytest
 from gateway.heard import SiteSeen
 from gateway.umati import OpcUaServing, ShownMachine
 from gateway.umati.server import MachineToolServer
-from tests.benches.waits import until
+from tests.benches.stepped_clock import SteppedClock
+from tests.benches.waits import LIMIT_S
 
 
 class BreakableSite(SiteSeen):
@@ -23,22 +25,23 @@ class BreakableSite(SiteSeen):
             raise ValueError("no such time")
         return 0.0
 
-    async def some_looks(self) -> None:
-        before = self.looks
-        await until(lambda: self.looks >= before + 10)
+    async def some_looks(self, clock: SteppedClock) -> None:
+        enough = self.looks + 10
+        async with asyncio.timeout(LIMIT_S):
+            while self.looks < enough:
+                await clock.run_until(clock.monotonic() + 1.0)
 
 
 async def test_values_that_cannot_be_shown_are_reported_once_with_the_traceback_and_when_they_are_shown_again(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    monkeypatch.setattr("gateway.umati.server._EVERY_S", 0.01)
-    caplog.set_level("WARNING")
-    site = BreakableSite()
+    clock, site = SteppedClock(), BreakableSite()
+    monkeypatch.setattr("gateway.umati.server.RealClock", lambda: clock)
     async with MachineToolServer(site, {"mill": ShownMachine()}, OpcUaServing(), "127.0.0.1", 0):
-        await site.some_looks()
+        await site.some_looks(clock)
         for broken in (True, False, True):
             site.broken = broken
-            await site.some_looks()
+            await site.some_looks(clock)
     said = [(r.message, r.exc_info is not None) for r in caplog.records if r.name == "gateway.umati.server"]
     assert said == [
         ("values could not be shown", True),
