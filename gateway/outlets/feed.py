@@ -147,7 +147,7 @@ class Feed:
 
     def _noticed(self, notice: Notice) -> None:
         if notice.ended:
-            del self._began[notice.subject]
+            self._began.pop(notice.subject, None)
         elif notice.subject not in self._began:
             lost = self.dropped if notice.subject == self.name else self.unacceptable
             self._began[notice.subject] = self._time.now_s, lost
