@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from gateway.scan.fragment import check_addable, merged
     from gateway.scan.ports import ScanPort, find_ports
     from gateway.scan.registers import ORDERS, Meaning, SeenWords, profile_draft, read_words
-    from gateway.scan.serial import LineTry, SerialScan, plan, scan_line
+    from gateway.scan.serial import LineTry, SerialScan, plan, scan_line, scanned_port
     from gateway.scan.tcp import TcpScan, scan_hosts
     from gateway.scan.topics import SeenTopic, bus_period_s, seen_topics, topic_draft
 else:
@@ -44,7 +44,7 @@ else:
             ".fragment": ("check_addable", "merged"),
             ".ports": ("ScanPort", "find_ports"),
             ".registers": ("ORDERS", "Meaning", "SeenWords", "profile_draft", "read_words"),
-            ".serial": ("LineTry", "SerialScan", "plan", "scan_line"),
+            ".serial": ("LineTry", "SerialScan", "plan", "scan_line", "scanned_port"),
             ".tcp": ("TcpScan", "scan_hosts"),
             ".topics": ("SeenTopic", "bus_period_s", "seen_topics", "topic_draft"),
         },
@@ -84,6 +84,7 @@ __all__ = [
     "scan_can",
     "scan_hosts",
     "scan_line",
+    "scanned_port",
     "seen_topics",
     "to_confirm",
     "topic_draft",

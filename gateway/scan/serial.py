@@ -1,21 +1,20 @@
 """Scans serial lines: asks unit after unit, at each speed and parity to try."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
-from typing import Literal
+from pathlib import Path
 
 from drivers.base import BadAnswer, ConnectError, DriverError, NoAnswer
 from drivers.bus_settings import Parity
 from drivers.can import Stopped
 from drivers.micro_epsilon import MeRs485Bus, MeRs485Settings
 from drivers.modbus import Block, ModbusRtuBus, ModbusRtuSettings
+from drivers.problems import read_settings
 from drivers.recognition import Recognition, recognise_me_rs485, recognise_modbus
 from gateway.polling import UnexpectedError, contained
 from gateway.scan.alike import told_apart
 from gateway.scan.found import Found, Place, ScanProgress, ScanReport, open_bus, read_inputs
-
-Protocol = Literal["modbus_rtu", "me_rs485"]
 
 ANY_REGISTER = Block(3, 0, 1)
 """The request to every unit: nearly every device can read holding registers, and most others refuse, which is an answer
@@ -27,26 +26,25 @@ _MOST_BABBLE = 3
 
 @dataclass(frozen=True, slots=True)
 class LineTry:
-    """One speed and parity at which the units of one protocol are asked."""
+    """One protocol, speed and parity at which units are asked."""
 
-    protocol: Protocol
-    baud: int
-    parity: Parity
+    settings: ModbusRtuSettings | MeRs485Settings
     units: Sequence[int]
 
     @property
+    def protocol(self) -> str:
+        return self.settings.bus_kind
+
+    @property
     def framing(self) -> str:
-        return f"{self.baud} 8{self.parity}1"
+        return f"{self.settings.baud} 8{self.settings.parity}1"
 
 
 @dataclass(frozen=True, slots=True)
 class SerialScan:
     """Plan of a scan on one port."""
 
-    port: str
     tries: tuple[LineTry, ...]
-    timeout_s: float
-    """How long each unit may take to answer."""
     function: int = 3
     """Modbus function of the first question."""
 
@@ -57,17 +55,42 @@ class SerialScan:
     @property
     def longest_s(self) -> float:
         """The longest duration if no unit answers; each one that does takes slightly longer."""
-        return sum(len(t.units) * (self.timeout_s + 0.003 + 40 / t.baud) for t in self.tries)
+        return sum(len(t.units) * (t.settings.timeout_s + 0.003 + 40 / t.settings.baud) for t in self.tries)
+
+
+def scanned_port(name: str) -> str:
+    """The name of a serial port of this computer: a scan sets its speed. Raises ValueError."""
+    if "://" in name:
+        raise ValueError(
+            f"{name!r}: expected the path of a serial port; for a device server: talc-gateway scan tcp --rtu HOST:PORT"
+        )
+    if not Path(name).name or "\0" in name:
+        raise ValueError(f"{name!r}: expected the path of a serial port; talc-gateway scan ports lists them")
+    return name
 
 
 def plan(
     port: str, *, bauds: Sequence[int], parities: Sequence[Parity], units: Sequence[int],
     me_bauds: Sequence[int], me_addresses: Sequence[int], timeout_s: float, function: int = 3,
 ) -> SerialScan:  # fmt: skip
-    """Modbus at every speed and parity, then Micro-Epsilon sensors likewise; an empty list omits that protocol."""
-    modbus = [LineTry("modbus_rtu", baud, parity, units) for baud, parity in product(bauds, parities) if units]
-    me = [LineTry("me_rs485", b, parity, me_addresses) for b, parity in product(me_bauds, _ME_PARITIES) if me_addresses]
-    return SerialScan(port, (*modbus, *me), timeout_s, function)
+    """Modbus at every speed and parity, then Micro-Epsilon sensors likewise; an empty list omits that protocol.
+
+    timeout_s: how long each unit may take to answer
+
+    Raises SetupError naming the field and the value with which no bus could be.
+    """
+
+    def lines(bauds: Sequence[int], parities: Sequence[Parity]) -> Iterator[Mapping[str, object]]:
+        for baud, parity in product(bauds, parities):
+            yield {"port": port, "baud": baud, "parity": parity, "timeout_s": timeout_s}
+
+    modbus = [LineTry(read_settings(ModbusRtuSettings, at), units) for at in lines(bauds, parities) if units]
+    me = [
+        LineTry(read_settings(MeRs485Settings, at), me_addresses)
+        for at in lines(me_bauds, _ME_PARITIES)
+        if me_addresses
+    ]
+    return SerialScan((*modbus, *me), function)
 
 
 async def scan_line(scan: SerialScan, progress: ScanProgress, stopped: Stopped) -> ScanReport:
@@ -99,17 +122,8 @@ async def scan_line(scan: SerialScan, progress: ScanProgress, stopped: Stopped) 
 async def _try(
     scan: SerialScan, attempt: LineTry, report: ScanReport, progress: ScanProgress, stopped: Stopped
 ) -> Place:
-    line = {"port": scan.port, "baud": attempt.baud, "parity": attempt.parity}
-    bus: ModbusRtuBus | MeRs485Bus
-    if attempt.protocol == "modbus_rtu":
-        bus = ModbusRtuBus(
-            "scan",
-            ModbusRtuSettings(port=scan.port, baud=attempt.baud, parity=attempt.parity, timeout_s=scan.timeout_s),
-        )
-    else:
-        bus = MeRs485Bus(
-            "scan", MeRs485Settings(port=scan.port, baud=attempt.baud, parity=attempt.parity, timeout_s=scan.timeout_s)
-        )
+    line = attempt.settings
+    bus = ModbusRtuBus("scan", line) if isinstance(line, ModbusRtuSettings) else MeRs485Bus("scan", line)
     babble: list[str] = []
     found: list[Found] = []
     async with open_bus(bus):
@@ -128,7 +142,7 @@ async def _try(
     report.remarks += [f"{attempt.framing}: {text}" for text in babble[:_MOST_BABBLE]]
     if len(babble) > _MOST_BABBLE:
         report.remarks.append(f"{attempt.framing}: and the same from {len(babble) - _MOST_BABBLE} more")
-    return Place(attempt.protocol, line, tuple(found))
+    return Place(attempt.protocol, {"port": line.port, "baud": line.baud, "parity": line.parity}, tuple(found))
 
 
 async def _ask(bus: ModbusRtuBus | MeRs485Bus, unit: int, question: Block, babble: list[str]) -> Recognition | None:

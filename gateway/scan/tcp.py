@@ -2,24 +2,27 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 from drivers.base import BadAnswer, ConnectError, NoAnswer, Refused
+from drivers.bus_settings import HostSettings
 from drivers.can import Stopped
 from drivers.micro_epsilon import MeEthernetBus, MeEthernetSettings
 from drivers.modbus import Block, ModbusBus, ModbusRtuTcpBus, ModbusRtuTcpSettings, ModbusTcpBus, ModbusTcpSettings
+from drivers.problems import read_settings
 from drivers.recognition import Recognition, recognise_me_ethernet, recognise_modbus
-from drivers.section import host_and_port
 from gateway.polling import UnexpectedError, contained
 from gateway.scan.alike import UNUSUAL_UNITS, told_apart
 from gateway.scan.found import Found, Place, ScanProgress, ScanReport, open_bus, read_inputs
 from gateway.scan.serial import ANY_REGISTER
 
-_MODBUS_PORT, _CONTROLLER_PORT = 502, 10001
 _MOST_ODD = 3
 """Units with invalid answers before the scan leaves the host."""
 _ANY = (ANY_REGISTER, Block(4, 0, 1), Block(2, 0, 1), Block(1, 0, 1))
 _VALUE = "a value"
 _ONE_DEVICE = "one device"
+
+H = TypeVar("H", bound=HostSettings)
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,31 +47,46 @@ class TcpScan:
 
 
 async def scan_hosts(scan: TcpScan, progress: ScanProgress, stopped: Stopped) -> ScanReport:
-    """Ask until done or stopped. A host that does not answer is a remark, not an error."""
+    """Ask until done or stopped. A host that does not answer is a remark, not an error.
+
+    Raises SetupError, before anything is asked, for a host, port or timeout with which no bus could be.
+    """
     report = ScanReport(total=scan.requests)
-    for number, (host, port) in enumerate(scan.hosts, start=1):
+    modbus: type[ModbusRtuTcpSettings | ModbusTcpSettings] = ModbusRtuTcpSettings if scan.rtu else ModbusTcpSettings
+    places = [(_at(scan, modbus, *where), _at(scan, MeEthernetSettings, *where)) for where in scan.hosts]
+    for number, ((_, port), (units, controller)) in enumerate(zip(scan.hosts, places, strict=True), start=1):
         before, remarks = len(report.places), len(report.remarks)
-        await _modbus(scan, host, port or _MODBUS_PORT, report, progress, stopped)
+        await _modbus(scan, units, report, progress, stopped)
         if stopped():
             break
         if port is None or (len(report.places) == before and not scan.rtu):
-            progress(report.asked, host_and_port(host, port or _CONTROLLER_PORT))
-            await _controller(host, port or _CONTROLLER_PORT, scan.timeout_s, report)
+            progress(report.asked, controller.place)
+            await _controller(controller, report)
         if len(report.places) > before:  # errors of the other protocol need no remark
             report.remarks = [text for i, text in enumerate(report.remarks) if i < remarks or _ONE_DEVICE in text]
         report.asked = number * (len(scan.units) + 2)
     return report
 
 
+def _at(scan: TcpScan, kind: type[H], host: str, port: int | None) -> H:
+    """Without a port, the usual one of this kind."""
+    given: dict[str, object] = {"host": host, "timeout_s": scan.timeout_s}
+    return read_settings(kind, given if port is None else {**given, "port": port})
+
+
 async def _modbus(
-    scan: TcpScan, host: str, port: int, report: ScanReport, progress: ScanProgress, stopped: Stopped
+    scan: TcpScan,
+    settings: ModbusRtuTcpSettings | ModbusTcpSettings,
+    report: ScanReport,
+    progress: ScanProgress,
+    stopped: Stopped,
 ) -> None:
-    bus: ModbusRtuTcpBus | ModbusTcpBus
-    place = host_and_port(host, port)
-    if scan.rtu:
-        bus = ModbusRtuTcpBus("scan", ModbusRtuTcpSettings(host=host, port=port, timeout_s=scan.timeout_s))
-    else:
-        bus = ModbusTcpBus("scan", ModbusTcpSettings(host=host, port=port, timeout_s=scan.timeout_s))
+    place = settings.place
+    bus = (
+        ModbusRtuTcpBus("scan", settings)
+        if isinstance(settings, ModbusRtuTcpSettings)
+        else ModbusTcpBus("scan", settings)
+    )
     found: list[Found] = []
     odd: list[str] = []
     try:
@@ -95,7 +113,7 @@ async def _modbus(
     except (ConnectError, UnexpectedError) as error:
         report.remarks.append(f"Modbus: {error.advice}")
     if found:
-        report.places.append(Place(bus.kind, {"host": host, "port": port}, tuple(found)))
+        report.places.append(Place(bus.kind, {"host": settings.host, "port": settings.port}, tuple(found)))
 
 
 async def _told_apart(
@@ -159,8 +177,8 @@ async def _look(bus: ModbusBus, unit: int) -> Found:
         return Found(unit, Recognition("", (), f"answers, but cannot be recognised: {error.what}"))
 
 
-async def _controller(host: str, port: int, timeout_s: float, report: ScanReport) -> None:
-    bus = MeEthernetBus("scan", MeEthernetSettings(host=host, port=port, timeout_s=timeout_s))
+async def _controller(settings: MeEthernetSettings, report: ScanReport) -> None:
+    bus = MeEthernetBus("scan", settings)
     try:
         async with open_bus(bus):
             what = await contained(recognise_me_ethernet(bus), "the recognition")
@@ -168,4 +186,5 @@ async def _controller(host: str, port: int, timeout_s: float, report: ScanReport
     except (ConnectError, NoAnswer, BadAnswer, UnexpectedError) as error:
         report.remarks.append(f"displacement controller: {error.what}")
     else:
-        report.places.append(Place("me_ethernet", {"host": host, "port": port}, (Found(1, what, reads),)))
+        options = {"host": settings.host, "port": settings.port}
+        report.places.append(Place(settings.bus_kind, options, (Found(1, what, reads),)))

@@ -36,6 +36,7 @@ from gateway.scan import (
     scan_can,
     scan_hosts,
     scan_line,
+    scanned_port,
 )
 
 ScanRun = Callable[[ScanProgress, Stopped, bool], Awaitable[ScanReport]]
@@ -91,6 +92,18 @@ class Host(click.ParamType[tuple[str, int | None]]):
         return host, int(port) if colon else None
 
 
+class SerialPath(click.ParamType[str]):
+    """The path of a serial port of this computer."""
+
+    name = "path"
+
+    def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        try:
+            return scanned_port(value)
+        except ValueError as error:
+            self.fail(str(error), param, ctx)
+
+
 Toml = click.option(
     "--toml", type=click.Path(dir_okay=False, path_type=Path, allow_dash=True),
     help="Write a configuration for the devices found, or, after a question, add to one. -: standard output.",
@@ -113,7 +126,7 @@ def ports_command() -> None:
 
 
 @click.command("serial")
-@click.argument("port")
+@click.argument("port", type=SerialPath())
 @click.option("--baud", "bauds", type=_BaudOption, multiple=True, default=BAUDS, show_default=True,
               help="Speed to try; may be given several times.")  # fmt: skip
 @click.option(
@@ -139,8 +152,6 @@ def serial_command(
     yes: bool,
 ) -> None:  # fmt: skip
     """Find Modbus RTU units and Micro-Epsilon sensors on the serial PORT."""
-    if "://" in port:
-        raise click.UsageError(f"{port}: expected a path; for a device server: scan tcp --rtu HOST:PORT")
     what = plan(
         port, bauds=bauds, parities=parities, units=units if protocol != "me_rs485" else (), me_bauds=me_bauds,
         me_addresses=me_addresses if protocol != "modbus_rtu" else (), timeout_s=timeout_s, function=function,

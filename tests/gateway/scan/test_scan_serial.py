@@ -359,6 +359,21 @@ def test_invalid_units_are_refused(units: str, says: str) -> None:
     assert says in " ".join(done.err.split())
 
 
+@pytest.mark.parametrize(
+    ("port", "says"),
+    [
+        ("", "'': expected the path of a serial port; talc-gateway scan ports lists them"),
+        (".", "'.': expected the path of a serial port; talc-gateway scan ports lists them"),
+        ("rfc2217://moxa:4001", "for a device server: talc-gateway scan tcp --rtu HOST:PORT"),
+    ],
+)
+def test_a_port_that_no_scan_can_open_is_refused_with_what_to_do(port: str, says: str) -> None:
+    done = here("scan", "serial", port, columns=200)
+    assert done.code == 2
+    assert f"Invalid value for 'PORT': {port!r}: expected the path of a serial port" in done.err
+    assert says in done.err
+
+
 @pytest.mark.parametrize("path", ["/dev/null", "/etc/passwd", "/tmp"])
 @pytest.mark.parametrize("what", [("serial",), ("can", "--interface", "slcan", "--bitrate", "125000")])
 def test_a_file_that_is_not_a_serial_port_is_reported(what: tuple[str, ...], path: str) -> None:

@@ -10,6 +10,7 @@ import pytest
 from pymodbus.server import ModbusTcpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
+from drivers.base import SetupError
 from gateway.config import load
 from gateway.scan.found import ScanReport
 from gateway.scan.fragment import merged
@@ -35,6 +36,25 @@ async def host(units: Mapping[int, ModbusUnit]) -> AsyncIterator[int]:
         yield port
     finally:
         await server.stop()
+
+
+@pytest.mark.parametrize(
+    ("where", "timeout_s", "rtu", "field"),
+    [
+        (("http://adam", None), 1.0, False, "host: 'http://adam': expected the name or address of a host"),
+        (("127.0.0.1", 65536), 1.0, False, "port: 65536"),
+        (("127.0.0.1", 502), 61.0, False, "timeout_s: 61"),
+        (("127.0.0.1", None), 1.0, True, "port: "),
+    ],
+)
+async def test_a_place_with_which_no_bus_could_be_is_refused_before_any_is_asked(
+    where: tuple[str, int | None], timeout_s: float, rtu: bool, field: str
+) -> None:
+    asked: list[str] = []
+    what = TcpScan((("127.0.0.1", free_port()), where), (1,), timeout_s, rtu)
+    with pytest.raises(SetupError, match=f"^{field}"):
+        await scan_hosts(what, lambda _, text: asked.append(text), lambda: False)
+    assert asked == []
 
 
 async def scan(*ports: int, units: range = range(1, 4)) -> ScanReport:
