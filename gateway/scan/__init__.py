@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from gateway.scan.ports import ScanPort, find_ports
     from gateway.scan.registers import ORDERS, Meaning, SeenWords, profile_draft, read_words
     from gateway.scan.serial import LineTry, SerialScan, plan, scan_line, scanned_port
-    from gateway.scan.tcp import TcpScan, scan_hosts
+    from gateway.scan.tcp import TcpScan, scan_hosts, scanned_host
     from gateway.scan.topics import SeenTopic, bus_period_s, seen_topics, topic_draft
 else:
     __getattr__ = on_first_use(
@@ -45,7 +45,7 @@ else:
             ".ports": ("ScanPort", "find_ports"),
             ".registers": ("ORDERS", "Meaning", "SeenWords", "profile_draft", "read_words"),
             ".serial": ("LineTry", "SerialScan", "plan", "scan_line", "scanned_port"),
-            ".tcp": ("TcpScan", "scan_hosts"),
+            ".tcp": ("TcpScan", "scan_hosts", "scanned_host"),
             ".topics": ("SeenTopic", "bus_period_s", "seen_topics", "topic_draft"),
         },
     )
@@ -84,6 +84,7 @@ __all__ = [
     "scan_can",
     "scan_hosts",
     "scan_line",
+    "scanned_host",
     "scanned_port",
     "seen_topics",
     "to_confirm",

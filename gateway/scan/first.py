@@ -7,23 +7,27 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field
 
-from drivers.bus_settings import FASTEST_BAUD, SLOWEST_BAUD
+from drivers.bus_settings import Baud
+from drivers.canopen import CanOpenSettings
 from drivers.mtconnect import AgentUrl, MachineOfAgent, SuggestedItems
 from drivers.opcua import ServerUrl
-from drivers.section import HostName, NotEmpty, Section, matching
+from drivers.problems import read_settings
+from drivers.section import HostName, NotEmpty, Section
 from gateway.config import LOOPBACK, Name, parse, read_as, toml_value
 from gateway.scan.found import Place
 from gateway.scan.fragment import CONFIRM, merged
+from gateway.scan.serial import scanned_port
+from gateway.scan.tcp import scanned_host
 
 
-def _port_exists(text: str) -> str:
-    _, _, port = text.partition(":")
-    if port and not 0 < int(port) < 65536:
-        raise ValueError(f"{text!r}: expected a port from 1 to 65535")
+def _host(text: str) -> str:
+    scanned_host(text)
     return text
 
 
-GivenHost = Annotated[str, matching(r"[^:\s]+(:\d{1,5})?", "host, or host:port"), AfterValidator(_port_exists)]
+def _can_interface(name: str) -> str:
+    read_settings(CanOpenSettings, {"interface": "socketcan", "channel": name})
+    return name
 
 
 class SinumerikAnswers(Section):
@@ -67,13 +71,13 @@ class Answers(Section):
 
     machine: Name
     """Name of the machine; the second part of every published key."""
-    serial: tuple[NotEmpty, ...] = ()
-    """Serial ports to scan."""
-    bauds: tuple[Annotated[int, Field(ge=SLOWEST_BAUD, le=FASTEST_BAUD)], ...] = ()
+    serial: tuple[Annotated[str, AfterValidator(scanned_port)], ...] = ()
+    """Serial ports of this computer to scan."""
+    bauds: tuple[Baud, ...] = ()
     """Speeds to try on them; none: the usual ones."""
-    can: tuple[NotEmpty, ...] = ()
+    can: tuple[Annotated[str, AfterValidator(_can_interface)], ...] = ()
     """CAN interfaces to scan."""
-    hosts: tuple[GivenHost, ...] = ()
+    hosts: tuple[Annotated[str, AfterValidator(_host)], ...] = ()
     """Modbus TCP devices and Micro-Epsilon controllers to ask: host, or host:port."""
     control: Annotated[ControlAnswers, Field(discriminator="kind")] | None = None
     """The numerical control; none: the gateway reads, stores and publishes."""

@@ -81,7 +81,7 @@ def _serial_port(place: Place) -> str | None:
 
 def _absolute(place: Place) -> Place:
     key = _serial_port(place)
-    if key is None:
+    if key is None or "://" in str(place.options[key]):  # the URL of a device server's port
         return place
     return replace(place, options={**place.options, key: str(Path.cwd() / str(place.options[key]))})
 

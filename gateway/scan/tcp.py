@@ -11,6 +11,7 @@ from drivers.micro_epsilon import MeEthernetBus, MeEthernetSettings
 from drivers.modbus import Block, ModbusBus, ModbusRtuTcpBus, ModbusRtuTcpSettings, ModbusTcpBus, ModbusTcpSettings
 from drivers.problems import read_settings
 from drivers.recognition import Recognition, recognise_me_ethernet, recognise_modbus
+from drivers.section import host_name
 from gateway.polling import UnexpectedError, contained
 from gateway.scan.alike import UNUSUAL_UNITS, told_apart
 from gateway.scan.found import Found, Place, ScanProgress, ScanReport, open_bus, read_inputs
@@ -23,6 +24,18 @@ _VALUE = "a value"
 _ONE_DEVICE = "one device"
 
 H = TypeVar("H", bound=HostSettings)
+
+
+def scanned_host(text: str) -> tuple[str, int | None]:
+    """Host, and port if it has one, of `host` or `host:port`. Raises ValueError."""
+    host, colon, port = text.rpartition(":") if text.count(":") == 1 else (text, "", "")
+    if colon and not (port.isdecimal() and len(port) <= 5 and 0 < int(port) < 65536):
+        raise ValueError(f"{text!r}: expected a port from 1 to 65535")
+    try:
+        host_name(host)
+    except ValueError:
+        raise ValueError(f"{text!r}: expected a host's name or address, or host:port") from None
+    return host, int(port) if colon else None
 
 
 @dataclass(frozen=True, slots=True)

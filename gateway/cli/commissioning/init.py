@@ -51,6 +51,7 @@ from gateway.scan import (
     scan_can,
     scan_hosts,
     scan_line,
+    scanned_host,
     to_confirm,
 )
 
@@ -185,19 +186,18 @@ def _described(control: MtConnectAnswers) -> SuggestedItems | None:
 
 
 def _wires(answers: Answers) -> Iterator[_Wire]:
-    for port in answers.serial:
+    for port in dict.fromkeys(answers.serial):
         line = plan(
             port, bauds=answers.bauds or BAUDS, parities=("N",), units=_UNITS, me_bauds=ME_BAUDS,
             me_addresses=_ME_ADDRESSES, timeout_s=SERIAL_TIMEOUT_S,
         )  # fmt: skip
         yield _Wire(port, line.requests, _by(partial(scan_line, line)))
-    for channel in answers.can:
+    for channel in dict.fromkeys(answers.can):
         place = read_settings(CanOpenSettings, {"interface": "socketcan", "channel": channel, "bitrate": BITRATES[0]})
         bus = CanScan(place, BITRATES[:1], _NODES, LISTEN_S, CAN_TIMEOUT_S)
         yield _Wire(channel, len(_NODES), _by(partial(scan_can, bus)))
     if answers.hosts:
-        parts = [host.partition(":") for host in dict.fromkeys(answers.hosts)]
-        hosts = TcpScan(tuple((host, int(port) if port else None) for host, _, port in parts), (1,), TCP_TIMEOUT_S)
+        hosts = TcpScan(tuple(scanned_host(host) for host in dict.fromkeys(answers.hosts)), (1,), TCP_TIMEOUT_S)
         yield _Wire(", ".join(answers.hosts), hosts.requests, _by(partial(scan_hosts, hosts)))
 
 

@@ -19,7 +19,7 @@ from drivers.micro_epsilon import MeRs485Settings
 from drivers.modbus import ModbusRtuSettings, ModbusRtuTcpSettings, ModbusTcpSettings
 from drivers.problems import read_settings
 from drivers.recognition import describe
-from drivers.section import LONGEST_ANSWER_S, host_and_port, host_name
+from drivers.section import LONGEST_ANSWER_S, host_and_port
 from gateway.cli.conventions.arguments import SCAN_LIMIT_S, FiniteNumber
 from gateway.cli.conventions.signals import stop_on_signals
 from gateway.cli.conventions.terminal import duration_text, terminal
@@ -36,6 +36,7 @@ from gateway.scan import (
     scan_can,
     scan_hosts,
     scan_line,
+    scanned_host,
     scanned_port,
 )
 
@@ -82,14 +83,10 @@ class Host(click.ParamType[tuple[str, int | None]]):
     def convert(
         self, value: object, param: click.Parameter | None, ctx: click.Context | None
     ) -> tuple[str, int | None]:
-        host, colon, port = str(value).rpartition(":") if str(value).count(":") == 1 else (str(value), "", "")
-        if not host or (colon and not (port.isdecimal() and 0 < int(port) < 65536)):
-            self.fail(f"{value!r}: expected a host, or host:port", param, ctx)
         try:
-            host_name(host)
+            return scanned_host(str(value))
         except ValueError as error:
             self.fail(str(error), param, ctx)
-        return host, int(port) if colon else None
 
 
 class SerialPath(click.ParamType[str]):

@@ -111,3 +111,12 @@ def test_hosts_of_two_ports_are_two_buses() -> None:
     for port, bus in ((502, "tcp1"), (5020, "tcp2")):
         text = merged(before, [Place("modbus_tcp", {"host": "10.0.0.9", "port": port}, (adam,))], FILE)
         assert devices(text) == [("rtu1", 1), (bus, 1)]
+
+
+@pytest.mark.parametrize("url", ["rfc2217://moxa:4001", "socket://10.0.0.7:4001"])
+def test_the_port_of_a_device_server_is_written_as_it_is(url: str) -> None:
+    place = Place("modbus_rtu", {"port": url, "baud": 9600, "parity": "N"}, (Found(1, MODULE),))
+    text = merged("", [place], FILE)
+    (bus,) = parse(text, FILE).buses
+    assert bus.place == url
+    assert devices(merged(text, [place], FILE)) == devices(text), "and found again there"

@@ -121,8 +121,15 @@ def test_typed_answers_make_a_configuration_that_check_accepts(tmp_path: Path) -
         ('hosts = ["127.0.0.1:99999"]', "'127.0.0.1:99999': expected a port from 1 to 65535"),
         ('hosts = ["127.0.0.1:0"]', "'127.0.0.1:0': expected a port from 1 to 65535"),
         ('[control]\nkind = "sinumerik"\nurl = "192.168.1.1"', "'192.168.1.1': expected opc.tcp://host:port"),
+        ('hosts = ["http://adam"]', "hosts number 1: 'http://adam': expected a port from 1 to 65535"),
+        ('hosts = ["adam/6015"]', "hosts number 1: 'adam/6015': expected a host's name or address, or host:port"),
+        ('serial = ["socket://127.0.0.1:4001"]', "serial number 1: 'socket://127.0.0.1:4001': expected the path of a "
+         "serial port; for a device server: talc-gateway scan tcp --rtu HOST:PORT"),
+        ('serial = ["http://x:1"]', "serial number 1: 'http://x:1': expected the path of a serial port"),
+        ('serial = ["/dev/null", ""]', "serial number 2: '': expected the path of a serial port"),
+        ('can = ["can0", "can 1"]', "'can 1': expected the system's name of a CAN interface, such as can0"),
     ],
-)
+)  # fmt: skip
 def test_an_answer_that_leads_nowhere_is_refused_before_anything_is_scanned(
     answers: str, said: str, tmp_path: Path
 ) -> None:
@@ -130,6 +137,8 @@ def test_an_answer_that_leads_nowhere_is_refused_before_anything_is_scanned(
     done = here("init", str(tmp_path / "gateway.toml"), "--answers", str(tmp_path / "answers.toml"))
     assert done.code == 2
     assert said in done.err
+    assert done.err.count("\n") == 1
+    assert "requests" not in done.together
 
 
 def test_a_file_of_answers_asks_nothing(tmp_path: Path) -> None:
@@ -261,10 +270,11 @@ def test_a_folder_that_cannot_be_written_is_reported_before_anything_is_asked(tm
 def test_a_serial_line_is_scanned_at_the_usual_speeds_and_an_absent_can_interface_is_reported(tmp_path: Path) -> None:
     file, answers = tmp_path / "gateway.toml", tmp_path / "answers.toml"
     with answering(RtuLine({7: M7015(lambda: SEVEN[:6])}, baud=19200)) as port:
-        answers.write_text(f'machine = "mill"\nserial = ["{port}"]\ncan = ["absent0"]\n', encoding="utf-8")
+        answers.write_text(f'machine = "mill"\nserial = ["{port}", "{port}"]\ncan = ["absent0"]\n', encoding="utf-8")
         done = init(str(file), "--answers", str(answers))
     assert done.exit_code == 0, done.output
     assert "absent0: " in done.output
+    assert done.output.count(f"{port}: at most") == 1, "named twice, and scanned once"
     (device,) = load(file).devices
     assert (device.unit, device.profile) == (7, "icpdas_m7015")
     (bus,) = load(file).buses
