@@ -7,8 +7,9 @@ from typing import Annotated
 from pydantic import Field, model_validator
 
 from drivers.base import SetupError
-from drivers.section import FilePath, NotEmpty, Section, host_and_port
-from gateway.config import Name, endpoint, read_as
+from drivers.bus_settings import is_loopback
+from drivers.section import FilePath, NotEmpty, Section
+from gateway.config import Name, read_as
 from gateway.passwords import UserName, hash_printed_by
 
 
@@ -58,11 +59,7 @@ def load_serving(path: Path | None) -> OpcUaServing:
 
 def check_serving(host: str, serving: OpcUaServing) -> None:
     """Raises SetupError for an address beyond this computer without certificate and users."""
-    try:
-        local = endpoint(f"tcp/{host_and_port(host, 4840)}").local
-    except ValueError:
-        local = False
-    if not local and serving.security is None:
+    if not is_loopback(host) and serving.security is None:
         raise SetupError(
             f"--listen {host}: others could reach this address, so the file of --settings must have [security] "
             "certificate and private_key, and a name with a password hash under [users]; or listen on 127.0.0.1"

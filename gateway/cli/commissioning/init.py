@@ -20,10 +20,10 @@ from drivers.mtconnect import SuggestedItems, suggest_mtconnect
 from drivers.problems import read_settings
 from gateway.cli.commissioning.scan import (
     BAUDS,
-    BITRATES,
     CAN_TIMEOUT_S,
     LISTEN_S,
     ME_BAUDS,
+    PARITIES,
     SERIAL_TIMEOUT_S,
     TCP_TIMEOUT_S,
     ScanRun,
@@ -188,13 +188,13 @@ def _described(control: MtConnectAnswers) -> SuggestedItems | None:
 def _wires(answers: Answers) -> Iterator[_Wire]:
     for port in dict.fromkeys(answers.serial):
         line = plan(
-            port, bauds=answers.bauds or BAUDS, parities=("N",), units=_UNITS, me_bauds=ME_BAUDS,
+            port, bauds=answers.bauds or BAUDS, parities=PARITIES, units=_UNITS, me_bauds=ME_BAUDS,
             me_addresses=_ME_ADDRESSES, timeout_s=SERIAL_TIMEOUT_S,
         )  # fmt: skip
         yield _Wire(port, line.requests, _by(partial(scan_line, line)))
     for channel in dict.fromkeys(answers.can):
-        place = read_settings(CanOpenSettings, {"interface": "socketcan", "channel": channel, "bitrate": BITRATES[0]})
-        bus = CanScan(place, BITRATES[:1], _NODES, LISTEN_S, CAN_TIMEOUT_S)
+        place = read_settings(CanOpenSettings, {"interface": "socketcan", "channel": channel})
+        bus = CanScan(place, (place.bitrate,), _NODES, LISTEN_S, CAN_TIMEOUT_S)
         yield _Wire(channel, len(_NODES), _by(partial(scan_can, bus)))
     if answers.hosts:
         hosts = TcpScan(tuple(scanned_host(host) for host in dict.fromkeys(answers.hosts)), (1,), TCP_TIMEOUT_S)

@@ -10,7 +10,7 @@ import click
 from rich.table import Table
 
 from drivers.base import SetupError
-from drivers.bus_settings import FASTEST_BAUD, SLOWEST_BAUD, Parity
+from drivers.bus_settings import Parity
 from drivers.modbus import (
     ModbusBus,
     ModbusRtuBus,
@@ -27,9 +27,9 @@ from drivers.problems import read_settings
 from drivers.profiles import load_profile
 from drivers.section import LONGEST_ANSWER_S
 from gateway.acquisition import number_text
-from gateway.cli.commissioning.scan import Host, Numbers
-from gateway.cli.conventions.arguments import FiniteNumber
+from gateway.cli.conventions.arguments import FiniteNumber, field_option
 from gateway.cli.conventions.exits import EXIT_WORLD
+from gateway.cli.commissioning.scan import Host, Numbers
 from gateway.cli.conventions.terminal import terminal
 from gateway.config import toml_value
 from gateway.polling import contained
@@ -58,8 +58,8 @@ Draft = click.option("--draft", type=click.Path(dir_okay=False, path_type=Path),
 )
 @click.option("--function", type=click.Choice([1, 2, 3, 4]), default=3, show_default=True,
               help="1 and 2 read bits, 3 holding registers, 4 input registers.")  # fmt: skip
-@click.option("--baud", type=click.IntRange(SLOWEST_BAUD, FASTEST_BAUD), default=9600, show_default=True)
-@click.option("--parity", type=click.Choice(["N", "E", "O"]), default="N", show_default=True)
+@field_option("--baud", ModbusRtuSettings, "baud")
+@field_option("--parity", ModbusRtuSettings, "parity")
 @click.option("--rtu", is_flag=True, help="RTU frames over TCP, for a device server; give its port.")
 @click.option("--timeout", "timeout_s", type=FiniteNumber(0.01, LONGEST_ANSWER_S), default=_TIMEOUT_S,
               show_default=True, help="Seconds that one answer may take.")  # fmt: skip

@@ -11,16 +11,15 @@ import click
 from rich.table import Table
 
 from drivers.base import Refused
-from drivers.can import CAN_BITRATES, CAN_INTERFACES
 from drivers.canopen import CanObject, CanOpenBus, CanOpenSettings
 from drivers.number_types import BYTE_FORMATS, ByteNumber
 from drivers.opcua import NodeName, NodeValue, OpcUaBus, OpcUaBusSettings, node_name
 from drivers.problems import read_settings
 from drivers.section import LONGEST_ANSWER_S
 from gateway.acquisition import number_text
-from gateway.cli.commissioning.inspection import Draft, new_file, now_text, write_draft
-from gateway.cli.conventions.arguments import FiniteNumber
+from gateway.cli.conventions.arguments import FiniteNumber, field_option
 from gateway.cli.conventions.exits import EXIT_WORLD
+from gateway.cli.commissioning.inspection import Draft, new_file, now_text, write_draft
 from gateway.cli.conventions.terminal import printable, terminal
 from gateway.polling import contained
 from gateway.scan import node_draft, object_draft, open_bus
@@ -55,12 +54,10 @@ class ObjectPlace(click.ParamType[CanObject]):
 @click.argument("channel")
 @click.argument("node", type=click.IntRange(*CanOpenSettings.units))
 @click.argument("objects", type=ObjectPlace(), nargs=-1, required=True)
-@click.option("--interface", type=click.Choice(CAN_INTERFACES), default="socketcan", show_default=True)
-@click.option("--bitrate", type=click.Choice(CAN_BITRATES), default=125_000, show_default=True)
+@field_option("--interface", CanOpenSettings, "interface")
+@field_option("--bitrate", CanOpenSettings, "bitrate")
 @click.option("--timeout", "timeout_s", type=FiniteNumber(0.01, LONGEST_ANSWER_S), default=1.0, show_default=True)
-@click.option(
-    "--udp-port", type=click.IntRange(1, 65535), default=43113, show_default=True, help="For udp_multicast only."
-)
+@field_option("--udp-port", CanOpenSettings, "port", "For udp_multicast only.")
 @Draft
 @click.option("--type", "kind", type=click.Choice(_KINDS), help="Type of all these objects in the draft.")
 @click.option(

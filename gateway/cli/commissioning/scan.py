@@ -12,15 +12,15 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from drivers.bus_settings import FASTEST_BAUD, SLOWEST_BAUD, Parity
-from drivers.can import CAN_BITRATES, CAN_INTERFACES, Stopped
+from drivers.bus_settings import Parity
+from drivers.can import Stopped
 from drivers.canopen import CanOpenSettings
 from drivers.micro_epsilon import MeRs485Settings
 from drivers.modbus import ModbusRtuSettings, ModbusRtuTcpSettings, ModbusTcpSettings
 from drivers.problems import read_settings
 from drivers.recognition import describe
 from drivers.section import LONGEST_ANSWER_S, host_and_port
-from gateway.cli.conventions.arguments import SCAN_LIMIT_S, FiniteNumber
+from gateway.cli.conventions.arguments import SCAN_LIMIT_S, FiniteNumber, field_option, field_type
 from gateway.cli.conventions.signals import stop_on_signals
 from gateway.cli.conventions.terminal import duration_text, terminal
 from gateway.config import ConfigError, Problem, read_text
@@ -45,9 +45,9 @@ ScanRun = Callable[[ScanProgress, Stopped, bool], Awaitable[ScanReport]]
 
 BAUDS = (9600, 19200, 38400, 57600, 115200)
 ME_BAUDS = (230_400, 256_000)
+PARITIES: tuple[Parity, ...] = ("N",)
 BITRATES = (125_000, 250_000, 500_000, 1_000_000)
 SERIAL_TIMEOUT_S, TCP_TIMEOUT_S, CAN_TIMEOUT_S, LISTEN_S = 0.15, 1.0, 0.3, 3.0
-_BaudOption = click.IntRange(SLOWEST_BAUD, FASTEST_BAUD)
 _EXIT_NOTHING = 3
 
 
@@ -124,22 +124,27 @@ def ports_command() -> None:
 
 @click.command("serial")
 @click.argument("port", type=SerialPath())
-@click.option("--baud", "bauds", type=_BaudOption, multiple=True, default=BAUDS, show_default=True,
-              help="Speed to try; may be given several times.")  # fmt: skip
+@click.option("--baud", "bauds", type=field_type(ModbusRtuSettings, "baud"), multiple=True, default=BAUDS,
+              show_default=True, help="Speed to try; may be given several times.")  # fmt: skip
 @click.option(
-    "--parity", "parities", type=click.Choice(["N", "E", "O"]), multiple=True, default=("N",), show_default=True
+    "--parity",
+    "parities",
+    type=field_type(ModbusRtuSettings, "parity"),
+    multiple=True,
+    default=PARITIES,
+    show_default=True,
 )
 @click.option(
     "--units", type=Numbers(*ModbusRtuSettings.units), default="1-32", show_default=True, help="Modbus unit ids to ask."
 )
-@click.option("--me-baud", "me_bauds", type=_BaudOption, multiple=True, default=ME_BAUDS,
+@click.option("--me-baud", "me_bauds", type=field_type(MeRs485Settings, "baud"), multiple=True, default=ME_BAUDS,
               show_default=True, help="Speeds at which Micro-Epsilon sensors are asked, parity N and E.")  # fmt: skip
 @click.option("--me-addresses", type=Numbers(*MeRs485Settings.units), default="126", show_default=True)
 @click.option("--protocol", type=click.Choice(["both", "modbus_rtu", "me_rs485"]), default="both", show_default=True)
 @click.option("--function", type=click.Choice([3, 4]), default=3, show_default=True,
               help="Function code for reading; some simple units support only 4 and do not refuse 3.")  # fmt: skip
-@click.option("--timeout", "timeout_s", type=FiniteNumber(0.01, 5), default=SERIAL_TIMEOUT_S, show_default=True,
-              help="Seconds that a unit may take to answer.")  # fmt: skip
+@click.option("--timeout", "timeout_s", type=FiniteNumber(0.01, LONGEST_ANSWER_S), default=SERIAL_TIMEOUT_S,
+              show_default=True, help="Seconds that a unit may take to answer.")  # fmt: skip
 @Limit
 @Toml
 @Yes
@@ -205,8 +210,8 @@ def tcp_command(
 
 @click.command("can")
 @click.argument("channel")
-@click.option("--interface", type=click.Choice(CAN_INTERFACES), default="socketcan", show_default=True)
-@click.option("--bitrate", "bitrates", type=click.Choice(CAN_BITRATES),
+@field_option("--interface", CanOpenSettings, "interface")
+@click.option("--bitrate", "bitrates", type=field_type(CanOpenSettings, "bitrate"),
               multiple=True, help=f"Bit rates to try on slcan. Default: {', '.join(map(str, BITRATES))}.")  # fmt: skip
 @click.option(
     "--nodes", type=Numbers(*CanOpenSettings.units), default="1-127", show_default=True, help="CANopen nodes to ask."
@@ -216,14 +221,12 @@ def tcp_command(
 @click.option(
     "--timeout",
     "timeout_s",
-    type=FiniteNumber(0.01, 5),
+    type=FiniteNumber(0.01, LONGEST_ANSWER_S),
     default=CAN_TIMEOUT_S,
     show_default=True,
     help="Seconds to wait for an answer.",
 )
-@click.option(
-    "--udp-port", type=click.IntRange(1, 65535), default=43113, show_default=True, help="For udp_multicast only."
-)
+@field_option("--udp-port", CanOpenSettings, "port", "For udp_multicast only.")
 @Limit
 @Toml
 @Yes
@@ -240,9 +243,8 @@ def can_command(
     """
     if len(bitrates) > 1 and interface != "slcan":
         raise click.UsageError(f"--bitrate: the rate of {interface} cannot be changed here; give one rate, or none")
-    rates = bitrates or (BITRATES if interface == "slcan" else (125_000,))
-    place: dict[str, object] = {"interface": interface, "channel": channel, "bitrate": rates[0], "port": udp_port}
-    settings = read_settings(CanOpenSettings, place)
+    settings = read_settings(CanOpenSettings, {"interface": interface, "channel": channel, "port": udp_port})
+    rates = bitrates or (BITRATES if interface == "slcan" else (settings.bitrate,))
     what = CanScan(settings, rates, nodes, listen_s, timeout_s)
     rate = "bit rate set by the system" if interface == "socketcan" else f"bit rates {', '.join(map(str, rates))}"
     intro = f"{interface} {channel}: listening, then asking {len(nodes)} nodes ({rate})"

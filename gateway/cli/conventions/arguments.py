@@ -4,13 +4,15 @@ import math
 from collections.abc import Callable, Sequence
 from datetime import time
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar, get_args
 from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
 import click
 from click.core import Context, Parameter
 
 if TYPE_CHECKING:
+    from pydantic import BaseModel
+
     from gateway.config import GatewayConfig
     from gateway.telemetry import Access
 
@@ -52,6 +54,24 @@ class KeyPrefixText(click.ParamType[str]):
             return key_prefix(value)
         except ValueError as error:
             self.fail(str(error), param, ctx)
+
+
+def field_type(settings: type["BaseModel"], field: str) -> "click.Choice[Any] | click.IntRange":
+    """The choices of a field of these settings, or whole numbers within its bounds."""
+    about = settings.model_fields[field]
+    choices = get_args(about.annotation)
+    low, high = (
+        next((getattr(rule, bound) for rule in about.metadata if hasattr(rule, bound)), None) for bound in ("ge", "le")
+    )
+    return click.Choice(choices) if choices else click.IntRange(low, high)
+
+
+def field_option(
+    name: str, settings: type["BaseModel"], field: str, what: str | None = None
+) -> Callable[[Decorated], Decorated]:
+    """An option with the type and the default of a field of these settings."""
+    default = settings.model_fields[field].default
+    return click.option(name, type=field_type(settings, field), default=default, show_default=True, help=what)
 
 
 def read_config(path: Path) -> "GatewayConfig":
