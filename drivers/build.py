@@ -44,7 +44,7 @@ from drivers.profiles import Profile, load_profile
 from drivers.section import Section
 from drivers.tap import Tap
 
-__all__ = ["BUS_KINDS", "AnyBusSettings", "bus_from_settings", "check_device", "make_bus", "make_device"]
+__all__ = ["BUS_KINDS", "AnyBusSettings", "bus_from_settings", "check_device", "make_device"]
 
 
 AnyBusSettings = (
@@ -68,18 +68,6 @@ class NoOptions(Section):
 
 
 _Options = ModbusOptions | Cia404Options | NodeOptions | DisplacementOptions | NoOptions
-
-
-def make_bus(name: str, kind: str, options: Mapping[str, object], tap: Tap | None = None) -> Bus:
-    """Build a bus of that kind (a key of BUS_KINDS); `options` are the fields of its settings class.
-
-    tap: receives everything that passes on the wire
-
-    Raises SetupError naming the bus, the field and the value.
-    """
-    if kind not in BUS_KINDS:
-        raise SetupError(f"kind {kind!r} is unknown", bus=name, hint=f"available: {', '.join(BUS_KINDS)}")
-    return bus_from_settings(name, read_settings(BUS_KINDS[kind], options, bus=name), tap)
 
 
 def bus_from_settings(name: str, settings: AnyBusSettings, tap: Tap | None = None) -> Bus:  # noqa: C901 - one case a kind

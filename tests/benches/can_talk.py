@@ -3,10 +3,10 @@
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 
-from drivers.build import make_bus
 from drivers.canopen import CanObject, CanOpenBus
 from simulators.devices import SlcanAdapter
 from simulators.devices.slcan_adapter import CanNode
+from tests.benches.buses import make_bus
 
 NODE = 5
 VALUE = CanObject(0x9130, 1)

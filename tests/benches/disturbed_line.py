@@ -9,13 +9,14 @@ from contextlib import asynccontextmanager
 import numpy as np
 
 from drivers.base import Quality, Reading, SystemClock
-from drivers.build import make_bus, make_device
+from drivers.build import make_device
 from gateway.acquisition import Acquisition, Line
 from gateway.clock import RealClock
 from gateway.polling import Notice
 from simulators.devices import M7015, RtuLine
 from simulators.devices.modbus_servers import crc16
 from simulators.devices.pta8d08 import Pta8d08
+from tests.benches.buses import make_bus
 
 PERIOD_S, TIMEOUT_S, PERIODS = 1.0, 0.4, 60
 UNITS, DISTURBED = (1, 2, 3), 2

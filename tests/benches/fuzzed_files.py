@@ -14,7 +14,7 @@ import pyarrow as pa
 from pyarrow import parquet
 
 from drivers.base import DriverError, SystemClock
-from drivers.build import make_bus, make_device
+from drivers.build import make_device
 from drivers.profiles import load_profile
 from gateway.config import ConfigError, Telemetry, credential_problems, load, parse_prior
 from gateway.outlets import load_outlets
@@ -34,6 +34,7 @@ from talc.control import Controller
 from talc.frame import Frame, Frames, Measurement
 from talc.learner import make_prior
 from talc.settings import TalcSettings
+from tests.benches.buses import make_bus
 from tests.benches.logger_files import INPUTS, logger_dbc, logger_profile_text
 from tests.benches.service_file import FILE
 from tests.benches.snapshot_bytes import stored_bytes

@@ -8,9 +8,9 @@ from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import asynccontextmanager, contextmanager
 from pathlib import Path
 
-from drivers.build import make_bus
 from drivers.modbus import ModbusBus
 from simulators.devices.pty_port import PtyPort
+from tests.benches.buses import make_bus
 
 TIMEOUT_S = 5.0
 """A busy computer may need this long for another program's answer."""

@@ -5,9 +5,10 @@ from contextlib import asynccontextmanager
 from pathlib import Path
 
 from drivers.base import Clock, Driver
-from drivers.build import make_bus, make_device
+from drivers.build import make_device
 from simulators.devices import TcpHost
 from simulators.devices.modbus_unit import ModbusUnit
+from tests.benches.buses import make_bus
 
 
 @asynccontextmanager

@@ -11,7 +11,7 @@ from types import MappingProxyType
 from typing import Protocol
 
 from drivers.base import Bus, Driver, Quality, SystemClock
-from drivers.build import make_bus, make_device
+from drivers.build import make_device
 from simulators.devices import M7015, Adam6015, Cia404Node, DeviceServer, MeSensor, RtuLine, SlcanAdapter, TcpHost
 from simulators.devices.can_logger import CanLogger
 from simulators.devices.me_controller import MeController
@@ -21,6 +21,7 @@ from simulators.devices.source import Faults, SensorFault
 from simulators.devices.spoil import Spoil
 from simulators.devices.voltage_input import VoltageInput
 from simulators.devices.wago464 import Wago464
+from tests.benches.buses import make_bus
 from tests.benches.logger_files import logger_profile
 
 TIMEOUT_S = 0.1

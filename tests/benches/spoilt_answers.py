@@ -7,7 +7,7 @@ from contextlib import suppress
 from math import isfinite
 
 from drivers.base import Bus, Driver, DriverError, Quality, Reading
-from drivers.build import make_bus
+from tests.benches.buses import make_bus
 from tests.benches.rigs import Rig
 
 _LATEST_S = 0.3

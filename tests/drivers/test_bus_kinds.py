@@ -6,8 +6,9 @@ from pathlib import Path
 import pytest
 
 from drivers.base import SetupError
-from drivers.build import BUS_KINDS, check_device, make_bus
+from drivers.build import BUS_KINDS, check_device
 from drivers.problems import read_settings
+from tests.benches.buses import make_bus
 
 HOST = {"host": "127.0.0.1", "port": 1}
 LINE = {"port": "/nowhere"}

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from drivers.base import ConnectError, DriverError, NoAnswer, Quality, WrongDevice
-from drivers.build import make_bus
+from tests.benches.buses import make_bus
 from tests.benches.rigs import NEIGHBOUR, SHARED, TIMEOUT_S, TYPED, Rig
 
 pytestmark = pytest.mark.simulated_time

@@ -7,11 +7,12 @@ import pytest
 from pydantic import ValidationError
 
 from drivers.base import SetupError, SystemClock
-from drivers.build import make_bus, make_device
+from drivers.build import make_device
 from drivers.modbus import ModbusProfile, NumberFormat
 from drivers.profiles import load_profile, profile_names
 from drivers.readings import total
 from simulators.devices.scenario import Scenario
+from tests.benches.buses import make_bus
 
 CASES = Path(__file__).parent / "profile_cases"
 
@@ -134,7 +135,6 @@ RTU = {"port": "/dev/null"}
 @pytest.mark.parametrize(
     ("kind", "options", "message"),
     [
-        ("modbus", {}, "bus b: kind 'modbus' is unknown (available: modbus_rtu, "),
         ("modbus_rtu", {}, "bus b: port: missing; it has no default"),
         ("modbus_rtu", RTU | {"bauds": 9600}, "bus b: bauds: unknown key; did you mean 'baud'?"),
         ("modbus_rtu", RTU | {"baud": "fast"}, "bus b: baud: 'fast': expected a whole number"),

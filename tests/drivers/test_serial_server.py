@@ -9,12 +9,13 @@ from pathlib import Path
 import pytest
 
 from drivers.base import ConnectError, NoAnswer, SystemClock
-from drivers.build import make_bus, make_device
+from drivers.build import make_device
 from drivers.modbus import Block, ModbusBus
 from simulators.devices import MeSensor, RtuLine
 from simulators.devices.me_sensor import MeLine
 from simulators.devices.modbus_servers import crc16
 from simulators.devices.voltage_input import VoltageInput
+from tests.benches.buses import make_bus
 from tests.benches.free_port import free_port
 from tests.benches.ser2net import Ser2net, ser2net
 from tests.benches.stream_server import stream_server

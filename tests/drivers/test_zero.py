@@ -10,13 +10,14 @@ from pathlib import Path
 import pytest
 
 from drivers.base import Bus, Driver, SystemClock
-from drivers.build import make_bus, make_device
+from drivers.build import make_device
 from drivers.can import CanDbcProfile
 from drivers.profile import LinearValue
 from drivers.profiles import load_profile
 from simulators.devices import Cia404Node, MeSensor, SlcanAdapter, TcpHost
 from simulators.devices.me_controller import MeController
 from simulators.devices.me_sensor import MeLine
+from tests.benches.buses import make_bus
 
 pytestmark = pytest.mark.simulated_time
 

@@ -126,7 +126,11 @@ def test_a_bus_loads_the_libraries_of_its_own_kind(kind: str, needed: str, forei
         "mqtt": {"url": "mqtt://127.0.0.1"},
         "opcua": {"url": "opc.tcp://127.0.0.1", "security": "none"},
     }.get(kind, {"port": "/dev/ttyUSB0"})
-    modules = loaded(f"from drivers.build import make_bus; make_bus('one', {kind!r}, {where!r})")
+    settings = f"read_settings(BUS_KINDS[{kind!r}], {where!r})"
+    modules = loaded(
+        "from drivers.build import BUS_KINDS, bus_from_settings; from drivers.problems import read_settings; "
+        f"bus_from_settings('one', {settings})"
+    )
     assert needed in modules
     assert not modules & foreign
 

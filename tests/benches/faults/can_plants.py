@@ -4,10 +4,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from drivers.base import Bus
-from drivers.build import make_bus
 from simulators.devices import Cia404Node, SlcanAdapter
 from simulators.devices.can_logger import CanLogger
 from simulators.devices.multicast_bus import MulticastBus
+from tests.benches.buses import make_bus
 from tests.benches.faults.plant import NEIGHBOUR, TIMEOUT_S, VICTIM, FaultStep, FaultyPlant, cable, pair
 from tests.benches.faults.said import Said, temperatures
 from tests.benches.free_port import free_port

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Protocol
 
 from drivers.base import SystemClock
-from drivers.build import make_bus, make_device
+from drivers.build import make_device
 from simulators.devices import M7015, Adam6015, MeSensor, RtuLine, TcpHost
 from simulators.devices.me_controller import MeController
 from simulators.devices.me_sensor import MeLine, Payload
@@ -16,6 +16,7 @@ from simulators.devices.pta8d08 import Pta8d08
 from simulators.devices.source import Faults
 from simulators.devices.voltage_input import VoltageInput
 from simulators.devices.wago464 import Wago464
+from tests.benches.buses import make_bus
 from tests.benches.faults.can_plants import dbc, heartbeat, multicast, slcan, sync, timer
 from tests.benches.faults.plant import (
     CHANNELS,

@@ -9,7 +9,8 @@ from pathlib import Path
 import pytest
 
 from drivers.base import BadAnswer, Bus, ConnectError, Driver, Quality, SetupError, SystemClock, WrongDevice
-from drivers.build import make_bus, make_device
+from drivers.build import make_device
+from tests.benches.buses import make_bus
 from tests.benches.driver_reads import told
 from tests.benches.fake_agent import Agent, serving
 

@@ -11,7 +11,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.base import BadAnswer, DriverError, NoAnswer
-from drivers.build import make_bus
 from drivers.can.bus import CanBus
 from drivers.can.interface import slcan_frame
 from drivers.can.settings import CanSettings
@@ -20,6 +19,7 @@ from drivers.canopen import CanOpenBus
 from simulators.devices import Cia404Node
 from simulators.devices.multicast_bus import MulticastBus
 from simulators.devices.slcan_adapter import CanFrame
+from tests.benches.buses import make_bus
 from tests.benches.can_talk import NODE, VALUE, talking
 from tests.benches.free_port import free_port
 

@@ -7,10 +7,10 @@ from contextlib import asynccontextmanager
 
 import pytest
 
-from drivers.build import make_bus
 from drivers.can.settings import CAN_INTERFACES, CanInterfaceSettings
 from drivers.can.survey import CanSurvey, Heard
 from simulators.devices import SlcanAdapter
+from tests.benches.buses import make_bus
 from tests.benches.can_kernel import CanKernel
 from tests.benches.free_port import free_port
 from tests.benches.simulated_time import jump_wall_clock

@@ -14,13 +14,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.base import ConnectError, Driver, NoAnswer, Quality, Reading, SetupError, SystemClock
-from drivers.build import make_bus, make_device
+from drivers.build import make_device
 from drivers.can.dbc_profile import CanDbcProfile, DbcSignal
 from drivers.faults import Fault as Faulty
 from drivers.profiles import load_profile
 from simulators.devices import SlcanAdapter
 from simulators.devices.can_logger import CanLogger
 from simulators.devices.source import SensorFault
+from tests.benches.buses import make_bus
 from tests.benches.driver_reads import read_until_error
 from tests.benches.logger_files import logger_profile, logger_profile_text
 

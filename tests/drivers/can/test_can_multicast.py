@@ -6,9 +6,10 @@ from queue import Queue
 import pytest
 
 from drivers.base import NoAnswer, SystemClock
-from drivers.build import make_bus, make_device
+from drivers.build import make_device
 from simulators.devices import Cia404Node
 from simulators.devices.multicast_bus import MulticastBus
+from tests.benches.buses import make_bus
 from tests.benches.free_port import free_port
 
 pytestmark = pytest.mark.simulated_time

@@ -9,8 +9,9 @@ import cantools
 import pytest
 
 from drivers.base import Driver, NoAnswer, Quality, SystemClock
-from drivers.build import make_bus, make_device
+from drivers.build import make_device
 from simulators.devices import SlcanAdapter
+from tests.benches.buses import make_bus
 
 pytestmark = pytest.mark.simulated_time
 

@@ -11,13 +11,14 @@ from pathlib import Path
 import pytest
 
 from drivers.base import Bus, ConnectError, Driver, DriverError, Quality, Reading, SystemClock
-from drivers.build import make_bus, make_device
+from drivers.build import make_device
 from drivers.can.settings import CanInterfaceSettings
 from drivers.can.survey import CanSurvey, Heard
 from gateway.acquisition import Acquisition, Line
 from gateway.clock import RealClock
 from simulators.devices import Cia404Node
 from simulators.devices.can_logger import CanLogger
+from tests.benches.buses import make_bus
 from tests.benches.can_kernel import CanKernel
 from tests.benches.logger_files import logger_profile
 

@@ -12,11 +12,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.base import BadAnswer, ConnectError, Driver, NoAnswer, Quality, Reading, Refused, SystemClock, WrongDevice
-from drivers.build import make_bus, make_device
+from drivers.build import make_device
 from drivers.canopen.events import NodeEvents
 from simulators.devices import Cia404Node, SlcanAdapter
 from simulators.devices.slcan_adapter import CanFrame
 from simulators.devices.source import SensorFault
+from tests.benches.buses import make_bus
 
 pytestmark = pytest.mark.simulated_time
 

@@ -10,11 +10,12 @@ from pathlib import Path
 import pytest
 
 from drivers.base import Driver, Quality, SetupError, SystemClock, WrongDevice
-from drivers.build import make_bus, make_device
+from drivers.build import make_device
 from drivers.profiles import load_profile
 from simulators.devices import Cia404Node, SlcanAdapter, cia404_node
 from simulators.devices.slcan_adapter import CanFrame
 from simulators.devices.source import SensorFault
+from tests.benches.buses import make_bus
 from tests.benches.changed_source import SourceChange, changed
 
 pytestmark = pytest.mark.simulated_time

@@ -11,10 +11,11 @@ import pytest
 from canopen.objectdictionary import datatypes
 
 from drivers.base import Driver, Refused, SetupError, SystemClock, WrongDevice
-from drivers.build import make_bus, make_device
+from drivers.build import make_device
 from drivers.canopen import CanOpenProfile
 from drivers.profiles import load_profile, user_profile
 from simulators.devices import Cia404Node, SlcanAdapter
+from tests.benches.buses import make_bus
 from tests.benches.driver_reads import told
 from tests.benches.library_node import EDS, NODE, LibraryNode
 

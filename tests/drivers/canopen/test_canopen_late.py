@@ -13,12 +13,12 @@ from itertools import count
 import pytest
 
 from drivers.base import DriverError, NoAnswer
-from drivers.build import make_bus
 from drivers.canopen.bus import CanOpenBus
 from drivers.canopen.place import CanObject
 from simulators.devices import Cia404Node, SlcanAdapter
 from simulators.devices.slcan_adapter import CanFrame
 from simulators.devices.source import SensorFault
+from tests.benches.buses import make_bus
 from tests.benches.late_answers import Late
 
 pytestmark = pytest.mark.simulated_time

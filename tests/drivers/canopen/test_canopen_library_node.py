@@ -8,7 +8,8 @@ from canopen.objectdictionary import ODArray, ODVariable
 from canopen.objectdictionary.datatypes import INTEGER32, UNSIGNED8, UNSIGNED16, UNSIGNED32
 
 from drivers.base import Quality, SystemClock
-from drivers.build import make_bus, make_device
+from drivers.build import make_device
+from tests.benches.buses import make_bus
 
 pytestmark = pytest.mark.simulated_time
 

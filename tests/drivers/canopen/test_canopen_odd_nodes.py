@@ -9,9 +9,10 @@ from pathlib import Path
 import pytest
 
 from drivers.base import BadAnswer, Driver, DriverError, NoAnswer, SystemClock
-from drivers.build import make_bus, make_device
+from drivers.build import make_device
 from simulators.devices import Cia404Node, SlcanAdapter
 from simulators.devices.slcan_adapter import CanFrame
+from tests.benches.buses import make_bus
 from tests.benches.driver_reads import values_or_reasons
 
 pytestmark = pytest.mark.simulated_time

@@ -10,11 +10,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.base import Driver, NoAnswer, Quality, SystemClock, WrongDevice
-from drivers.build import make_bus, make_device
+from drivers.build import make_device
 from drivers.canopen.pdo import pdo_map
 from drivers.canopen.place import CanObject
 from simulators.devices import Cia404Node, SlcanAdapter
 from simulators.devices.slcan_adapter import CanFrame
+from tests.benches.buses import make_bus
 from tests.benches.driver_reads import read_until_error
 
 pytestmark = pytest.mark.simulated_time

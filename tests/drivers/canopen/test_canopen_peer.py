@@ -14,12 +14,13 @@ from pathlib import Path
 import pytest
 
 from drivers.base import Bus, Driver, Quality, Reading, Refused, SystemClock
-from drivers.build import make_bus, make_device
+from drivers.build import make_device
 from drivers.canopen.bus import CanOpenBus
 from drivers.canopen.place import CanObject
 from simulators.devices import SlcanAdapter
 from simulators.devices.slcan_adapter import CanFrame
 from tests.benches.asked_again import readings_of
+from tests.benches.buses import make_bus
 from tests.benches.npm_peer import node_with, running
 
 pytestmark = pytest.mark.peer

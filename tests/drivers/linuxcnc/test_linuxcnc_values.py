@@ -10,8 +10,9 @@ from pathlib import Path
 import pytest
 
 from drivers.base import Driver, Quality, SystemClock, WrongDevice
-from drivers.build import make_bus, make_device
+from drivers.build import make_device
 from drivers.nc import WatchdogTerms
+from tests.benches.buses import make_bus
 from tests.benches.driver_reads import told
 from tests.benches.linuxcnc_bench import ANSWER_S, AgentBench, claimed, running, until
 

@@ -8,9 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.base import SystemClock, WrongDevice
-from drivers.build import make_bus, make_device
+from drivers.build import make_device
 from drivers.micro_epsilon.ethernet import MeBlock, find_block
 from simulators.devices.me_controller import MeController, block
+from tests.benches.buses import make_bus
 from tests.benches.waits import until
 
 pytestmark = pytest.mark.simulated_time

@@ -13,10 +13,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.base import Driver, DriverError, Quality, SystemClock
-from drivers.build import make_bus, make_device
+from drivers.build import make_device
 from drivers.modbus.profile import ModbusProfile
 from drivers.profiles import load_profile, profile_names
 from simulators.devices import TcpHost
+from tests.benches.buses import make_bus
 
 pytestmark = pytest.mark.simulated_time
 

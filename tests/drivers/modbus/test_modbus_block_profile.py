@@ -12,9 +12,10 @@ from pymodbus.server import ModbusTcpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
 from drivers.base import Driver, Quality, Reading, Refused, SetupError
-from drivers.build import make_bus, make_device
+from drivers.build import make_device
 from drivers.profiles import load_profile
 from simulators.devices.modbus_unit import ModbusUnit
+from tests.benches.buses import make_bus
 from tests.benches.free_port import free_port
 from tests.benches.manual_clock import ManualClock
 from tests.benches.own_profile import by_own_profile

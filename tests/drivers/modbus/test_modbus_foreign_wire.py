@@ -7,9 +7,10 @@ import random
 import pytest
 
 from drivers.base import BadAnswer, NoAnswer, Quality, SystemClock
-from drivers.build import make_bus, make_device
+from drivers.build import make_device
 from drivers.modbus.numbers import Block
 from tests.benches.asked_again import LIMIT_S, answered
+from tests.benches.buses import make_bus
 from tests.benches.libmodbus_line import TIMEOUT_S, UNIT, libmodbus_line
 from tests.benches.npm_peer import node_with, running
 

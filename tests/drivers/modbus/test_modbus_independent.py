@@ -8,7 +8,7 @@ from contextlib import asynccontextmanager
 import pytest
 
 from drivers.base import Driver, NoAnswer, Quality, SystemClock
-from drivers.build import make_bus, make_device
+from drivers.build import make_device
 from drivers.modbus.answers import BlockAnswers
 from drivers.modbus.bus import ModbusTcpBus
 from drivers.modbus.habits import Habits
@@ -17,6 +17,7 @@ from drivers.modbus.rtu import ModbusRtuBus
 from drivers.modbus.settings import ModbusTcpSettings
 from simulators.devices import M7015, RtuLine
 from simulators.devices.loopback import Connection, LoopbackServer
+from tests.benches.buses import make_bus
 from tests.benches.rtu_talk import TWO, frame, honest, line
 
 pytestmark = pytest.mark.simulated_time

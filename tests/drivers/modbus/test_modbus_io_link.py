@@ -9,7 +9,8 @@ from pymodbus.server import ModbusTcpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
 from drivers.base import Driver, Quality, Reading
-from drivers.build import make_bus, make_device
+from drivers.build import make_device
+from tests.benches.buses import make_bus
 from tests.benches.free_port import free_port
 from tests.benches.manual_clock import ManualClock
 

@@ -7,10 +7,11 @@ from pathlib import Path
 import pytest
 
 from drivers.base import Bus, NoAnswer, Quality, Reading, Refused, SystemClock
-from drivers.build import make_bus, make_device
+from drivers.build import make_device
 from drivers.modbus.bus import ModbusBus
 from drivers.modbus.numbers import Block
 from tests.benches.asked_again import readings_of
+from tests.benches.buses import make_bus
 from tests.benches.libmodbus_line import TIMEOUT_S, libmodbus_line, slave
 
 pytestmark = pytest.mark.peer

@@ -8,9 +8,10 @@ from pathlib import Path
 import pytest
 
 from drivers.base import BadAnswer, Bus, Driver, Quality, SystemClock
-from drivers.build import make_bus, make_device
+from drivers.build import make_device
 from simulators.devices import Adam6015, TcpHost
 from simulators.devices.adam6015 import PT100_150
+from tests.benches.buses import make_bus
 from tests.benches.rtu_talk import frame, line
 
 pytestmark = pytest.mark.simulated_time

@@ -8,8 +8,8 @@ import struct
 import pytest
 
 from drivers.base import ConnectError, SetupError
-from drivers.build import make_bus
 from simulators.devices.pty_port import PtyPort
+from tests.benches.buses import make_bus
 
 pytestmark = pytest.mark.simulated_time
 

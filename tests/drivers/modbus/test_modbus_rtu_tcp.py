@@ -7,12 +7,13 @@ from contextlib import asynccontextmanager
 import pytest
 
 from drivers.base import BadAnswer, ConnectError, NoAnswer, Quality, SetupError, SystemClock
-from drivers.build import make_bus, make_device
+from drivers.build import make_device
 from drivers.modbus.rtu import ModbusRtuTcpBus, RtuFramedBus
 from drivers.modbus.settings import ModbusRtuTcpSettings
 from simulators.devices import DeviceServer
 from simulators.devices.modbus_unit import ModbusUnit
 from simulators.devices.voltage_input import VoltageInput
+from tests.benches.buses import make_bus
 from tests.benches.late_answers import Late
 from tests.benches.rtu_talk import TIMEOUT_S, TWO, registers
 

@@ -6,11 +6,12 @@ from pathlib import Path
 import pytest
 
 from drivers.base import Bus, NoAnswer, Quality, Refused, SystemClock
-from drivers.build import make_bus, make_device
+from drivers.build import make_device
 from drivers.modbus.bus import ModbusBus
 from drivers.modbus.numbers import Block
 from simulators.devices.pty_port import PtyPort
 from tests.benches.asked_again import answered, readings_of
+from tests.benches.buses import make_bus
 from tests.benches.npm_peer import node_with, running
 
 pytestmark = pytest.mark.peer

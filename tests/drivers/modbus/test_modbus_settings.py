@@ -5,8 +5,9 @@ from collections.abc import AsyncIterator
 import pytest
 
 from drivers.base import Driver, NoAnswer, Quality, Refused, SystemClock, WrongDevice
-from drivers.build import make_bus, make_device
+from drivers.build import make_device
 from simulators.devices import M7015, RtuLine
+from tests.benches.buses import make_bus
 
 pytestmark = pytest.mark.simulated_time
 

@@ -9,9 +9,10 @@ from pathlib import Path
 import pytest
 
 from drivers.base import AsksLater, Driver, DriverError, NoAnswer, Quality, Reading
-from drivers.build import make_bus, make_device
+from drivers.build import make_device
 from drivers.modbus.bus import ModbusBus
 from simulators.devices import RtuLine, TcpHost
+from tests.benches.buses import make_bus
 from tests.benches.manual_clock import ManualClock
 
 pytestmark = pytest.mark.simulated_time

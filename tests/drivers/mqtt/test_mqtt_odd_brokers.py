@@ -12,11 +12,12 @@ from time import monotonic
 import pytest
 
 from drivers.base import BadAnswer, ConnectError, Driver, DriverError, NoAnswer, Quality, Reading, Refused, SystemClock
-from drivers.build import make_bus, make_device
+from drivers.build import make_device
 from drivers.mqtt import bus as mqtt_bus
 from drivers.mqtt.bus import MqttBus
 from drivers.section import LONGEST_ANSWER_S
 from drivers.tap import Tap
+from tests.benches.buses import make_bus
 from tests.benches.driver_reads import values_or_reasons
 from tests.benches.stream_server import Serve, stream_server
 

@@ -30,9 +30,10 @@ from drivers.base import (
     SystemClock,
     WrongDevice,
 )
-from drivers.build import make_bus, make_device
+from drivers.build import make_device
 from drivers.opcua import OpcUaBus
 from drivers.opcua.nodes import node_name
+from tests.benches.buses import make_bus
 from tests.benches.driver_reads import told
 from tests.benches.opcua_drives import URI, Drives
 

@@ -5,7 +5,8 @@ from pathlib import Path
 import pytest
 
 from drivers.base import Quality, SystemClock
-from drivers.build import make_bus, make_device
+from drivers.build import make_device
+from tests.benches.buses import make_bus
 from tests.benches.node_opcua_site import secured
 from tests.benches.npm_peer import node_with, running
 

@@ -7,9 +7,10 @@ from pathlib import Path
 import pytest
 
 from drivers.base import Quality, Reading, SetupError, SystemClock
-from drivers.build import make_bus, make_device
+from drivers.build import make_device
 from drivers.opcua.nodes import NodeValue
 from drivers.profiles import load_profile
+from tests.benches.buses import make_bus
 from tests.benches.npm_peer import node_with, running
 from tests.benches.opcua_drives import URI, Drives
 

@@ -13,13 +13,14 @@ from cryptography.hazmat.primitives.asymmetric import rsa
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 from drivers.base import DriverError, Quality, Refused, SetupError, SystemClock
-from drivers.build import make_bus, make_device
+from drivers.build import make_device
 from drivers.problems import settings_of
 from drivers.sinumerik import SinumerikSettings
 from drivers.sinumerik.control import Sinumerik
 from gateway.clock import RealClock
 from simulators.nc import Activity, DayPart, EmulatedControl, LoadCase, MeanLoads, Security, User
 from simulators.nc.access import APPLICATION_URI
+from tests.benches.buses import make_bus
 from tests.benches.emulated_bench import Rigid
 
 pytestmark = pytest.mark.simulated_time

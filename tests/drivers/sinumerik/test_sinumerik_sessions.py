@@ -11,13 +11,14 @@ from pathlib import Path
 import pytest
 
 from drivers.base import Bus, Driver, NoAnswer, Quality, SystemClock
-from drivers.build import make_bus, make_device
+from drivers.build import make_device
 from drivers.nc import WatchdogTerms
 from drivers.opcua import OpcUaSession
 from drivers.sinumerik.control import Sinumerik
 from drivers.sinumerik.settings import SinumerikSettings
 from gateway.clock import RealClock
 from simulators.nc import Activity, DayPart, EmulatedControl, LoadCase, MeanLoads
+from tests.benches.buses import make_bus
 from tests.benches.emulated_bench import Rigid
 
 pytestmark = pytest.mark.simulated_time

@@ -13,12 +13,13 @@ import numpy as np
 import pytest
 
 from drivers.base import Quality, Reading, SystemClock
-from drivers.build import make_bus, make_device
+from drivers.build import make_device
 from gateway.acquisition.acquisition import Acquisition
 from gateway.acquisition.line import Line
 from gateway.clock import RealClock
 from gateway.polling import Notice
 from simulators.devices import M7015, RtuLine
+from tests.benches.buses import make_bus
 
 pytestmark = pytest.mark.simulated_time
 

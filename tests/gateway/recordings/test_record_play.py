@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from drivers.base import DriverError, Quality, Reading, SystemClock
-from drivers.build import make_bus, make_device
+from drivers.build import make_device
 from drivers.micro_epsilon.ethernet import find_block
 from gateway.acquisition import lines_of
 from gateway.cli.emulated.play import play_bus, read_wire_recording
@@ -20,6 +20,7 @@ from simulators.devices import M7015, Adam6015, Cia404Node, DeviceServer, MeSens
 from simulators.devices.me_controller import MeController
 from simulators.devices.source import SensorFault
 from simulators.devices.spoil import Spoil
+from tests.benches.buses import make_bus
 from tests.benches.free_port import free_port
 
 pytestmark = pytest.mark.simulated_time

@@ -10,12 +10,13 @@ from pathlib import Path
 import pytest
 
 from drivers.base import Quality, Reading, SystemClock
-from drivers.build import make_bus, make_device
+from drivers.build import make_device
 from drivers.modbus import ModbusBus
 from drivers.profiles import load_profile
 from drivers.recognition import recognise_modbus
 from simulators.devices.__main__ import DEVICES, emulate
 from simulators.devices.scenario import Scenario
+from tests.benches.buses import make_bus
 from tests.benches.emulated_profiles import PROFILES, options
 from tests.benches.logger_files import logger_profile
 

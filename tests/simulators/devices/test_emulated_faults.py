@@ -11,11 +11,12 @@ from pathlib import Path
 import pytest
 
 from drivers.base import Driver, Quality, Reading, SystemClock
-from drivers.build import make_bus, make_device
+from drivers.build import make_device
 from gateway.acquisition import Acquisition, Line
 from gateway.clock import RealClock
 from simulators.devices.__main__ import DEVICES, emulate
 from simulators.devices.scenario import SWITCHES, NotOfThisDeviceError, Scenario
+from tests.benches.buses import make_bus
 from tests.benches.emulated_profiles import PROFILES, options
 from tests.benches.logger_files import logger_profile
 from tests.benches.manual_clock import ManualClock

@@ -9,11 +9,12 @@ from pathlib import Path
 import pytest
 
 from drivers.base import Quality, SystemClock
-from drivers.build import make_bus, make_device
+from drivers.build import make_device
 from drivers.mqtt.packets import publish_packet
 from drivers.section import LONGEST_ANSWER_S
 from gateway.cli.emulated.play import Played, play_bus
 from gateway.recordings import WireEvent, WireLogWriter, read_wire_log
+from tests.benches.buses import make_bus
 from tests.benches.mosquitto import LIMIT_S, mosquitto
 
 PROFILE = """

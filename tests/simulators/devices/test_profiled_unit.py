@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from drivers.base import Quality, Reading, SystemClock
-from drivers.build import make_bus, make_device
+from drivers.build import make_device
 from simulators.devices.__main__ import device_of, emulate
 from simulators.devices.adam6015 import Adam6015
 from simulators.devices.m7015 import M7015
@@ -19,6 +19,7 @@ from simulators.devices.profiled_unit import ProfiledUnit
 from simulators.devices.scenario import Scenario
 from simulators.devices.source import SensorFault, ValueSource
 from simulators.devices.wago464 import Wago464
+from tests.benches.buses import make_bus
 
 EVERYTHING = """
 protocol = "modbus"

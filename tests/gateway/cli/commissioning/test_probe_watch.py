@@ -17,11 +17,12 @@ from termios import TIOCSWINSZ
 import pytest
 
 from drivers.base import Quality, SystemClock
-from drivers.build import make_bus, make_device
+from drivers.build import make_device
 from gateway.acquisition import Acquisition, Line, Sample
 from gateway.cli.commissioning.probe_watch import DeviceFigures, ProbeView
 from simulators.devices import Adam6015, TcpHost
 from simulators.devices.source import SensorFault
+from tests.benches.buses import make_bus
 from tests.benches.command import talc_gateway
 from tests.benches.counted_source import CountedSource
 from tests.benches.scripted_bus import ScriptedBus, ScriptedDevice, ScriptedPlant
