@@ -27,9 +27,9 @@ from drivers.problems import read_settings
 from drivers.profiles import load_profile
 from drivers.section import LONGEST_ANSWER_S
 from gateway.acquisition import number_text
+from gateway.cli.commissioning.scan import Host, Numbers
 from gateway.cli.conventions.arguments import FiniteNumber, field_option
 from gateway.cli.conventions.exits import EXIT_WORLD
-from gateway.cli.commissioning.scan import Host, Numbers
 from gateway.cli.conventions.terminal import terminal
 from gateway.config import toml_value
 from gateway.polling import contained

@@ -17,9 +17,9 @@ from drivers.opcua import NodeName, NodeValue, OpcUaBus, OpcUaBusSettings, node_
 from drivers.problems import read_settings
 from drivers.section import LONGEST_ANSWER_S
 from gateway.acquisition import number_text
+from gateway.cli.commissioning.inspection import Draft, new_file, now_text, write_draft
 from gateway.cli.conventions.arguments import FiniteNumber, field_option
 from gateway.cli.conventions.exits import EXIT_WORLD
-from gateway.cli.commissioning.inspection import Draft, new_file, now_text, write_draft
 from gateway.cli.conventions.terminal import printable, terminal
 from gateway.polling import contained
 from gateway.scan import node_draft, object_draft, open_bus

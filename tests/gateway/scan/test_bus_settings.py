@@ -18,8 +18,8 @@ from drivers.micro_epsilon import MeEthernetSettings
 from drivers.modbus import ModbusTcpSettings
 from drivers.section import LONGEST_ANSWER_S, Section
 from gateway.cli import main
-from gateway.cli.arguments import field_option
-from gateway.cli.scan import BAUDS, BITRATES, ME_BAUDS
+from gateway.cli.commissioning.scan import BAUDS, BITRATES, ME_BAUDS
+from gateway.cli.conventions.arguments import field_option
 from gateway.scan import plan
 from tests.benches.command import here
 
