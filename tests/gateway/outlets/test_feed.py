@@ -77,14 +77,15 @@ def test_the_oldest_are_dropped_and_counted_when_too_many_wait(caplog: pytest.Lo
 def test_what_was_not_acknowledged_is_sent_again_in_its_place() -> None:
     outlet = FailingOutlet()
     feed = Feed(settings(), outlet)
-    feed.put(reading(1), 0.0)
+    for number in (1, 2, 3):
+        feed.put(reading(number), 0.0)
     outlet.failing = OutletError("lost")
     assert feed.turn(0.0) == 1.0
     assert not outlet.is_open
-    feed.put(reading(2), 0.5)
+    feed.put(reading(4), 0.5)
     outlet.failing = None
     feed.turn(1.0)
-    assert [numbers(batch) for batch in outlet.sent] == [[1, 2]]
+    assert [numbers(batch) for batch in outlet.sent] == [[1, 2, 3, 4]]
 
 
 def test_what_the_other_side_will_never_take_does_not_stop_the_rest(caplog: pytest.LogCaptureFixture) -> None:
@@ -235,6 +236,15 @@ def test_only_the_wanted_kinds_and_readings_not_too_often_are_passed_on() -> Non
     feed.put(heard("event", seq=99), 0.0)
     feed.turn(0.0)
     assert numbers(outlet.sent[0]) == [0, 10, 12, 13, 23, 99]
+
+
+def test_a_clock_that_is_set_back_withholds_no_reading() -> None:
+    outlet = FailingOutlet()
+    feed = Feed(settings(reading_every_s=10.0), outlet)
+    for number, time in enumerate(("07:00:00", "06:00:00", "06:00:05", "06:00:10")):
+        feed.put(reading(number, time=f"2026-01-05T{time}+00:00"), 0.0)
+    feed.turn(0.0)
+    assert numbers(outlet.sent[0]) == [0, 1, 3]
 
 
 def test_an_outlet_that_hangs_delays_nobody(caplog: pytest.LogCaptureFixture) -> None:

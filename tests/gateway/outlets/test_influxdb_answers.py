@@ -59,6 +59,16 @@ async def test_a_refusal_of_brackets_within_brackets_is_shown_as_text() -> None:
             await sent(url)
 
 
+@pytest.mark.parametrize("status", ["400 Bad Request", "413 Content Too Large", "422 Unprocessable Entity"])
+async def test_lines_that_the_server_refuses_for_ever_are_dropped_and_hold_nothing_up(status: str) -> None:
+    async with server(http_answer(b"{}", status)) as url:
+        feed = Feed(chosen := settings(url), outlet := InfluxDbOutlet(chosen))
+        feed.put(reading(1), 0.0)
+        await asyncio.to_thread(feed.turn, LIMIT_S)
+        assert (feed.waiting, feed.unacceptable, feed.problem) == (0, 1, "")
+        outlet.close()
+
+
 @pytest.mark.parametrize(
     "answer",
     [
