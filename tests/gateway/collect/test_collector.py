@@ -182,12 +182,16 @@ def test_the_ends_of_a_tables_last_hundred_epochs_are_remembered() -> None:
     assert [progress.last("events", f"boot-{n}") for n in (0, 1, 100)] == [None, 5, 5]
 
 
+def prune(site: StoredSite, pruning: Pruning, ran_s: float) -> None:
+    with closing(connect(site.path("mill"))) as connection, connection:
+        pruning.prune(connection, ran_s)
+
+
 def test_a_gap_is_kept_with_the_rows(stored_site: StoredSite, tmp_path: Path) -> None:
     write(stored_site, "mill", range(20))
-    with closing(connect(stored_site.path("mill"))) as connection, connection:
-        pruning = Pruning(Retention(samples_days=1.0), 0.0)
-        pruning.prune(connection, 100.0)
-        pruning.prune(connection, 3 * 86400.0)
+    pruning = Pruning(Retention(samples_days=1.0), 0.0)
+    prune(stored_site, pruning, 100.0)
+    prune(stored_site, pruning, 3 * 86400.0)
     with SiteFolder(tmp_path / "site") as folder:
         catch_up(collector(stored_site, folder))
         catch_up(collector(stored_site, folder))
@@ -206,6 +210,22 @@ def test_a_gap_is_kept_with_the_rows(stored_site: StoredSite, tmp_path: Path) ->
         ("bed", 0.5),
         ("column", 0.5),
     ]
+
+
+def test_what_is_deleted_after_it_was_collected_is_no_gap(
+    stored_site: StoredSite, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    pruning = Pruning(Retention(samples_days=1.0), 0.0)
+    with SiteFolder(tmp_path / "site") as folder:
+        write(stored_site, "mill", range(20))
+        catch_up(collector(stored_site, folder))
+        prune(stored_site, pruning, 100.0)
+        write(stored_site, "mill", range(20, 40), "boot-2")
+        prune(stored_site, pruning, 3 * 86400.0)
+        catch_up(collector(stored_site, folder))
+    assert kept(tmp_path / "site") == expected(range(40))
+    assert not (tmp_path / "site" / "gaps").exists()
+    assert caplog.messages == []
 
 
 def test_a_part_grows_until_it_is_large_enough(stored_site: StoredSite, tmp_path: Path) -> None:

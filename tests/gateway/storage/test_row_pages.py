@@ -234,6 +234,25 @@ def test_rows_that_became_old_before_they_were_asked_for_are_reported_as_a_gap(t
     assert means == [("a", "degC", 8, 4.5), ("b", "degC", 7, 4.0)]
 
 
+def test_whoever_has_every_row_that_was_deleted_hears_of_no_gap(tmp_path: Path) -> None:
+    path, day = tmp_path / "g.sqlite", 86400.0
+    asker, pruning = Asker(path), Pruning(Retention(samples_days=1.0), 0.0)
+    with Store(path, "boot-1", SteppedClock()) as store:
+        read(store, 1, 2)
+    asker.catch_up()
+    with closing(connect(path)) as connection, connection:
+        pruning.prune(connection, 100.0)
+    with Store(path, "boot-2", SteppedClock()) as store:
+        read(store, 3)
+    with closing(connect(path)) as connection, connection:
+        pruning.prune(connection, 3 * day)
+        (upto,) = connection.execute("SELECT upto FROM thinned WHERE name = 'readings'").fetchone()
+    assert upto == asker.seen["readings"][-1][1], "deleted up to the last row that was asked for"
+    asker.catch_up()
+    assert asker.thinned == {}
+    assert [cells[7] for cells in asker.cells["readings"]] == [1, 1, 2, 2, 3, 3]
+
+
 def restored(path: Path, copy: Path) -> None:
     for ending in ("-wal", "-shm"):
         path.with_name(path.name + ending).unlink(missing_ok=True)
