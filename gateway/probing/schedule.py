@@ -135,9 +135,9 @@ class ProbingSchedule:
         """
         if why is None or self._why is None:
             self._since = now_s
-            self._refused = self._operator = ""
+            self._operator = ""
         if why is None and not self._asked and self._paused_until is None:
-            self._rejected = 0  # the next request is a new one, not a repeat of what was rejected
+            self._rejected, self._refused = 0, ""  # the next request is a new one, not a repeat of what was rejected
         self._why, self._excess = why, excess
 
     def order(self, now_s: float) -> None:

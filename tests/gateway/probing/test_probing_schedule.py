@@ -248,7 +248,9 @@ def test_the_pause_after_rejected_results_outlasts_the_reason_to_measure() -> No
     assert [event.kind for event in bulletin.of(outlook)] == [EventKind.OPERATOR]  # the sphere is dirty all the same
     plan.want(None, 300.0)
     plan.want(Why.INTERVAL, 600.0)
-    assert plan.look(IDLE, 600.0).standing is Standing.BLOCKED
+    paused = plan.look(IDLE, 600.0)
+    assert (paused.standing, paused.rejected) == (Standing.BLOCKED, 1)
+    assert paused.reason == "pause after 1 rejected results: dirt"
     assert plan.look(IDLE, 3720.0) == Outlook(Standing.DUE, Why.INTERVAL)
 
 
