@@ -83,7 +83,7 @@ class TimeFormat:
         # Excel's 02:00 may be a fraction of a second before the hour that comes twice.
         for near in (second, float(round(second))):
             again = datetime.fromtimestamp(near, self.zone).replace(fold=1).timestamp() + second - near
-            if again > before:
+            if again >= before:
                 return again
         return second
 

@@ -210,6 +210,15 @@ def test_hourly_rows_repeat_an_hour_when_summer_time_ends(tmp_path: Path) -> Non
     assert (np.diff(read(path, Columns(clock=TimeFormat(zone=ZoneInfo("Europe/Zurich")))).k) == 1).all()
 
 
+def test_dense_rows_of_equal_times_stay_together_in_both_passes_of_the_hour_that_comes_twice(tmp_path: Path) -> None:
+    begin = datetime(2026, 10, 25, 0, 0, 5, tzinfo=ZoneInfo("UTC"))  # 02:00:05, for the first time
+    local = [(begin + timedelta(seconds=10 * (i // 2))).astimezone(ZoneInfo("Europe/Zurich")) for i in range(1440)]
+    text = ["time,t1,EZ0T", *(f"{time:%Y-%m-%d %H:%M:%S},{i},1" for i, time in enumerate(local))]
+    found = read(written(tmp_path, text), Columns(clock=TimeFormat(zone=ZoneInfo("Europe/Zurich"))))
+    assert (np.diff(found.k) == 1).all()
+    assert np.diff(found.inputs[1:-1, 0]).tolist() == [60.0] * (len(found.k) - 3)
+
+
 def test_rows_out_of_order_are_not_taken_for_summer_time(tmp_path: Path) -> None:
     text = lines("time,t1,EZ0T")
     text[7], text[8] = text[8], text[7]
