@@ -66,6 +66,51 @@ async def test_line_stays_quiet_while_a_cancelled_request_is_answered() -> None:
         assert loop.time() - began_s >= TIMEOUT_S, "however long the first request was on its way"
 
 
+async def test_once_a_cancelled_request_is_answered_the_next_is_sent_without_waiting_for_its_timeout() -> None:
+    async with line(timeout_s=10.0) as (bus, peer):
+        loop = asyncio.get_running_loop()
+        began_s = loop.time()
+        asked = asyncio.ensure_future(bus.read("d", 1, TWO))
+        await peer.is_asked.wait()
+        asked.cancel()
+        with suppress(asyncio.CancelledError):
+            await asked
+        peer.port.write(registers(1, 1, 1))
+        peer.reply = honest
+        assert await bus.read("d", 2, TWO) == (100, 101)
+        assert loop.time() - began_s < 1.0
+
+
+@pytest.mark.parametrize(
+    ("answers", "took_s"), [pytest.param(2, 0.7, id="slow unit"), pytest.param(1, 0.1, id="lost answer")]
+)
+async def test_only_if_a_question_and_its_repetition_are_both_answered_the_unit_counts_as_slow(
+    answers: int, took_s: float
+) -> None:
+    """It took 0.2 s at first; then it is silent for the 0.6 s of RFC 6298, and answers 0.1 s after the repetition."""
+    async with line(timeout_s=10.0) as (bus, peer):
+        loop = asyncio.get_running_loop()
+
+        def answer(request: bytes, many: int, after_s: float) -> bytes:
+            loop.call_later(after_s, peer.port.write, many * honest(request))
+            return b""
+
+        peer.reply = lambda request: answer(request, 1, 0.2)
+        await bus.read("d", 1, TWO)
+        peer.reply = lambda _: b""
+        with pytest.raises(NoAnswer, match=r"within 0\.6 s"):
+            await bus.read("d", 1, TWO)
+        peer.reply = lambda request: answer(request, answers, 0.1)
+        assert await bus.read("d", 1, TWO, again=True) == (100, 101)
+        peer.reply = lambda _: b""
+        began_s = loop.time()
+        with pytest.raises(NoAnswer):
+            await bus.read("d", 1, TWO)
+        off_s = took_s - 0.2
+        mean_s, deviation_s = 0.2 + off_s / 8, 0.1 + (abs(off_s) - 0.1) / 4
+        assert loop.time() - began_s == pytest.approx(mean_s + 4 * deviation_s, abs=0.05)
+
+
 @pytest.mark.parametrize(
     ("answer", "heard"),
     [

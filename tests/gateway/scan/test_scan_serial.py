@@ -117,14 +117,20 @@ async def test_module_in_another_data_format_is_reported() -> None:
 
 
 @pytest.mark.simulated_time
-async def test_resistances_that_do_not_agree_are_not_a_pta8d08() -> None:
+@pytest.mark.parametrize(
+    ("off", "profile"), [(2, "eletechsup_pta8d08"), (-2, "eletechsup_pta8d08"), (4, ""), (-4, ""), (200, "")]
+)
+async def test_a_unit_is_a_pta8d08_if_its_resistances_agree_within_three_tenths_of_an_ohm(
+    off: int, profile: str
+) -> None:
     class Meter(Pta8d08):
         def memory(self, function: int) -> dict[int, int]:
-            return {**super().memory(function), 34: 1234} if function == 3 else {}
+            held = dict(super().memory(function))
+            return {**held, 34: held[34] + off} if function == 3 else held
 
     async with line({1: Meter(lambda: EIGHT)}) as path:
         (device,) = (await scan(line_plan(path, units=(1,)))).found
-    assert device.what.profile == ""
+    assert device.what.profile == profile
 
 
 @pytest.mark.simulated_time

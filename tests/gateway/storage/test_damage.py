@@ -129,6 +129,25 @@ def test_a_value_that_no_gateway_writes_is_damage_and_the_gateway_starts(
     assert check_start(path)
 
 
+@pytest.mark.parametrize(
+    ("table", "change"),
+    [
+        ("frame", f"UPDATE frame SET sigma = x'{np.full(9, -0.5).tobytes().hex()}' WHERE k = 70"),
+        ("moment", "INSERT INTO moment VALUES (1, 10000000000001, 'origin', 5.0, 0.0, 1)"),
+        ("moment", "INSERT INTO moment VALUES (1, -1, 'origin', 5.0, 0.0, 1)"),
+    ],
+    ids=["negative uncertainty", "step of the far future", "step before 1970"],
+)
+def test_a_number_that_no_gateway_writes_is_named_with_its_table(
+    table: str, change: str, whole: Path, tmp_path: Path
+) -> None:
+    path = tmp_path / "g.sqlite"
+    shutil.copy(whole, path)
+    with closing(sqlite3.connect(path)) as connection, connection:
+        connection.execute(change)
+    assert damage_found(path) == [f"{table}: 1 rows hold values that this gateway never writes"]
+
+
 def test_damage_that_shows_while_it_runs_is_repaired_while_it_runs(whole: Path, tmp_path: Path) -> None:
     path = tmp_path / "g.sqlite"
     shutil.copy(whole, path)
