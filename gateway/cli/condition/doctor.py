@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from gateway.acquisition import NO_OTHER_MASTER, OTHER_MASTER
-from gateway.cli.condition.doctor_files import unread_files
+from gateway.cli.condition.doctor_files import spoilt_file, unread_files
 from gateway.cli.condition.doctor_power import power
 from gateway.cli.condition.kernel_files import kernel_text
 from gateway.cli.conventions.terminal import terminal
@@ -98,7 +98,7 @@ def ailments(config: GatewayConfig, root: Path, *, synchronised: bool) -> Iterat
             )
     for problem in credential_problems(config.telemetry, datetime.now(UTC)):
         if problem.where not in unread:
-            yield Ailment(str(problem), "nobody on another computer can hear the gateway", "renew the file")
+            yield Ailment(str(problem), *spoilt_file(config, problem))
     if answered(config.storage.path, config.storage.path.is_file):
         with History(config.storage.path) as history:
             yield from _other_masters(history, config)

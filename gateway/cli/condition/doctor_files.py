@@ -1,8 +1,9 @@
-"""Reports of `doctor` on files with keys, certificates and passwords that cannot be read."""
+"""What `doctor` says of the files with keys, certificates and passwords that cannot be read, or are of no use."""
 
 import errno
 import os
 import pwd
+import re
 import subprocess
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -10,7 +11,7 @@ from pathlib import Path
 
 from pydantic import BaseModel
 
-from gateway.config import GatewayConfig
+from gateway.config import GatewayConfig, Problem
 
 _SECRETS = ("key_file", "key", "private_key", "password_file", "users_file")
 _PUBLIC = ("certificate", "server_certificate", "authority")
@@ -57,7 +58,8 @@ def unread_files(config: GatewayConfig) -> Iterator[UnreadFile]:
     Root can read all of them: it asks for the user who owns the database, as whom the service runs.
     """
     user = _owner(config.storage.path) if os.geteuid() == 0 else None
-    for field, path, why, page in _named(config):
+    for field, path, harm, page in _named(config):
+        why = f"without it {harm}"
         try:
             with path.open("rb") as file:
                 file.read(1)
@@ -67,6 +69,20 @@ def unread_files(config: GatewayConfig) -> Iterator[UnreadFile]:
             if user is not None and not _may_read(user, path):
                 refused = PermissionError(errno.EACCES, f"not by {user.pw_name}, the user who owns the database")
                 yield UnreadFile(field, path, refused, why, page, user.pw_name)
+
+
+def spoilt_file(config: GatewayConfig, problem: Problem) -> tuple[str, str]:
+    """Why it matters that a file can be read and is of no use, and what to do. problem: one of `credential_problems`"""
+    name = problem.where.rsplit(maxsplit=1)[-1]
+    path, harm, page = next((path, harm, page) for field, path, harm, page in _named(config) if field == problem.where)
+    line = re.search(r"line \d+", problem.what.removeprefix(f"'{path}'"))
+    todo = {
+        "key_file": f"make a new key: openssl rand -hex 32 > {path}; its owner needs the same one",
+        "users_file": f"correct {line[0] if line else 'the file'}: expected a line user:password for each user",
+        "password_file": "write the password into the file",
+        "key": "copy the key that belongs to the certificate, or make both again",
+    }
+    return harm, f"{todo.get(name, 'renew the file, or set the clock of this computer if it is wrong')} ({page})"
 
 
 def _owner(database: Path) -> pwd.struct_passwd | None:
@@ -87,22 +103,23 @@ def _may_read(user: pwd.struct_passwd, path: Path) -> bool:
 
 
 def _named(config: GatewayConfig) -> Iterator[tuple[str, Path, str, str]]:
+    """Field, file, what does not work without a good one, and the page that says how it is made."""
     telemetry = config.telemetry
     if telemetry.enabled:
-        silent = "without it nobody on another computer can hear the gateway"
+        silent = "nobody on another computer can hear the gateway"
         for section, part in (("[telemetry.tls]", telemetry.tls), ("[telemetry]", telemetry)):
             for name, path in _files(part):
                 yield f"{section} {name}", path, silent, "docs/secure-telemetry.md"
         for operator in telemetry.operators:
-            deaf = f"without it every command of '{operator.name}' is refused"
+            deaf = f"every command of '{operator.name}' is refused"
             yield f"[[telemetry.operator]] '{operator.name}', key_file", operator.key_file, deaf, "docs/commands.md"
     if config.nc is not None:
         for name, path in _files(config.nc):
             page = "docs/agent.md" if name == "key_file" else "docs/nc.md"
-            yield f"[nc] {name}", path, "without it the gateway cannot connect to the control", page
+            yield f"[nc] {name}", path, "the gateway cannot connect to the control", page
     for bus in config.buses:
         for name, path in _files(bus):
-            yield f"bus '{bus.name}', {name}", path, f"without it bus '{bus.name}' cannot be read", "docs/devices.md"
+            yield f"bus '{bus.name}', {name}", path, f"bus '{bus.name}' cannot be read", "docs/devices.md"
 
 
 def _files(section: BaseModel) -> Iterator[tuple[str, Path]]:
