@@ -133,6 +133,11 @@ def test_on_this_computer_another_sites_name_is_refused() -> None:
     assert client(WebSettings(hosts=("panel",)), url="http://panel:8080").get("/machine/mill").status_code == 200
 
 
+@pytest.mark.parametrize(("host", "code"), [("[::1]:8080", 200), ("[::1]", 200), ("[fd00::1]:8080", 421)])
+def test_only_this_computers_own_ipv6_address_is_let_in(host: str, code: int) -> None:
+    assert client(WebSettings(), url=f"http://{host}").get("/machine/mill").status_code == code
+
+
 def test_with_users_every_address_needs_the_password() -> None:
     page = client(WebSettings(tls=TLS, users=USERS), "192.168.1.9", "https://panel")
     for path in ("/", "/machine/mill", "/stream/mill", "/file/0/page.js"):

@@ -12,6 +12,7 @@ from gateway.web.at_tool import WorkPoint, at_the_tool, half_width, moved
 from gateway.web.sentences import SaidRow, Sentence, ToldName, at
 from gateway.web.verdict import Colour, Viewpoint, verdict_of
 from gateway.web.view import listed, shown_course, view
+from talc.names import THERMAL_ERRORS
 from tests.benches.heard import BEGAN, STEP, HeardMachine
 
 MATRIX = WorkPoint(150.0, 0.0, 80.0).matrix(0.15)
@@ -55,6 +56,19 @@ def test_the_interval_against_the_tolerance_gives_the_colour(tolerance: float, c
     heard.decision(corrected=Z_ONLY, sigma={"EZ0A": 1.0} | dict.fromkeys(("EA0C", "EZ0T", "ER0T"), 0.0))
     verdict = verdict_of(heard.seen, within(tolerance), heard.now_s)
     assert (verdict.colour, verdict.word) == (colour, word)
+
+
+@pytest.mark.parametrize(
+    ("sigma", "tolerance", "colour"),
+    [(0.0, 3.0, Colour.GREEN), (1.0, 3.0 + 1.96, Colour.GREEN), (1.0, 3.0 - 1.96, Colour.AMBER)],
+)
+def test_an_end_of_the_interval_that_equals_the_tolerance_is_within_it(
+    sigma: float, tolerance: float, colour: Colour
+) -> None:
+    heard = HeardMachine()
+    heard.compensation((0.0, 0.0, 27.0), (0.0, 0.0, 30.0))
+    heard.decision(corrected=Z_ONLY, sigma=dict.fromkeys(THERMAL_ERRORS, 0.0) | {"EZ0A": sigma})
+    assert verdict_of(heard.seen, within(tolerance), heard.now_s).colour is colour
 
 
 def test_without_a_tolerance_the_interval_is_said_and_no_colour_given() -> None:
@@ -272,18 +286,21 @@ def test_what_is_not_armed_is_said_first() -> None:
     assert not view(heard.seen, within(10.0), heard.now_s).unarmed, "nothing is known of a gateway that is gone"
 
 
-@pytest.mark.parametrize("order", ["paused", "disarmed"])
-def test_an_order_is_said_and_nothing_else_is_then_said_to_help(order: str) -> None:
-    """Ending the order helps most, and a disarmed gateway does not measure."""
+@pytest.mark.parametrize(("order", "next_one"), [("paused", ["when.next_measurement"]), ("disarmed", [])])
+def test_an_order_is_said_and_nothing_else_is_then_said_to_help(order: str, next_one: list[str]) -> None:
+    """Ending the order helps most, and a disarmed gateway does not measure: no next measurement is said then."""
     heard = HeardMachine()
     heard.compensation()
     heard.measurement(sigma=0.5)
     heard.decision(sigma=9.0)
+    heard.passes(STEP)
+    heard.decision(1, sigma=9.0)
+    heard.reasons(1)
     given = PauseStanding(by="anna", since=heard.now.isoformat())
     heard.status(paused=given if order == "paused" else None, disarmed=given if order == "disarmed" else None)
     shown = view(heard.seen, within(5.0), heard.now_s)
     assert shown.notices == (Sentence(f"notice.{order}", {"by": ToldName("anna"), "at": at(heard.now)}),)
-    assert [said.say for said in shown.verdict.helps] == ["when.no_forecast"]
+    assert [said.say for said in shown.verdict.helps] == ["when.no_forecast", *next_one]
     (listed_one,) = listed({"mill": heard.seen}, {"mill": within(5.0)}, heard.now_s)
     assert listed_one.notices == shown.notices
 
