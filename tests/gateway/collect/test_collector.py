@@ -101,6 +101,8 @@ def test_killed_or_failing_at_any_moment_it_loses_and_doubles_nothing(
                 catch_up(first, 30.0)  # the same one goes on
                 assert kept(out) == whole
         with SiteFolder(out) as folder:
+            folder.progress("mill")
+            assert not any((out / "incoming").rglob("*.parquet")), f"left at call {broken + 1}"
             catch_up(collector(stored_site, folder, limit=15))
         assert kept(out) == whole, f"interrupted at call {broken + 1}"
         broken += every
