@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.benches.waits import turns
+
 TESTS = Path(__file__).parent
 TIMES = ("pytest.mark.simulated_time", "pytest.mark.realtime")
 LEAST_LIMIT_S = 30.0
@@ -41,15 +43,27 @@ BENCHES = {
     "tick_latency.py run_ticks": MEASURES,
 }
 """Functions of benches that sleep, and the reason that this does not rely on luck."""
+MOSQUITTO_SUB = "mosquitto_sub ends after ten minutes, and then there is no next message"
 POLLS = {
     "benches/cut_wire.py CutWire._pass_on": "passes on what it reads, until its source ends",
+    "benches/fuzz.py fuzzed": "a processor time or a number of examples that it is given",
+    "benches/kills.py kill_gateways": "a program of its own, which says how many databases it has taken",
+    "benches/linuxcnc_bench.py AgentBench.beating.beat": "a task that its test ends",
+    "benches/linuxcnc_disturbances.py disturbed_linuxcnc.record": "a task that its test ends",
+    "benches/mosquitto.py Subscriber.until": MOSQUITTO_SUB,
+    "benches/played_telemetry.py PlayedGateway.keep_saying": "a thread that its program ends",
     "benches/site_parts.py _until_told": "a process that its test ends",
     "drivers/modbus/test_modbus_blocks.py test_every_place_is_asked_for_or_left_out_and_never_both": "each look leaves "
     "out one request more",
+    "gateway/outlets/test_publish.py test_what_a_gateway_publishes_reaches_the_broker_and_its_death_too": MOSQUITTO_SUB,
     "gateway/storage/test_row_pages.py Asker.catch_up": "each look takes a page",
+    "system/test_page_beyond_this_computer.py test_tls_and_a_password_open_the_page_and_nothing_else_does": "its "
+    "connection has a limit",
     "system/test_stop_on_hanging_disk.py wait_until_ready": "its socket has a limit",
+    "test_pages.py paragraphs": "each look is at the next line",
+    "test_tree.py modules_of": "each look is at the name behind a name",
 }
-"""Loops that look again and again without a limit of their own, and what ends them."""
+"""Loops that look again and again, or that a call ends, without a limit of their own, and what ends them."""
 CONTROLS_TIME = "the control's time, which the test sets"
 OF_THE_LOOP = "what it waits for needs only turns of the loop, no other thread or wire"
 PAUSES = {
@@ -132,14 +146,25 @@ def polls(text: str) -> Iterator[tuple[int, str]]:
 
 
 def is_poll(loop: ast.While) -> bool:
-    """Whether a loop pauses, or does nothing, between two looks, and may go on for ever. Work that only a cancellation
-    ends is not one."""
+    """Whether a loop may go on for ever: it pauses, or does nothing, between two looks, or only what it calls in its
+    condition can end it. Work that only a cancellation ends is not one, nor what takes things until there are none."""
     inside = list(ast.walk(loop))
     is_work = ast.unparse(loop.test) == "True" and not any(isinstance(node, ast.Break | ast.Return) for node in inside)
     has_clock = any(clock in ast.unparse(loop) for clock in CLOCKS)
     pauses = any(isinstance(node, ast.Call) and node.args and ast.unparse(node.func) in SLEEPS for node in inside)
     is_idle = all(isinstance(node, ast.Pass) for node in loop.body) and "await " not in ast.unparse(loop.test)
-    return (pauses or is_idle) and not is_work and not has_clock
+    return (pauses or is_idle or is_told_when_to_end(loop)) and not is_work and not has_clock
+
+
+def is_told_when_to_end(loop: ast.While) -> bool:
+    """Whether nothing but the answer to a call ends it."""
+    asked = {ast.unparse(call.func) for call in ast.walk(loop.test) if isinstance(call, ast.Call)} - {
+        "len",
+        "isinstance",
+    }
+    takes = any(isinstance(node, ast.NamedExpr | ast.Await) for node in ast.walk(loop.test))
+    leaves = any(isinstance(node, ast.Break | ast.Return | ast.Raise) for node in ast.walk(loop))
+    return bool(asked) and not takes and not leaves
 
 
 def pauses(text: str) -> Iterator[tuple[int, str]]:
@@ -249,6 +274,10 @@ def test_what_counts_as_a_fixed_sleep(text: str, expected: list[int]) -> None:
         ("def test():\n    while not done():\n        assert time.monotonic() < end\n        sleep(1)\n", []),
         ("async def test():\n    async with asyncio.timeout(60):\n        while not done():\n            pass\n", []),
         ("async def test():\n    while not await line():\n        pass\n", []),
+        ("def test():\n    while turn() <= now:\n        turns += 1\n", [2]),
+        ("def test():\n    while turn() <= now:\n        if turns > 9:\n            raise AssertionError\n", []),
+        ("def test():\n    while took := take():\n        found.append(took)\n", []),
+        ("def test():\n    while len(found) < 9:\n        found.append(1)\n", []),
         ("@pytest.mark.simulated_time\nasync def test():\n    while not a:\n        await asyncio.sleep(1)\n", []),
     ],
 )
@@ -261,6 +290,13 @@ def test_each_wait_has_an_end() -> None:
     files = {str(file.relative_to(TESTS)): file.read_text("utf-8") for file in TESTS.rglob("*.py")}
     found = {f"{file} {name}" for file, text in files.items() if "while " in text for _, name in polls(text)}
     assert found == set(POLLS)
+
+
+def test_a_loop_that_takes_too_many_turns_fails() -> None:
+    taken = turns(3)
+    assert [next(taken), next(taken), next(taken)] == [1, 2, 3]
+    with pytest.raises(AssertionError, match="not within 3 turns"):
+        next(taken)
 
 
 @pytest.mark.parametrize(

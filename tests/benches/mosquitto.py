@@ -64,6 +64,8 @@ class Subscriber:
     def __init__(self, broker: Mosquitto, topic: str, *more: str) -> None:
         command = [
             "mosquitto_sub",
+            "-W",
+            "600",  # then it ends, so that a test that hears too little fails
             "-h",
             "127.0.0.1",
             "-p",

@@ -20,6 +20,7 @@ from gateway.telemetry import StoredRequest, StoredRows, decode_answer, encode
 from talc.frame import Event, EventKind, Frame, Measurement, Why
 from tests.benches import telemetry_examples as example
 from tests.benches.stepped_clock import EPOCH, SteppedClock
+from tests.benches.waits import turns
 
 STEP_S = 300
 FIRST_K = int(EPOCH.timestamp()) // STEP_S
@@ -78,10 +79,7 @@ def collector(site: StoredSite, kept: SiteKept, limit: int = 100) -> Collector:
 
 def catch_up(collecting: Collector, now_s: float = 0.0) -> int:
     """Take turns until nothing more is due; returns how many."""
-    turns = 1
-    while collecting.turn(now_s) <= now_s:
-        turns += 1
-    return turns
+    return next(number for number in turns(1000) if collecting.turn(now_s) > now_s)
 
 
 def rows(folder: Path, table: str, machine: str = "mill") -> list[dict[str, Any]]:

@@ -6,7 +6,7 @@ own: `asyncio.timeout` for an event or a task, a timeout for what a thread waits
 
 import asyncio
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 LIMIT_S = 60.0
 """Many times what any of these waits takes on a slow computer."""
@@ -26,3 +26,9 @@ def wait_until(condition: Callable[[], object], limit_s: float = LIMIT_S, pause_
     while not condition():
         assert time.monotonic() < end_s, f"not within {limit_s:g} s"
         time.sleep(pause_s)
+
+
+def turns(most: int = 10_000) -> Iterator[int]:
+    """Number the turns of a loop from 1 on, which leaves it in time: after so many the test fails."""
+    yield from range(1, most + 1)
+    raise AssertionError(f"not within {most} turns")

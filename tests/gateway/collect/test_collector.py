@@ -15,6 +15,7 @@ from gateway.storage import Retention
 from gateway.storage.readings import Pruning
 from gateway.storage.schema import connect
 from tests.benches.stored_site import FOUND, StoredSite, catch_up, collector, expected, kept, rows, write
+from tests.benches.waits import turns
 
 DAY = 288
 
@@ -32,14 +33,14 @@ def test_after_a_day_away_everything_arrives_once_in_order_and_the_others_are_no
         stored_site.away = {"mill"}
         write(stored_site, "mill", range(205, 205 + away), "boot-2")
         stored_site.away = set()
-        turns = 0
-        while not turns or len(kept(out)["readings"]) < 2 * (5 + away):
-            write(stored_site, "lathe", range(turns + 1, turns + 2), f"boot-{turns + 2}")
-            turns += 1
-            collecting.turn(30.0 * turns)
-            assert kept(out, "lathe")["steps"] == list(range(turns + 1))
-        assert turns >= away / 10, "the backlog took many turns, and each had what the other machine had just stored"
-        catch_up(collecting, 30.0 * turns)
+        for number in turns(10 * away):
+            write(stored_site, "lathe", range(number, number + 1), f"boot-{number + 1}")
+            collecting.turn(30.0 * number)
+            assert kept(out, "lathe")["steps"] == list(range(number + 1))
+            if len(kept(out)["readings"]) >= 2 * (5 + away):
+                break
+        assert number >= away / 10, "the backlog took many turns, and each had what the other machine had just stored"
+        catch_up(collecting, 30.0 * number)
     assert kept(out) == expected(range(200, 205 + away))
     days = sorted(p.name for p in (out / "steps" / "machine=mill").iterdir())
     assert days[:2] == ["day=2026-03-02", "day=2026-03-03"]
