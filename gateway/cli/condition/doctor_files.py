@@ -1,4 +1,4 @@
-"""What `doctor` says of the files with keys, certificates and passwords that cannot be read, or are of no use."""
+"""Reports of `doctor` on files with keys, certificates and passwords that cannot be read, or are of no use."""
 
 import errno
 import os
