@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from gateway.cli.doctor import ailments
+from gateway.cli.condition.doctor import ailments
 from gateway.config import load
 from tests.benches.plant_authority import DAY, PlantAuthority
 
