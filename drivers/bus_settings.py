@@ -1,5 +1,6 @@
 """Bus settings that several families share."""
 
+from collections.abc import Iterable, Mapping
 from ipaddress import ip_address
 from typing import Annotated, ClassVar, Literal, Self
 
@@ -20,11 +21,34 @@ def is_loopback(host: str) -> bool:
         return False
 
 
-class BusSettings(Section):
-    """Any bus."""
+class AnyBus(Section):
+    """What a bus of any kind is, also of another package: whoever handles buses asks it here. It has no fields."""
+
+    units: ClassVar[tuple[int, int] | None]
+    """First and last address on the bus. None: its devices have none, and what they state as `unit` means nothing."""
+    several_per_unit: ClassVar[bool] = False
+    """Whether one address may be several devices, each with a profile of other values."""
+    only_listens: ClassVar[bool] = False
+    """Whether it asks nothing, so that a silent device costs the others no time."""
+
+    @property
+    def serial_path(self) -> tuple[str, str] | None:
+        """Field and path of this computer's serial port, if that is where it is. No other program may open it."""
+        return None
+
+    def timeout_is_age(self, options: Iterable[Mapping[str, object]]) -> bool:  # noqa: ARG002 - overridden
+        """Whether a value may be as old as `timeout_s`, where the bus's devices have these options."""
+        return False
+
+
+class BusSettings(AnyBus):
+    """Any bus of the gateway's own kinds."""
 
     bus_kind: ClassVar[str]
     """`kind` of such a bus in a configuration, and of the profiles that fit it."""
+
+    name_stem: ClassVar[str] = "bus"
+    """What a scan calls such a bus, followed by a number."""
 
     timeout_s: AnswerTime = 0.5
     """How long one answer may take at most. Half of the polling period (`period_s`) or less is best."""
@@ -50,6 +74,11 @@ class SerialSettings(BusSettings):
     """From switching to sending until the first bit, in whole milliseconds; with `rs485_rts` only."""
     rs485_after_s: float = Field(default=0.0, ge=0, le=0.1)
     """From the last bit until switching back to receiving, in whole milliseconds; with `rs485_rts` only."""
+
+    @property
+    def serial_path(self) -> tuple[str, str] | None:
+        """None for a port of a device server."""
+        return None if self.is_remote else ("port", self.port)
 
     @property
     def is_remote(self) -> bool:

@@ -1,6 +1,7 @@
 """Settings of a CAN bus."""
 
 import re
+from collections.abc import Iterable, Mapping
 from ipaddress import ip_address
 from typing import ClassVar, Final, Literal, Self, get_args
 
@@ -30,6 +31,8 @@ def is_multicast_group(text: str) -> bool:
 class CanInterfaceSettings(BusSettings):
     """Settings of any CAN interface."""
 
+    name_stem: ClassVar[str] = "can"
+
     interface: Interface = "socketcan"
     """How the CAN bus is reached: through the kernel, a serial adapter or, for tests, the network or this process."""
     channel: NotEmpty
@@ -54,6 +57,11 @@ class CanInterfaceSettings(BusSettings):
         return self
 
     @property
+    def serial_path(self) -> tuple[str, str] | None:
+        """The port of an slcan adapter."""
+        return ("channel", self.channel) if self.interface == "slcan" else None
+
+    @property
     def place(self) -> str:
         """The interface and channel, which no two buses may share."""
         return f"{self.interface} {self.channel}" + (f":{self.port}" if self.interface == "udp_multicast" else "")
@@ -68,3 +76,8 @@ class CanSettings(CanInterfaceSettings):
     bus_kind: ClassVar[str] = "can"
     units: ClassVar[tuple[int, int]] = (1, 127)
     """First and last address on the bus."""
+    only_listens: ClassVar[bool] = True
+
+    def timeout_is_age(self, options: Iterable[Mapping[str, object]]) -> bool:  # noqa: ARG002 - there are none
+        """Always."""
+        return True

@@ -1,5 +1,6 @@
 """Settings of a CANopen bus, and the options of a node."""
 
+from collections.abc import Iterable, Mapping
 from typing import ClassVar, Literal
 
 from pydantic import Field
@@ -14,6 +15,10 @@ class CanOpenSettings(CanInterfaceSettings):
     bus_kind: ClassVar[str] = "canopen"
     units: ClassVar[tuple[int, int]] = (1, 127)
     """First and last address on the bus."""
+
+    def timeout_is_age(self, options: Iterable[Mapping[str, object]]) -> bool:
+        """Where a node sends on its timer."""
+        return any(chosen.get("transfer") == "timer" for chosen in options)
 
 
 class NodeOptions(Section):

@@ -14,6 +14,7 @@ class MeRs485Settings(SerialSettings):
     bus_kind: ClassVar[str] = "me_rs485"
     units: ClassVar[tuple[int, int]] = (2, 126)
     """First and last address on the bus."""
+    name_stem: ClassVar[str] = "growth_line"
 
     baud: Baud = 230_400
     """Bits per second."""
@@ -27,6 +28,8 @@ class MeEthernetSettings(HostSettings):
     bus_kind: ClassVar[str] = "me_ethernet"
     units: ClassVar[tuple[int, int]] = (1, 1)
     """First and last address on the bus."""
+    name_stem: ClassVar[str] = "eddy"
+    only_listens: ClassVar[bool] = True
 
     port: Port = 10001
     """TCP port of the measured values."""

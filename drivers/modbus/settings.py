@@ -22,6 +22,8 @@ class ModbusRtuSettings(SerialSettings, LineSettings):
     bus_kind: ClassVar[str] = "modbus_rtu"
     units: ClassVar[tuple[int, int]] = (1, 247)
     """First and last address on the bus."""
+    several_per_unit: ClassVar[bool] = True
+    name_stem: ClassVar[str] = "rtu"
 
 
 class ModbusRtuTcpSettings(HostSettings, LineSettings):
@@ -33,6 +35,8 @@ class ModbusRtuTcpSettings(HostSettings, LineSettings):
     bus_kind: ClassVar[str] = "modbus_rtu_tcp"
     units: ClassVar[tuple[int, int]] = (1, 247)
     """First and last address on the bus."""
+    several_per_unit: ClassVar[bool] = True
+    name_stem: ClassVar[str] = "rtu"
 
 
 class ModbusTcpSettings(HostSettings):
@@ -41,6 +45,8 @@ class ModbusTcpSettings(HostSettings):
     bus_kind: ClassVar[str] = "modbus_tcp"
     units: ClassVar[tuple[int, int]] = (0, 255)
     """First and last address on the bus."""
+    several_per_unit: ClassVar[bool] = True
+    name_stem: ClassVar[str] = "tcp"
 
     port: Port = 502
     """TCP port."""

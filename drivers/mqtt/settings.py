@@ -53,6 +53,7 @@ class MqttBusSettings(MqttServer, BusSettings):
     bus_kind: ClassVar[str] = "mqtt"
     units: ClassVar[tuple[int, int]] = (1, 127)
     """First and last address on the bus."""
+    only_listens: ClassVar[bool] = True
 
     timeout_s: ServerTime = 2.0
     """How long connecting may take, and how long the first read waits for topics that have had no message."""

@@ -3,6 +3,7 @@
 The drivers' settings define where a bus is and what its fields may hold; the gateway's own fields are added here.
 """
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field
@@ -14,7 +15,9 @@ from drivers.micro_epsilon import MeEthernetSettings, MeRs485Settings
 from drivers.modbus import ModbusRtuSettings, ModbusRtuTcpSettings, ModbusTcpSettings
 from drivers.mqtt import MqttBusSettings
 from drivers.opcua import OpcUaBusSettings
+from gateway.config.credentials import agent_cautions
 from gateway.config.extensions import OtherBus
+from gateway.config.opcua_cautions import server_cautions
 from gateway.config.polled import Polled
 
 
@@ -79,6 +82,10 @@ class OpcUaSection(OpcUaBusSettings, Polled):
     kind: Literal["opcua"]
     """`opcua`."""
 
+    def cautions(self) -> Iterator[tuple[str, str]]:
+        """Of its certificates and secrets."""
+        yield from server_cautions(self, in_the_clear="the password" if self.password_file is not None else "")
+
 
 class MqttSection(MqttBusSettings, Polled):
     """An MQTT broker whose topics are channels. `period_s`: at least a third of the longest time between messages."""
@@ -92,6 +99,10 @@ class AgentSection(AgentBusSettings, Polled):
 
     kind: Literal["agent"]
     """`agent`."""
+
+    def cautions(self) -> Iterator[tuple[str, str]]:
+        """Of its host and its key."""
+        yield from agent_cautions(self)
 
 
 _Own = (

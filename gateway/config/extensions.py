@@ -10,9 +10,12 @@ from dataclasses import dataclass
 from datetime import datetime
 from functools import cached_property, partial
 from importlib.metadata import EntryPoint, entry_points
-from typing import Any, Final, Generic, TypeVar
+from typing import Any, ClassVar, Final, Generic, TypeVar
+
+from pydantic import BaseModel
 
 from drivers.base import Bus, Clock, Driver, DriverError, SetupError, SystemClock
+from drivers.bus_settings import AnyBus
 from drivers.nc import LARGEST_UM, NumericalControl
 from drivers.section import ServerTime
 from drivers.tap import Tap
@@ -81,11 +84,12 @@ class ControlSection(PolledControl, ABC):
         return _Kept()
 
 
-class OtherBus(Polled, ABC):
+class OtherBus(Polled, AnyBus, ABC):
     """`[[bus]]` of a kind of another package, whose class derives from it and has `kind: Literal["..."]`."""
 
     kind: str
     """The entry point's name."""
+    units: ClassVar[tuple[int, int] | None] = (0, 0xFFFF)
     timeout_s: ServerTime = 1.0
     """How long one answer may take."""
 
@@ -216,6 +220,9 @@ class Extension:
         if inspect.isabstract(found):
             missing = ", ".join(sorted(found.__abstractmethods__))
             raise self._unusable(f"{self.entry.value} does not define {missing}")
+        for field in found.model_fields.keys() - base.model_fields.keys():
+            if hasattr(base, field) and not hasattr(BaseModel, field):  # Pydantic takes the member as its default
+                raise self._unusable(f"{self.entry.value} has a field {field}, which is a member of {base.__name__}")
         kind = found.model_fields.get("kind")
         allowed = getattr(None if kind is None else kind.annotation, "__args__", ())
         if allowed != (self.kind,):

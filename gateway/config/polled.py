@@ -1,5 +1,6 @@
 """Polling settings of any bus and any control."""
 
+from collections.abc import Iterator
 from typing import ClassVar, Final
 
 from pydantic import Field
@@ -24,6 +25,10 @@ class Polled(Section):
     """How long one whole read of a device may take; after that the bus is closed and opened again."""
     retry_max_periods: int = Field(default=RETRY_MAX_PERIODS, ge=1, le=3600)
     """A silent device, or a bus that does not open, is tried again after 1, 2, 4 ... periods, up to this number."""
+
+    def cautions(self) -> Iterator[tuple[str, str]]:
+        """Field, and why it may fail later or is less safe than it could be. May read files."""
+        yield from ()
 
 
 class PolledControl(Section):

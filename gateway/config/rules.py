@@ -13,23 +13,11 @@ from drivers.modbus import ModbusProfile, addresses_as_in_manuals
 from drivers.mqtt import MqttProfile
 from drivers.opcua import OpcUaProfile
 from drivers.profiles import load_profile, profile_names
-from gateway.config.buses import (
-    AgentSection,
-    BusSection,
-    CanOpenSection,
-    CanSection,
-    MeEthernetSection,
-    MeRs485Section,
-    ModbusRtuSection,
-    MqttSection,
-    OpcUaSection,
-)
-from gateway.config.controls import SinumerikNc
-from gateway.config.credentials import agent_cautions
+from gateway.config.buses import BusSection
+from gateway.config.controls import Nc, SinumerikNc
 from gateway.config.extensions import OtherBus, asked
 from gateway.config.metrics import metrics_problems
 from gateway.config.model import GatewayConfig
-from gateway.config.opcua_cautions import server_cautions
 from gateway.config.problems import Problem, suggestion
 from gateway.config.telemetry_rules import telemetry_cautions, telemetry_problems
 from talc.probing import check_poses
@@ -72,17 +60,16 @@ def cautions(config: GatewayConfig) -> list[Problem]:
     """Warnings: settings that work now and may fail later."""
     found = []
     for bus in config.buses:
-        field, port = _serial_port(bus)
-        if port is not None and _UNSTABLE_PORT.fullmatch(port):
+        field, port = bus.serial_path or ("", "")
+        if _UNSTABLE_PORT.fullmatch(port):
             found.append(
                 Problem(
                     f"bus '{bus.name}', {field}",
                     f"'{port}' may be another adapter after a reboot; use its name in /dev/serial/by-id",
                 )
             )
-        asks = not isinstance(bus, CanSection | MeEthernetSection | MqttSection)  # these only listen
         shared = sum(device.bus == bus.name for device in config.devices) > 1
-        if asks and shared and bus.timeout_s > bus.period_s:
+        if shared and not bus.only_listens and bus.timeout_s > bus.period_s:
             found.append(
                 Problem(
                     f"bus '{bus.name}', timeout_s",
@@ -90,15 +77,11 @@ def cautions(config: GatewayConfig) -> list[Problem]:
                     "the others a period; use half of it or less",
                 )
             )
-        if isinstance(bus, OpcUaSection):
-            exposed = "the password" if bus.password_file is not None else ""
-            found += [Problem(f"bus '{bus.name}', {f}", text) for f, text in server_cautions(bus, in_the_clear=exposed)]
-        if isinstance(bus, AgentSection):
-            found += [Problem(f"bus '{bus.name}', {f}", text) for f, text in agent_cautions(bus)]
+        found += _cautions_of(f"bus '{bus.name}',", bus)
     if config.prior is not None and config.talc.method != "learner":
         found.append(Problem("[talc] prior", f"has no effect with method = '{config.talc.method}'"))
     if config.nc is not None:
-        found += [Problem(f"[nc] {field}", text) for field, text in config.nc.cautions()]
+        found += _cautions_of("[nc]", config.nc)
     found += _memory(config)
     found += _manuals_addresses(config)
     found += _following(config)
@@ -111,6 +94,13 @@ def cautions(config: GatewayConfig) -> list[Problem]:
             )
         )
     return [*found, *telemetry_cautions(config.telemetry)]
+
+
+def _cautions_of(where: str, section: BusSection | Nc) -> list[Problem]:
+    try:
+        return asked(section.kind, lambda: [Problem(f"{where} {field}", text) for field, text in section.cautions()])
+    except SetupError as error:
+        return [Problem(where.rstrip(","), error.advice)]
 
 
 def _memory(config: GatewayConfig) -> Iterator[Problem]:
@@ -153,14 +143,6 @@ def _following(config: GatewayConfig) -> Iterator[Problem]:
             f"mm, an axis faster than {slew / _SLOPE_UM_PER_MM * 60.0:.0f} mm/min outruns them, and following may be "
             "worse than one constant offset; use 'errors' or 'k0_slope'",
         )
-
-
-def _serial_port(bus: BusSection) -> tuple[str, str | None]:
-    if isinstance(bus, ModbusRtuSection | MeRs485Section):
-        return "port", bus.port
-    if isinstance(bus, CanOpenSection | CanSection) and bus.interface == "slcan":
-        return "channel", bus.channel
-    return "", None
 
 
 def _watchdog(config: GatewayConfig) -> Iterator[Problem]:
@@ -211,7 +193,7 @@ def _places(config: GatewayConfig) -> Iterator[Problem]:
     first: dict[str, str] = {}
     for bus in config.buses:
         try:
-            place = asked(bus.kind, partial(getattr, bus, "place"))
+            place, _ = asked(bus.kind, partial(_where, bus))
         except SetupError as error:
             yield Problem(f"bus '{bus.name}'", error.advice)
             continue
@@ -219,6 +201,11 @@ def _places(config: GatewayConfig) -> Iterator[Problem]:
         if port in first:
             yield Problem(f"bus '{bus.name}'", f"{place} is already bus '{first[port]}'; put its devices there")
         first.setdefault(port, bus.name)
+
+
+def _where(bus: BusSection) -> tuple[str, tuple[str, str] | None]:
+    """What is asked again later, of a configuration without problems."""
+    return bus.place, bus.serial_path
 
 
 def _waits(config: GatewayConfig) -> Iterator[Problem]:
@@ -229,9 +216,8 @@ def _waits(config: GatewayConfig) -> Iterator[Problem]:
                 f"{bus.read_limit_s:g}: expected at least timeout_s = {bus.timeout_s:g}, "
                 "or the bus is closed while an answer may still arrive",
             )
-        timers = (device.options.get("transfer") == "timer" for device in config.devices_of(bus.name))
-        listens = isinstance(bus, CanSection) or (isinstance(bus, CanOpenSection) and any(timers))
-        if listens and bus.timeout_s > 3.0 * bus.period_s:
+        options = (device.options for device in config.devices_of(bus.name))
+        if bus.timeout_s > 3.0 * bus.period_s and bus.timeout_is_age(options):
             yield Problem(f"bus '{bus.name}', timeout_s", _goes_stale(bus.timeout_s, bus))
 
 
@@ -243,7 +229,7 @@ def _goes_stale(age_s: float, bus: BusSection) -> str:
 
 
 def _addresses(config: GatewayConfig) -> Iterator[Problem]:
-    buses = {bus.name: bus.kind for bus in config.buses}
+    buses = {bus.name: bus for bus in config.buses}
     first: dict[tuple[object, ...], str] = {}
     for device in config.devices:
         if device.bus not in buses:
@@ -251,12 +237,14 @@ def _addresses(config: GatewayConfig) -> Iterator[Problem]:
                 f"device '{device.name}', bus", f"unknown bus '{device.bus}'; {suggestion(device.bus, buses)}"
             )
             continue
+        bus = buses[device.bus]
+        if bus.units is None:
+            continue
         address: tuple[object, ...] = device.bus, device.unit
-        if buses[device.bus].startswith("modbus"):  # one unit may be several devices: registers of different profiles
+        if bus.several_per_unit:
             address += device.profile, *sorted(device.options.items())
         if address in first:
-            modbus = buses[device.bus].startswith("modbus")
-            more = "; add the channels there, or a [[block]] to its profile" if modbus else ""
+            more = "; add the channels there, or a [[block]] to its profile" if bus.several_per_unit else ""
             yield Problem(
                 f"device '{device.name}', unit",
                 f"{device.unit} on bus '{device.bus}' is already device '{first[address]}'{more}",

@@ -6,18 +6,12 @@ from dataclasses import replace
 from itertools import count
 from pathlib import Path
 
+from drivers.build import BUS_KINDS
+from drivers.problems import settings_of
 from drivers.profiles import load_profile
 from gateway.config import BusSection, GatewayConfig, draft, parse, toml_value
 from gateway.scan.found import Found, Place
 
-_BUS_NAMES = {
-    "modbus_rtu": "rtu",
-    "modbus_rtu_tcp": "rtu",
-    "modbus_tcp": "tcp",
-    "canopen": "can",
-    "me_rs485": "growth_line",
-    "me_ethernet": "eddy",
-}
 CONFIRM = "CONFIRM"
 """Marks a comment beside a guess, which a person must put right."""
 _UNIT_NAMES = {"degC": "rtd", "µm": "growth"}
@@ -74,9 +68,8 @@ def _wire(place: Place) -> str:
 
 def _serial_port(place: Place) -> str | None:
     """The option that is a path: in a scan it starts at the working directory, in a file at the file's folder."""
-    if place.kind in ("modbus_rtu", "me_rs485"):
-        return "port"
-    return "channel" if place.options.get("interface") == "slcan" else None
+    there = settings_of(BUS_KINDS[place.kind], place.options).serial_path
+    return None if there is None else there[0]
 
 
 def _absolute(place: Place) -> Place:
@@ -109,7 +102,7 @@ def _sections(
     lines += _comments(f"unit {d.unit}: {d.what.evidence}" for d in first.devices if not d.what.profile)
     lines = [line for line in lines if line not in said]
     if known is None and usable:
-        bus = names.free(_BUS_NAMES[first.kind])
+        bus = names.free(BUS_KINDS[first.kind].name_stem)
         lines += ["[[bus]]", f"name = {toml_value(bus)}", f"kind = {toml_value(first.kind)}"]
         lines += [f"{key} = {toml_value(value)}" for key, value in _options(first, folder)]
     else:

@@ -10,21 +10,14 @@ from pathlib import Path
 
 import numpy as np
 
+from drivers.can import CanInterfaceSettings
 from gateway.acquisition import NO_OTHER_MASTER, OTHER_MASTER
 from gateway.cli.condition.doctor_files import spoilt_file, unread_files
 from gateway.cli.condition.doctor_power import power
 from gateway.cli.condition.kernel_files import kernel_text
 from gateway.cli.conventions.terminal import terminal
 from gateway.clock import clock_synchronised
-from gateway.config import (
-    CanOpenSection,
-    CanSection,
-    GatewayConfig,
-    MeRs485Section,
-    ModbusRtuSection,
-    cautions,
-    credential_problems,
-)
+from gateway.config import GatewayConfig, cautions, credential_problems
 from gateway.storage import History, answered
 from talc.frame import FloatArray
 
@@ -72,7 +65,7 @@ def show(config: GatewayConfig, root: Path = Path("/"), *, sees_all: bool | None
         )
     if not found:
         console.print("nothing found")
-    if not sees_all and any(_serial_port(bus) for bus in config.buses):
+    if not sees_all and any(bus.serial_path for bus in config.buses):
         console.print(_OF_OTHERS, soft_wrap=True)
     return not found
 
@@ -123,7 +116,7 @@ def _disk(config: GatewayConfig) -> Iterator[Ailment]:
 
 def _can(config: GatewayConfig, root: Path) -> Iterator[Ailment]:
     for bus in config.buses:
-        if not isinstance(bus, CanOpenSection | CanSection) or bus.interface != "socketcan":
+        if not isinstance(bus, CanInterfaceSettings) or bus.interface != "socketcan":
             continue
         state = kernel_text(root / "sys/class/net" / bus.channel / "operstate")
         why = f"bus '{bus.name}' cannot be read"
@@ -149,7 +142,7 @@ def _is_up(root: Path, interface: str) -> bool:
 
 def _other_programs(config: GatewayConfig, root: Path) -> Iterator[Ailment]:
     """Serial ports that several processes have open."""
-    ports = {os.path.realpath(port): bus.name for bus in config.buses if (port := _serial_port(bus))}
+    ports = {os.path.realpath(line[1]): bus.name for bus in config.buses if (line := bus.serial_path)}
     users: dict[str, set[str]] = {}
     for process in (root / "proc").glob("[0-9]*"):
         opened = set(_open_files(process))
@@ -163,13 +156,6 @@ def _other_programs(config: GatewayConfig, root: Path) -> Iterator[Ailment]:
                 "two masters on one line destroy each other's answers",
                 "end the other program; only the gateway may read the line",
             )
-
-
-def _serial_port(bus: object) -> str:
-    """The port of a serial line, or of an adapter behind one; empty: the bus is neither."""
-    if isinstance(bus, ModbusRtuSection | MeRs485Section):
-        return bus.port
-    return bus.channel if isinstance(bus, CanOpenSection | CanSection) and bus.interface == "slcan" else ""
 
 
 def _named(root: Path, processes: Iterable[str]) -> str:

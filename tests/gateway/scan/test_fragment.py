@@ -120,3 +120,21 @@ def test_the_port_of_a_device_server_is_written_as_it_is(url: str) -> None:
     (bus,) = parse(text, FILE).buses
     assert bus.place == url
     assert devices(merged(text, [place], FILE)) == devices(text), "and found again there"
+
+
+def test_a_serial_port_begins_at_the_working_directory_whatever_kind_of_bus_it_is(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    found = [
+        Place("modbus_rtu", {"port": "a"}, (Found(1, MODULE),)),
+        Place("canopen", {"interface": "slcan", "channel": "c"}, (Found(5, NODE),)),
+        Place("canopen", {"interface": "socketcan", "channel": "can0"}, (Found(5, NODE),)),
+    ]
+    text = merged(BEGUN, found, tmp_path / "else" / "gateway.toml")
+    assert [line for line in text.splitlines() if line.startswith(("port", "channel"))] == [
+        f'port = "{tmp_path}/a"', f'channel = "{tmp_path}/c"', 'channel = "can0"',
+    ]  # fmt: skip
+    assert [line for line in text.splitlines() if line.startswith("name")][1::2] == [
+        'name = "rtu1"', 'name = "can1"', 'name = "can2"',
+    ]  # fmt: skip

@@ -1,0 +1,128 @@
+"""What a bus of another package says of itself, and what the gateway takes it for when it says nothing."""
+
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner, Result
+
+from gateway.cli import main
+from gateway.cli.doctor import ailments
+from gateway.config import cautions, parse
+from tests.benches.extension_package import files_of, install
+
+pytestmark = pytest.mark.usefixtures("no_package_stays_loaded")
+
+OWN = """
+[machine]
+name = "mill"
+[[bus]]
+name = "tcp1"
+kind = "modbus_tcp"
+host = "192.168.0.10"
+[[device]]
+name = "adam"
+bus = "tcp1"
+profile = "advantech_adam6015"
+[device.channels]
+ambient = 0
+"""
+SERIAL = """from typing import Literal
+from gateway.config import OtherBus
+
+class It(OtherBus):
+    kind: Literal["strange"]
+    port: str
+    units = (1, 31)
+    @property
+    def place(self):
+        return self.port
+    @property
+    def serial_path(self):
+        return "port", self.port
+    def cautions(self):
+        yield "port", "is old"
+    def bus(self, tap):
+        return None
+    def driver(self, device, bus, clock):
+        return None
+"""
+"""A package's bus on a serial line."""
+ON_IT = '[[device]]\nname = "{}"\nbus = "odd"\nprofile = "{}"\nunit = {}\n[device.channels]\n{} = 0\n'
+TWO_ON_IT = ON_IT.format("d1", "p", 3, "a") + ON_IT.format("d2", "q", 3, "b")
+
+
+def check(folder: Path, text: str) -> Result:
+    file = folder / "gateway.toml"
+    file.write_text(text, encoding="utf-8")
+    return CliRunner().invoke(main, ["check", str(file)])
+
+
+def with_bus(folder: Path, monkeypatch: pytest.MonkeyPatch, code: str, kind: str = "strange") -> str:
+    """The section of a bus of this package, which is installed in the folder."""
+    rows = {"talc_gateway.buses": {kind: "other_package:It"}}
+    install(files_of("other", rows, {"other_package.py": code.replace("strange", kind)}, "2.3"), folder / "site")
+    monkeypatch.syspath_prepend(str(folder / "site"))
+    return f'[[bus]]\nname = "odd"\nkind = "{kind}"\n'
+
+
+def test_a_serial_bus_of_a_package_is_warned_about_as_the_gateway_s_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    section = with_bus(tmp_path, monkeypatch, SERIAL) + 'port = "/dev/ttyUSB0"\n'
+    config = parse(OWN + section, tmp_path / "gateway.toml")
+    assert [str(caution) for caution in cautions(config)] == [
+        "bus 'odd', port: '/dev/ttyUSB0' may be another adapter after a reboot; use its name in /dev/serial/by-id",
+        "bus 'odd', port: is old",
+    ]
+
+
+@pytest.mark.parametrize(("line", "wrong"), [("serial_path", "[[bus]]"), ("cautions", "")])
+def test_a_bug_in_what_a_bus_says_of_itself_is_one_line(
+    line: str, wrong: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    code = SERIAL.replace(f"def {line}(self):", f"def {line}(self):\n        raise KeyError('X')")
+    done = check(tmp_path, OWN + with_bus(tmp_path, monkeypatch, code) + 'port = "/dev/ttyUSB0"\n')
+    assert done.exit_code == (2 if wrong else 0), done.output
+    assert "bus 'odd': the package of kind 'strange' failed: KeyError: 'X'" in done.output
+
+
+@pytest.mark.parametrize("kind", ["strange", "modbus_strange"])
+def test_two_devices_of_a_package_s_bus_need_two_addresses(
+    kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whatever the kind is called: only the package knows whether one address may be several devices."""
+    section = with_bus(tmp_path, monkeypatch, SERIAL, kind) + 'port = "/dev/line"\n'
+    done = check(tmp_path, OWN + section + TWO_ON_IT)
+    assert done.exit_code == 2
+    assert "device 'd2', unit: 3 on bus 'odd' is already device 'd1'\n" in done.output
+
+
+@pytest.mark.parametrize("answer", ["units = None", "units = (1, 31)\n    several_per_unit = True"])
+def test_a_package_may_say_that_its_devices_need_no_address_of_their_own(
+    answer: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    section = with_bus(tmp_path, monkeypatch, SERIAL.replace("units = (1, 31)", answer)) + 'port = "/dev/line"\n'
+    done = check(tmp_path, OWN + section + TWO_ON_IT)
+    assert done.exit_code == 0, done.output
+
+
+def test_a_field_with_the_name_of_what_the_gateway_asks_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    section = with_bus(tmp_path, monkeypatch, SERIAL.replace("units = (1, 31)", "only_listens: bool"))
+    with pytest.warns(UserWarning, match="shadows an attribute"):
+        done = check(tmp_path, OWN + section)
+    assert done.exit_code == 2
+    assert "other_package:It has a field only_listens, which is a member of OtherBus" in done.output
+
+
+def test_doctor_finds_a_second_program_on_a_package_s_serial_bus(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    section = with_bus(tmp_path, monkeypatch, SERIAL) + f'port = "{tmp_path}/line"\n'
+    config = parse(OWN + section + f'[storage]\npath = "{tmp_path}/db"\n', tmp_path / "gateway.toml")
+    for process in ("17", "23"):
+        (tmp_path / "proc" / process / "fd").mkdir(parents=True)
+        (tmp_path / "proc" / process / "fd" / "5").symlink_to(tmp_path / "line")
+    found = [ailment.what for ailment in ailments(config, tmp_path, synchronised=True)]
+    assert f"bus 'odd': {tmp_path}/line is open in 2 processes: 17, 23" in found
