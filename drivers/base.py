@@ -124,8 +124,8 @@ class Bus(Protocol):
         ...
 
     @property
-    def units(self) -> tuple[int, int]:
-        """Lowest and highest address that a device on this bus can have."""
+    def units(self) -> tuple[int, int] | None:
+        """Lowest and highest address that a device on this bus can have. None: its devices have no addresses."""
         ...
 
     @property

@@ -125,7 +125,7 @@ def make_device(
     """The driver of one device on a bus made here.
 
     profile: a name, the path of a .toml file, or a loaded profile
-    unit: unit id, node id or address on the bus
+    unit: unit id, node id or address on the bus, if its devices have addresses
     channels: channel name to the device's channel number, counted from 0
 
     Raises SetupError naming the bus, the device, the channel and the value.
@@ -166,7 +166,7 @@ class _SettingsCheck:
     device: str
     bus: str
     kind: str
-    units: tuple[int, int]
+    units: tuple[int, int] | None
 
     def check(
         self, profile: Profile, unit: int, channels: Mapping[str, int], options: Mapping[str, object]
@@ -191,6 +191,8 @@ class _SettingsCheck:
             raise self._error(
                 f"profile {profile.name} does not fit a {self.kind} bus", hint=f"it needs {' or '.join(profile.buses)}"
             )
+        if self.units is None:
+            return
         low, high = self.units
         if not low <= unit <= high:
             raise self._error(f"unit = {unit}: expected {low} to {high} on a {self.kind} bus")

@@ -24,7 +24,7 @@ def is_loopback(host: str) -> bool:
 class AnyBus(Section):
     """What a bus of any kind is, also of another package: whoever handles buses asks it here. It has no fields."""
 
-    units: ClassVar[tuple[int, int] | None]
+    units: ClassVar[tuple[int, int] | None] = None
     """First and last address on the bus. None: its devices have none, and what they state as `unit` means nothing."""
     several_per_unit: ClassVar[bool] = False
     """Whether one address may be several devices, each with a profile of other values."""

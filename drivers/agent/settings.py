@@ -32,8 +32,6 @@ class AgentBusSettings(AgentAddress, BusSettings):
     """A control whose agent reports values that are channels."""
 
     bus_kind: ClassVar[str] = "agent"
-    units: ClassVar[tuple[int, int]] = (1, 127)
-    """First and last address on the bus."""
 
     @property
     def place(self) -> str:

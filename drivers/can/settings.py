@@ -74,8 +74,6 @@ class CanSettings(CanInterfaceSettings):
     """
 
     bus_kind: ClassVar[str] = "can"
-    units: ClassVar[tuple[int, int]] = (1, 127)
-    """First and last address on the bus."""
     only_listens: ClassVar[bool] = True
 
     def timeout_is_age(self, options: Iterable[Mapping[str, object]]) -> bool:  # noqa: ARG002 - there are none

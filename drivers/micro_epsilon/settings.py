@@ -26,8 +26,6 @@ class MeEthernetSettings(HostSettings):
     """The data port of a Micro-Epsilon controller on Ethernet."""
 
     bus_kind: ClassVar[str] = "me_ethernet"
-    units: ClassVar[tuple[int, int]] = (1, 1)
-    """First and last address on the bus."""
     name_stem: ClassVar[str] = "eddy"
     only_listens: ClassVar[bool] = True
 

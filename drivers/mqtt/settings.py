@@ -51,8 +51,6 @@ class MqttBusSettings(MqttServer, BusSettings):
     """An MQTT broker whose topics are channels."""
 
     bus_kind: ClassVar[str] = "mqtt"
-    units: ClassVar[tuple[int, int]] = (1, 127)
-    """First and last address on the bus."""
     only_listens: ClassVar[bool] = True
 
     timeout_s: ServerTime = 2.0

@@ -61,8 +61,6 @@ class OpcUaBusSettings(OpcUaServer, BusSettings):
     """An OPC UA server whose nodes are channels."""
 
     bus_kind: ClassVar[str] = "opcua"
-    units: ClassVar[tuple[int, int]] = (1, 127)
-    """First and last address on the bus."""
 
     @property
     def place(self) -> str:

@@ -108,7 +108,8 @@ def _sections(
     else:
         bus = "" if known is None else known.name
     sections = ["\n".join(lines)] if lines else []
-    return sections + [_device(bus, device, names) for device in usable if not _has(config, bus, device)]
+    addressed = BUS_KINDS[first.kind].units is not None
+    return sections + [_device(bus, device, names, addressed) for device in usable if not _has(config, known, device)]
 
 
 def _existing_bus(config: GatewayConfig, place: Place) -> BusSection | None:
@@ -131,11 +132,14 @@ def _as_place(bus: BusSection, place: Place) -> Place:
     return Place(bus.kind, {key: options[key] for key in place.options if key in options})
 
 
-def _has(config: GatewayConfig, bus: str, device: Found) -> bool:
-    return any(d.unit == device.unit for d in config.devices_of(bus))
+def _has(config: GatewayConfig, known: BusSection | None, device: Found) -> bool:
+    """Whether the file has the device. A bus without addresses is one device."""
+    if known is None:
+        return False
+    return any(known.units is None or d.unit == device.unit for d in config.devices_of(known.name))
 
 
-def _device(bus: str, device: Found, names: _Names) -> str:
+def _device(bus: str, device: Found, names: _Names, addressed: bool) -> str:
     what = device.what
     profile = load_profile(what.profile)
     name = names.free(_UNIT_NAMES.get(profile.unit, "device"))
@@ -148,7 +152,8 @@ def _device(bus: str, device: Found, names: _Names) -> str:
         f"bus = {toml_value(bus)}",
         f"profile = {toml_value(what.profile)}",
     ]
-    lines += [f"unit = {device.unit}"]
+    if addressed:
+        lines += [f"unit = {device.unit}"]
     if what.options:
         lines += ["[device.options]", *(f"{key} = {toml_value(value)}" for key, value in what.options.items())]
     lines += [

@@ -32,3 +32,27 @@ def test_a_bus_is_of_its_kind_and_a_message_names_it(kind: str, tmp_path: Path) 
     profile = "icpdas_m7015" if kind == "canopen" else "cia404"
     with pytest.raises(SetupError, match=f"profile {profile} does not fit a {kind} bus"):
         check_device("device1", "bus1", settings, profile, 1, {"t0": 0}, {})
+
+
+PROFILES = {
+    "opcua": '[[node]]\nnode = "ns=2;i=1"\n',
+    "mqtt": 'max_age_s = 3.0\n[[topic]]\ntopic = "hall/north"\n',
+    "agent": '[[value]]\nname = "x"\n',
+    "can_dbc": 'dbc = "logger.dbc"\n[[signal]]\nmessage = "M"\nname = "T"\n',
+}
+"""Protocol of an own profile to its channels."""
+DBC = 'BU_: L\nBO_ 768 M: 8 L\n SG_ T : 0|16@1+ (0.01,-273.15) [-273.15|382.2] "degC" L\n'
+
+
+@pytest.mark.parametrize("kind", ["can", "me_ethernet", "opcua", "mqtt", "agent"])
+def test_a_bus_without_addresses_takes_whatever_a_file_states(kind: str, tmp_path: Path) -> None:
+    (tmp_path / "logger.dbc").write_text(DBC)
+    profile = "me_ethernet"
+    if kind != "me_ethernet":
+        protocol = "can_dbc" if kind == "can" else kind
+        own = tmp_path / "own.toml"
+        own.write_text(f'protocol = "{protocol}"\ntitle = "own"\nunit = "degC"\n{PROFILES[protocol]}')
+        profile = str(own)
+    options = {"range_um": 500.0} if kind == "me_ethernet" else {}
+    for unit in (0, 1, 0xFFFF):
+        check_device("device1", "bus1", read_settings(BUS_KINDS[kind], PLACES[kind]), profile, unit, {"t0": 0}, options)

@@ -181,3 +181,20 @@ async def test_channel_that_is_not_fitted_is_named() -> None:
     finally:
         await bus.close()
         await controller.stop()
+
+
+async def test_channels_with_different_ranges_are_several_devices_on_one_bus() -> None:
+    controller = MeController(lambda: [100.0, 200.0], range_um=500.0)
+    bus = make_bus("growth", "me_ethernet", {"host": "127.0.0.1", "port": await controller.start()})
+    ranges = {"nose": 500.0, "tail": 2000.0}
+    drivers = [
+        make_device(name, bus, "me_ethernet", 1, {name: number}, {"range_um": range_um}, SystemClock())
+        for number, (name, range_um) in enumerate(ranges.items())
+    ]
+    try:
+        await bus.connect()
+        values = [(await driver.read())[0].value for driver in drivers]
+    finally:
+        await bus.close()
+        await controller.stop()
+    assert values == pytest.approx([100.0, 800.0], abs=0.01)

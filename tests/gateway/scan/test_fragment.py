@@ -138,3 +138,14 @@ def test_a_serial_port_begins_at_the_working_directory_whatever_kind_of_bus_it_i
     assert [line for line in text.splitlines() if line.startswith("name")][1::2] == [
         'name = "rtu1"', 'name = "can1"', 'name = "can2"',
     ]  # fmt: skip
+
+
+@pytest.mark.parametrize("unit", ["", "unit = 1\n", "unit = 7\n"])
+def test_a_controller_without_an_address_is_added_once_and_without_one(unit: str) -> None:
+    controller = Recognition("me_ethernet", (0,), "sends values", {"range_um": 500.0})
+    place = Place("me_ethernet", {"host": "10.0.0.9", "port": 10001}, (Found(1, controller),))
+    text = merged(BEGUN, [place], FILE)
+    assert devices(text) == [("eddy1", 1)]
+    assert "unit = " not in text
+    known = text.replace("[device.options]", unit + "[device.options]")
+    assert merged(known, [place], FILE) == known
