@@ -108,9 +108,7 @@ def check_device(
 
     Raises SetupError naming the bus, the device, the channel and the value.
     """
-    _SettingsCheck(device_name, bus_name, settings.bus_kind, settings.units).check(
-        _loaded(profile), unit, channels, options
-    )
+    _SettingsCheck(device_name, bus_name, type(settings)).check(_loaded(profile), unit, channels, options)
 
 
 def make_device(
@@ -131,7 +129,7 @@ def make_device(
     Raises SetupError naming the bus, the device, the channel and the value.
     """
     profile = _loaded(profile)
-    checked = _SettingsCheck(device_name, bus.name, bus.kind, bus.units).check(profile, unit, channels, options)
+    checked = _SettingsCheck(device_name, bus.name, _class_of(bus)).check(profile, unit, channels, options)
     match profile, bus, checked:
         case ModbusProfile(), modbus.ModbusBus(), ModbusOptions():
             return modbus.ModbusDevice(device_name, bus, profile, unit, channels, checked, clock)
@@ -155,6 +153,12 @@ def make_device(
             raise SetupError(f"{type(bus).__name__} is not a bus that was built here", bus=bus.name, device=device_name)
 
 
+def _class_of(bus: Bus) -> type[AnyBusSettings]:
+    if bus.kind not in BUS_KINDS:
+        raise SetupError(f"kind {bus.kind!r} is not one of those that are built here", bus=bus.name)
+    return BUS_KINDS[bus.kind]
+
+
 def _loaded(profile: str | Profile) -> Profile:
     return load_profile(profile) if isinstance(profile, str) else profile
 
@@ -165,8 +169,7 @@ class _SettingsCheck:
 
     device: str
     bus: str
-    kind: str
-    units: tuple[int, int] | None
+    settings: type[AnyBusSettings]
 
     def check(
         self, profile: Profile, unit: int, channels: Mapping[str, int], options: Mapping[str, object]
@@ -187,15 +190,13 @@ class _SettingsCheck:
                 return read_settings(DisplacementOptions, options, bus=self.bus, device=self.device)
 
     def _check_address(self, profile: Profile, unit: int) -> None:
-        if not fits_bus(profile.buses, self.kind):
+        kind, units = self.settings.bus_kind, self.settings.units
+        if not fits_bus(profile.buses, kind, self.settings.carries):
             raise self._error(
-                f"profile {profile.name} does not fit a {self.kind} bus", hint=f"it needs {' or '.join(profile.buses)}"
+                f"profile {profile.name} does not fit a {kind} bus", hint=f"it needs {' or '.join(profile.buses)}"
             )
-        if self.units is None:
-            return
-        low, high = self.units
-        if not low <= unit <= high:
-            raise self._error(f"unit = {unit}: expected {low} to {high} on a {self.kind} bus")
+        if units is not None and not units[0] <= unit <= units[1]:
+            raise self._error(f"unit = {unit}: expected {units[0]} to {units[1]} on a {kind} bus")
 
     def _check_channels(self, profile: Profile, channels: Mapping[str, int]) -> None:
         if not channels:

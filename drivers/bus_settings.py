@@ -26,6 +26,8 @@ class AnyBus(Section):
 
     units: ClassVar[tuple[int, int] | None] = None
     """First and last address on the bus. None: its devices have none, and what they state as `unit` means nothing."""
+    carries: ClassVar[str | None] = None
+    """The kind of bus whose devices are on it, if that is another one."""
     several_per_unit: ClassVar[bool] = False
     """Whether one address may be several devices, each with a profile of other values."""
     only_listens: ClassVar[bool] = False

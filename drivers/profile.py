@@ -20,8 +20,6 @@ UNITS = (
     *("1/min", "mm/s", "m/s", "m/s2", "l/min", "l/h", "m3/h", "kg/h", "l", "m3", "kg", "s", "min", "h"),
 )
 """The units that a profile may state; `1` for a pure number."""
-_SAME_DEVICES = {"modbus_rtu_tcp": "modbus_rtu"}
-"""Kinds of bus that carry the devices of another kind: behind a device server is a serial line."""
 
 
 def _known(unit: str) -> str:
@@ -89,6 +87,9 @@ class LinearValue(Section):
         return value
 
 
-def fits_bus(buses: Collection[str], kind: str) -> bool:
-    """Whether a profile that names these kinds of bus describes devices that can be on a bus of this kind."""
-    return _SAME_DEVICES.get(kind, kind) in buses
+def fits_bus(buses: Collection[str], kind: str, carries: str | None) -> bool:
+    """Whether a profile that names these kinds of bus describes devices that can be on a bus of this kind.
+
+    carries: the kind of bus whose devices are on it, if that is another one
+    """
+    return (carries or kind) in buses

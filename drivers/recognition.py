@@ -65,7 +65,7 @@ async def recognise_modbus(bus: ModbusBus, unit: int) -> Recognition:
     registers = _Registers(bus, unit)
     for name in profile_names():
         profile = load_profile(name)
-        if not isinstance(profile, ModbusProfile) or not fits_bus(profile.buses, bus.kind):
+        if not isinstance(profile, ModbusProfile) or not fits_bus(profile.buses, bus.kind, bus.carries):
             continue
         if any(block.type_codes is not None for block in profile.blocks):
             found = await _by_type_codes(registers, profile)

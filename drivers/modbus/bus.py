@@ -49,6 +49,7 @@ class ModbusBus(StreamBus, ABC):
 
     kind: str
     units: tuple[int, int]
+    carries: str | None = None
     has_checksum = False
     """Whether a changed byte in a frame is noticed."""
     reopens = False

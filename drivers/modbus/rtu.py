@@ -317,6 +317,7 @@ class ModbusRtuTcpBus(RtuFramedBus):
     """Units on the serial line of a device server, which passes on the bytes of a TCP connection."""
 
     kind = ModbusRtuTcpSettings.bus_kind
+    carries = ModbusRtuTcpSettings.carries
     reopens = True
 
     def __init__(self, name: str, settings: ModbusRtuTcpSettings, tap: Tap | None = None) -> None:

@@ -33,6 +33,7 @@ class ModbusRtuTcpSettings(HostSettings, LineSettings):
     """
 
     bus_kind: ClassVar[str] = "modbus_rtu_tcp"
+    carries: ClassVar[str | None] = ModbusRtuSettings.bus_kind
     units: ClassVar[tuple[int, int]] = (1, 247)
     """First and last address on the bus."""
     several_per_unit: ClassVar[bool] = True

@@ -190,7 +190,7 @@ def _planned_loads(config: GatewayConfig) -> Iterator[Problem]:
 
 
 def _places(config: GatewayConfig) -> Iterator[Problem]:
-    first: dict[str, str] = {}
+    first: dict[str, BusSection] = {}
     for bus in config.buses:
         try:
             place, _ = asked(bus.kind, partial(_where, bus))
@@ -199,8 +199,18 @@ def _places(config: GatewayConfig) -> Iterator[Problem]:
             continue
         port = place.rpartition("://")[2].rstrip("/")  # of a device server, however it is spoken to
         if port in first:
-            yield Problem(f"bus '{bus.name}'", f"{place} is already bus '{first[port]}'; put its devices there")
-        first.setdefault(port, bus.name)
+            yield Problem(f"bus '{bus.name}'", f"{place} is already {_what_to_do(bus, first[port])}")
+        first.setdefault(port, bus)
+
+
+def _what_to_do(bus: BusSection, first: BusSection) -> str:
+    """With a second bus at the place of the first."""
+    if (bus.carries or bus.kind) == (first.carries or first.kind):
+        return f"bus '{first.name}'; put its devices there"
+    return (
+        f"bus '{first.name}' of kind '{first.kind}', and one wire carries one kind of bus; connect these devices to a "
+        "port or interface of their own, or correct the kind or the address of one of the two"
+    )
 
 
 def _where(bus: BusSection) -> tuple[str, tuple[str, str] | None]:
