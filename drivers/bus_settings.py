@@ -1,8 +1,9 @@
 """Bus settings that several families share."""
 
+from abc import abstractmethod
 from collections.abc import Iterable, Mapping
 from ipaddress import ip_address
-from typing import Annotated, ClassVar, Literal, Self
+from typing import Annotated, ClassVar, Literal, NamedTuple, Self
 
 from pydantic import Field, model_validator
 
@@ -10,6 +11,10 @@ from drivers.section import AnswerTime, HostName, Port, Section, SerialPort, hos
 
 Parity = Literal["N", "E", "O"]
 SLOWEST_BAUD, FASTEST_BAUD = 300, 4_000_000
+Wire = Literal["serial", "tcp", "mqtt", "can"]
+"""A serial line; a TCP connection whose bytes are all that matters; an MQTT broker; a CAN interface."""
+Framing = Literal["rtu", "numbered"]
+"""Modbus RTU; Modbus TCP, whose messages have numbers."""
 Baud = Annotated[int, Field(ge=SLOWEST_BAUD, le=FASTEST_BAUD)]
 
 
@@ -19,6 +24,15 @@ def is_loopback(host: str) -> bool:
         return host == "localhost" or ip_address(host).is_loopback
     except ValueError:
         return False
+
+
+class Here(NamedTuple):
+    """A place on this computer."""
+
+    path: str
+    """Of a serial port, for a bus that is on one."""
+    port: int
+    """Of TCP, for a bus that is a server."""
 
 
 class AnyBus(Section):
@@ -32,6 +46,8 @@ class AnyBus(Section):
     """Whether one address may be several devices, each with a profile of other values."""
     only_listens: ClassVar[bool] = False
     """Whether it asks nothing, so that a silent device costs the others no time."""
+    unrecorded: ClassVar[str] = ""
+    """What it has on the wire, in words, if that is never recorded."""
 
     @property
     def serial_path(self) -> tuple[str, str] | None:
@@ -51,13 +67,24 @@ class BusSettings(AnyBus):
 
     name_stem: ClassVar[str] = "bus"
     """What a scan calls such a bus, followed by a number."""
+    wire: ClassVar[Wire | None] = None
+    """On what a recording of it is played. None: it cannot be played."""
+    framing: ClassVar[Framing | None] = None
+    """How a player tells one request from the next, if the bytes say so."""
 
     timeout_s: AnswerTime = 0.5
     """How long one answer may take at most. Half of the polling period (`period_s`) or less is best."""
 
+    @classmethod
+    @abstractmethod
+    def moved(cls, to: Here) -> dict[str, object]:
+        """The fields that say where it is, for the same bus on this computer; None: the field's default."""
+
 
 class SerialSettings(BusSettings):
     """A serial line."""
+
+    wire: ClassVar[Wire | None] = "serial"
 
     port: SerialPort
     """Serial port. Give a udev name (/dev/serial/by-id/...): /dev/ttyUSB0 may be another adapter after a reboot. A
@@ -82,6 +109,11 @@ class SerialSettings(BusSettings):
         """None for a port of a device server."""
         return None if self.is_remote else ("port", self.port)
 
+    @classmethod
+    def moved(cls, to: Here) -> dict[str, object]:
+        """A pseudo-terminal has no RTS."""
+        return {"port": to.path, "rs485_rts": None, "rs485_before_s": None, "rs485_after_s": None}
+
     @property
     def is_remote(self) -> bool:
         """Whether the port is one of a device server on the network."""
@@ -105,10 +137,17 @@ class SerialSettings(BusSettings):
 class HostSettings(BusSettings):
     """A port of a host."""
 
+    wire: ClassVar[Wire | None] = "tcp"
+
     host: HostName
     """Host name or address."""
     port: Port
     """TCP port."""
+
+    @classmethod
+    def moved(cls, to: Here) -> dict[str, object]:
+        """The loopback."""
+        return {"host": "127.0.0.1", "port": to.port}
 
     @property
     def place(self) -> str:

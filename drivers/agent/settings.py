@@ -5,7 +5,7 @@ from typing import ClassVar, Final
 from pydantic import Field
 
 from drivers.base import SetupError
-from drivers.bus_settings import BusSettings
+from drivers.bus_settings import BusSettings, Here
 from drivers.nc import AXES, LARGEST_UM, REQUEST_VALID_FOR_S
 from drivers.section import FilePath, HostName, NotNegative, Port, Positive, Section, ServerTime, host_and_port
 from drivers.signature import shared_key
@@ -32,6 +32,12 @@ class AgentBusSettings(AgentAddress, BusSettings):
     """A control whose agent reports values that are channels."""
 
     bus_kind: ClassVar[str] = "agent"
+    unrecorded: ClassVar[str] = "a control's agent, which is signed,"
+
+    @classmethod
+    def moved(cls, to: Here) -> dict[str, object]:
+        """The loopback, and no key of another place."""
+        return {"host": "127.0.0.1", "port": to.port, "key_file": to.path}
 
     @property
     def place(self) -> str:

@@ -7,7 +7,7 @@ from typing import ClassVar, Final, Literal, Self, get_args
 
 from pydantic import ValidationInfo, field_validator, model_validator
 
-from drivers.bus_settings import BusSettings
+from drivers.bus_settings import BusSettings, Here, Wire
 from drivers.section import NotEmpty, Port, name_beside_the_file, wrong
 
 Interface = Literal["socketcan", "slcan", "udp_multicast", "virtual"]
@@ -32,6 +32,7 @@ class CanInterfaceSettings(BusSettings):
     """Settings of any CAN interface."""
 
     name_stem: ClassVar[str] = "can"
+    wire: ClassVar[Wire | None] = "can"
 
     interface: Interface = "socketcan"
     """How the CAN bus is reached: through the kernel, a serial adapter or, for tests, the network or this process."""
@@ -55,6 +56,11 @@ class CanInterfaceSettings(BusSettings):
         if self.interface == "socketcan" and _SYSTEM_NAME.fullmatch(self.channel) is None:
             raise wrong(f"{self.channel!r}: expected the system's name of a CAN interface, such as can0", "channel")
         return self
+
+    @classmethod
+    def moved(cls, to: Here) -> dict[str, object]:
+        """An slcan adapter."""
+        return {"interface": "slcan", "channel": to.path}
 
     @property
     def serial_path(self) -> tuple[str, str] | None:

@@ -5,7 +5,7 @@ from urllib.parse import urlsplit
 
 from pydantic import model_validator
 
-from drivers.bus_settings import BusSettings
+from drivers.bus_settings import BusSettings, Here
 from drivers.section import FilePath, NotEmpty, Section, ServerTime, matching, user_and_password, wrong
 
 _DEFAULT_PORT = 4840
@@ -61,6 +61,12 @@ class OpcUaBusSettings(OpcUaServer, BusSettings):
     """An OPC UA server whose nodes are channels."""
 
     bus_kind: ClassVar[str] = "opcua"
+    unrecorded: ClassVar[str] = "an OPC UA session"
+
+    @classmethod
+    def moved(cls, to: Here) -> dict[str, object]:
+        """The loopback."""
+        return {"url": f"opc.tcp://127.0.0.1:{to.port}"}
 
     @property
     def place(self) -> str:

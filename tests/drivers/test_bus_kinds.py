@@ -7,6 +7,7 @@ import pytest
 
 from drivers.base import SetupError
 from drivers.build import BUS_KINDS, check_device
+from drivers.bus_settings import Here
 from drivers.problems import read_settings
 from tests.benches.buses import make_bus
 
@@ -56,3 +57,20 @@ def test_a_bus_without_addresses_takes_whatever_a_file_states(kind: str, tmp_pat
     options = {"range_um": 500.0} if kind == "me_ethernet" else {}
     for unit in (0, 1, 0xFFFF):
         check_device("device1", "bus1", read_settings(BUS_KINDS[kind], PLACES[kind]), profile, unit, {"t0": 0}, options)
+
+
+@pytest.mark.parametrize("kind", PLACES)
+def test_a_bus_of_any_kind_can_be_moved_to_this_computer(kind: str, tmp_path: Path) -> None:
+    moved = BUS_KINDS[kind].moved(Here(f"{tmp_path}/line", 4711))
+    fields = {field: value for field, value in {**PLACES[kind], **moved}.items() if value is not None}
+    place = read_settings(BUS_KINDS[kind], fields).place
+    assert place.endswith((f"{tmp_path}/line", "127.0.0.1:4711"))
+
+
+@pytest.mark.parametrize("kind", ["modbus_rtu", "me_rs485"])
+def test_a_line_that_is_moved_switches_no_rts(kind: str) -> None:
+    """A pseudo-terminal has none, and the port would not open."""
+    switched = {"port": "/dev/ttyS1", "rs485_rts": "high", "rs485_before_s": 0.001, "rs485_after_s": 0.002}
+    fields = read_settings(BUS_KINDS[kind], switched).model_dump() | BUS_KINDS[kind].moved(Here("/here/line", 4711))
+    moved = read_settings(BUS_KINDS[kind], {field: value for field, value in fields.items() if value is not None})
+    assert moved == read_settings(BUS_KINDS[kind], {"port": "/here/line"})

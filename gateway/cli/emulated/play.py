@@ -12,25 +12,11 @@ from typing import Protocol
 
 import can
 
-from drivers.bus_settings import SerialSettings
+from drivers.build import BUS_KINDS
+from drivers.bus_settings import Here, Wire
 from gateway.cli.conventions.signals import stop_on_signals
 from gateway.cli.conventions.terminal import terminal
-from gateway.config import (
-    AgentSection,
-    BusSection,
-    CanOpenSection,
-    CanSection,
-    GatewayConfig,
-    MeEthernetSection,
-    ModbusRtuTcpSection,
-    ModbusTcpSection,
-    MqttSection,
-    OpcUaSection,
-    OtherBus,
-    toml_value,
-    unpacked,
-    wires_toml,
-)
+from gateway.config import BusSection, GatewayConfig, OtherBus, toml_value, unpacked, wires_toml
 from gateway.recordings import WireEvent, WireLogError, is_wire_log, read_wire_log
 from simulators.devices import (
     EXTENDED,
@@ -48,8 +34,8 @@ from simulators.devices import (
 
 _CAN_LOGS = (".asc", ".blf", ".csv", ".log", ".trc")
 """Formats of other programs that python-can reads; .log is candump's."""
-_NEVER = ("opcua", "agent")
-"""Kinds of bus whose traffic is not in a recording."""
+_NOBODY = 1
+"""A TCP port at which nobody listens."""
 
 
 class _Stop(Protocol):
@@ -63,7 +49,7 @@ class Played:
     bus: str
     kind: str
     place: dict[str, object]
-    """Fields of its `[[bus]]` that say where it can be reached now."""
+    """Fields of its `[[bus]]` that say where it can be reached now; None: the field's default."""
     script: Script
     stops: _Stop
 
@@ -77,25 +63,28 @@ async def play_bus(
 
     Raises WireLogError for a kind of bus that cannot be played.
     """
-    passed = list(_passed(events, kind))
-    match kind:
-        case "modbus_rtu" | "me_rs485":
+    settings = BUS_KINDS.get(kind)
+    if settings is None or settings.wire is None:
+        raise WireLogError(f"bus {bus}: a bus of kind {kind} cannot be played")
+    passed, link = list(_passed(events, settings.wire)), folder / bus
+    match settings.wire:
+        case "serial":
             script = stream_script(passed)
-            script.is_rtu = kind == "modbus_rtu"
+            script.is_rtu = settings.framing == "rtu"
             line = PlayedLine(script)
-            return Played(bus, kind, {"port": _link(folder / bus, await line.start())}, script, line)
-        case "modbus_tcp" | "modbus_rtu_tcp" | "me_ethernet":
-            numbered = kind == "modbus_tcp"
+            return Played(bus, kind, settings.moved(Here(_link(link, await line.start()), _NOBODY)), script, line)
+        case "tcp":
+            numbered = settings.framing == "numbered"
             script = stream_script(unnumbered(passed) if numbered else passed)
-            script.is_rtu = kind == "modbus_rtu_tcp"
+            script.is_rtu = settings.framing == "rtu"
             host = PlayedHost(script, numbered=numbered)
-            return Played(bus, kind, {"host": "127.0.0.1", "port": await host.start()}, script, host)
+            return Played(bus, kind, settings.moved(Here(str(link), await host.start())), script, host)
         case "mqtt":
             first_s, last_s = (events[0].at_s, events[-1].at_s) if events else (0.0, 0.0)
             script = replace(stream_script(passed), lasts_s=last_s - first_s)
             broker = PlayedBroker(script)
-            return Played(bus, kind, _broker_at(await broker.start()), script, broker)
-        case "canopen" | "can":
+            return Played(bus, kind, settings.moved(Here(str(link), await broker.start())), script, broker)
+        case "can":
             script = can_script(passed)
             if group is not None:
                 address, port = group
@@ -104,17 +93,15 @@ async def play_bus(
                 there: dict[str, object] = {"interface": "udp_multicast", "channel": address, "port": port}
                 return Played(bus, kind, there, script, joined)
             adapter = PlayedAdapter(script)
-            path = _link(folder / bus, await adapter.start())
-            return Played(bus, kind, {"interface": "slcan", "channel": path}, script, adapter)
-        case _:
-            raise WireLogError(f"bus {bus}: a bus of kind {kind} cannot be played")
+            there = settings.moved(Here(_link(link, await adapter.start()), _NOBODY))
+            return Played(bus, kind, there, script, adapter)
 
 
-def _passed(events: Iterable[WireEvent], kind: str) -> Iterable[Passed]:
+def _passed(events: Iterable[WireEvent], wire: Wire) -> Iterable[Passed]:
     """The events in the player's terms. The gateway's own actions on the connection are omitted."""
     for event in events:
         if event.passed == "note":
-            if kind in ("modbus_tcp", "modbus_rtu_tcp", "me_ethernet") and event.note.startswith("lost"):
+            if wire == "tcp" and event.note.startswith("lost"):
                 yield Passed(event.at_s, False, None)
         else:
             identifier = event.identifier
@@ -188,16 +175,17 @@ async def playing(
     """
     console = terminal()
     kinds = _kinds(config, events)
+    never = [] if config is None else [bus.name for bus in config.buses if bus.unrecorded]
     played = list[Played]()
     async with AsyncExitStack() as stack:
         for bus, kind in kinds.items():
             of_bus = [event for event in events if event.bus == bus]
             if not of_bus:
-                why = "is never recorded" if kind in _NEVER else "did not open while recording"
+                why = "is never recorded" if bus in never else "did not open while recording"
                 console.print(f"{bus} ({kind}): {why}, so it is absent now", highlight=False)
                 continue
             one = await play_bus(bus, kind, of_bus, folder, group)
-            if group is not None and kind in ("canopen", "can"):
+            if group is not None and BUS_KINDS[kind].wire == "can":
                 group = group[0], group[1] + 1
             stack.push_async_callback(one.stops.stop)
             played.append(one)
@@ -222,9 +210,6 @@ def _ready(config: GatewayConfig | None, played: Sequence[Played], folder: Path)
         return "to read it:\n" + "\n".join(sections)
     file = folder / "gateway.toml"
     places = {bus.name: _nowhere(bus, folder) for bus in config.buses} | {one.bus: one.place for one in played}
-    for bus in config.buses:
-        if isinstance(bus, SerialSettings):  # a pseudo-terminal has no RTS
-            places[bus.name] = {**places[bus.name], "rs485_rts": None, "rs485_before_s": None, "rs485_after_s": None}
     part = file.with_name(file.name + ".part")
     part.write_text(wires_toml(config, places), encoding="utf-8")
     part.replace(file)  # whole whenever it is there: scripts wait for it
@@ -233,28 +218,9 @@ def _ready(config: GatewayConfig | None, played: Sequence[Played], folder: Path)
 
 def _nowhere(bus: BusSection, folder: Path) -> dict[str, object]:
     """An address at which a bus that never opened cannot be opened either."""
-    absent = str((folder / bus.name).absolute())
-    match bus:
-        case ModbusTcpSection() | ModbusRtuTcpSection() | MeEthernetSection():
-            return {"host": "127.0.0.1", "port": 1}
-        case CanOpenSection() | CanSection():
-            return {"interface": "slcan", "channel": absent}
-        case OtherBus():
-            return {}  # only its package knows what it calls its address; see docs/extensions.md
-        case OpcUaSection():  # sessions are not recorded
-            return {"url": "opc.tcp://127.0.0.1:1"}
-        case MqttSection():
-            return _broker_at(1)
-        case AgentSection():  # its lines are signed
-            return {"host": "127.0.0.1", "port": 1, "key_file": absent}
-        case _:
-            return {"port": absent}
-
-
-def _broker_at(port: int) -> dict[str, object]:
-    """A broker on this computer, without TLS and password."""
-    secrets = ("authority", "certificate", "key", "user", "password_file")
-    return {"url": f"mqtt://127.0.0.1:{port}", **dict.fromkeys(secrets)}
+    if isinstance(bus, OtherBus):
+        return {}  # only its package knows what it calls its address; see docs/extensions.md
+    return bus.moved(Here(str((folder / bus.name).absolute()), _NOBODY))
 
 
 def _fields(one: Played) -> dict[str, object]:

@@ -11,7 +11,7 @@ from gateway.acquisition import Acquisition, lines_of
 from gateway.cli.conventions.signals import stop_on_signals, until
 from gateway.cli.conventions.terminal import counted, terminal
 from gateway.clock import RealClock
-from gateway.config import AgentSection, GatewayConfig, OpcUaSection, packed_toml
+from gateway.config import GatewayConfig, packed_toml
 from gateway.polling import Notice
 from gateway.recordings import WireLogWriter
 
@@ -21,12 +21,11 @@ _LOOK_EVERY_S = 1.0
 
 def not_recorded(config: GatewayConfig) -> list[str]:
     """The buses whose traffic the wire log does not hold, and what to do instead."""
-    what = {OpcUaSection: "an OPC UA session", AgentSection: "a control's agent, which is signed,"}
     instead = "db export, or a Zenoh subscriber, keeps the values that were read"
     return [
-        f"bus '{bus.name}' ({bus.kind}): the traffic of {what[type(bus)]} is not recorded; {instead}"
+        f"bus '{bus.name}' ({bus.kind}): the traffic of {bus.unrecorded} is not recorded; {instead}"
         for bus in config.buses
-        if type(bus) in what
+        if bus.unrecorded
     ]
 
 

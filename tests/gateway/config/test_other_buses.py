@@ -7,6 +7,7 @@ from click.testing import CliRunner, Result
 
 from gateway.cli import main
 from gateway.cli.doctor import ailments
+from gateway.cli.record import not_recorded
 from gateway.config import cautions, parse
 from tests.benches.extension_package import files_of, install
 
@@ -126,3 +127,10 @@ def test_doctor_finds_a_second_program_on_a_package_s_serial_bus(
         (tmp_path / "proc" / process / "fd" / "5").symlink_to(tmp_path / "line")
     found = [ailment.what for ailment in ailments(config, tmp_path, synchronised=True)]
     assert f"bus 'odd': {tmp_path}/line is open in 2 processes: 17, 23" in found
+
+
+def test_record_says_what_a_package_s_bus_never_shows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    code = SERIAL.replace("units = (1, 31)", 'unrecorded = "a sealed line"')
+    section = with_bus(tmp_path, monkeypatch, code) + 'port = "/dev/line"\n'
+    (said,) = not_recorded(parse(OWN + section, tmp_path / "gateway.toml"))
+    assert said.startswith("bus 'odd' (strange): the traffic of a sealed line is not recorded; ")

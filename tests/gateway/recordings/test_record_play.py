@@ -194,7 +194,8 @@ async def outcomes(
 ) -> list[object]:
     """What a driver reports for each read: values with quality and text, or the error in full."""
     tap = None if log is None else log.tap("bus1")
-    bus = make_bus("bus1", wire.kind, {**options, "timeout_s": TIMEOUT_S}, tap)
+    there = {field: value for field, value in options.items() if value is not None}
+    bus = make_bus("bus1", wire.kind, {**there, "timeout_s": TIMEOUT_S}, tap)
     channels = {"first": 0} if wire.kind == "me_rs485" else {"first": 0, "second": 1}
     driver = make_device("device1", bus, wire.profile, wire.unit, channels, wire.device_options, SystemClock())
     told: list[object] = []
