@@ -54,6 +54,11 @@ class DeviceProfile(Section):
         return self._name
 
     @property
+    def oldest_s(self) -> float | None:
+        """How old a value of the source may be and still be good, if the profile says so."""
+        return None
+
+    @property
     def other_file(self) -> tuple[str, Path] | None:
         """Key and path of the file that the profile refers to, if any; the key is also the usual suffix."""
         return None

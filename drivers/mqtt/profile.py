@@ -67,6 +67,11 @@ class MqttProfile(DeviceProfile):
     topics: tuple[MqttTopic, ...] = Field(alias="topic", min_length=1)
 
     @property
+    def oldest_s(self) -> float:
+        """`max_age_s`."""
+        return self.max_age_s
+
+    @property
     def channels(self) -> int:
         """Number of channels."""
         return len(self.topics)

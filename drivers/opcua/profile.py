@@ -69,6 +69,11 @@ class OpcUaProfile(DeviceProfile):
     nodes: tuple[OpcUaNode, ...] = Field(alias="node", min_length=1)
 
     @property
+    def oldest_s(self) -> float | None:
+        """`max_age_s`."""
+        return self.max_age_s
+
+    @property
     def channels(self) -> int:
         """Number of channels."""
         return len(self.nodes)

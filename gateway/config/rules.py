@@ -10,8 +10,6 @@ import numpy as np
 from drivers.base import SetupError
 from drivers.build import check_device
 from drivers.modbus import ModbusProfile, addresses_as_in_manuals
-from drivers.mqtt import MqttProfile
-from drivers.opcua import OpcUaProfile
 from drivers.profiles import load_profile, profile_names
 from gateway.config.buses import BusSection
 from gateway.config.controls import Nc, SinumerikNc
@@ -347,9 +345,8 @@ def _devices(config: GatewayConfig) -> Iterator[Problem]:
                 profile = config.profile_of(device)
                 check_device(device.name, bus.name, bus, profile, device.unit, device.channels, device.options)
                 loaded = load_profile(profile) if isinstance(profile, str) else profile
-                oldest_s = loaded.max_age_s if isinstance(loaded, MqttProfile | OpcUaProfile) else None
-                if oldest_s is not None and oldest_s > 3.0 * bus.period_s:
-                    yield Problem(f"{where}, profile", "max_age_s = " + _goes_stale(oldest_s, bus))
+                if loaded.oldest_s is not None and loaded.oldest_s > 3.0 * bus.period_s:
+                    yield Problem(f"{where}, profile", "max_age_s = " + _goes_stale(loaded.oldest_s, bus))
             except SetupError as error:
                 yield _refused(device.name, error)
 
