@@ -6,8 +6,8 @@ import pytest
 from click.testing import CliRunner, Result
 
 from gateway.cli import main
-from gateway.cli.doctor import ailments
-from gateway.cli.record import not_recorded
+from gateway.cli.condition.doctor import ailments
+from gateway.cli.running.record import not_recorded
 from gateway.config import cautions, parse
 from tests.benches.extension_package import files_of, install
 
