@@ -20,7 +20,7 @@ from gateway.control import SensorWatch
 from gateway.events import EventReported, GatewayEvent
 from talc.frame import BoolArray, EventKind, FloatArray, Frame
 from talc.sensor_check import judge, rows_needed
-from talc.sensor_model import CHANGE_STEPS, SensorModel, learn
+from talc.sensor_model import SensorModel, learn
 from talc.settings import SensorCheckSettings
 
 _DAY, DAYS = 288, 12
@@ -30,7 +30,7 @@ _OFFSETS_K = (0.3, 0.5, 1.0, 2.0, 3.0)
 DRAWS = 5
 """Windows per machine and days of learning, with one fault of each size and as many exchanges."""
 _SETTINGS = SensorCheckSettings()
-_SENSORS = 29
+_SENSORS, _STEP_S = 29, 300.0
 
 
 @dataclass(slots=True)
@@ -59,14 +59,21 @@ class _SuspectNotes:
 
 
 async def _learn(
-    names: Sequence[str], inputs: FloatArray, valid: BoolArray, settings: SensorCheckSettings, loads: Sequence[str]
+    names: Sequence[str],
+    inputs: FloatArray,
+    valid: BoolArray,
+    settings: SensorCheckSettings,
+    loads: Sequence[str],
+    step_s: float,
 ) -> SensorModel | None:
-    return learn(names, inputs, valid, settings, loads)
+    return learn(names, inputs, valid, settings, loads, step_s)
 
 
 async def _watch(names: tuple[str, ...], x: FloatArray, outcome: SensorOutcome) -> None:
     heard, own = _SuspectNotes(outcome), names[:_SENSORS].__contains__
-    watching = SensorWatch(names, _SETTINGS, own, heard, RealClock(), None, _learn, is_load=lambda name: not own(name))
+    watching = SensorWatch(
+        names, _SETTINGS, _STEP_S, own, heard, RealClock(), None, _learn, is_load=lambda name: not own(name)
+    )
     valid = np.ones(len(names), np.bool_)
     for k, row in enumerate(x):
         watching.frame(Frame(k, row, valid))
@@ -76,12 +83,13 @@ async def _watch(names: tuple[str, ...], x: FloatArray, outcome: SensorOutcome) 
 
 
 def _detect(names: tuple[str, ...], x: FloatArray, seed: int, outcome: SensorOutcome) -> None:
-    draw, n = np.random.default_rng([seed, 31]), _SETTINGS.window_steps + CHANGE_STEPS
+    draw = np.random.default_rng([seed, 31])
     good, loads = np.ones(x.shape, np.bool_), names[_SENSORS:]
     for days in _LEARNT:
-        model = learn(names, x[: days * _DAY], good[: days * _DAY], _SETTINGS, loads)
+        model = learn(names, x[: days * _DAY], good[: days * _DAY], _SETTINGS, loads, _STEP_S)
         if model is None:
             raise RuntimeError(f"nothing was learnt from {days} days")
+        n = _SETTINGS.window_steps + model.change_steps
         for _ in range(DRAWS):
             end = int(draw.integers(days * _DAY + n, len(x)))
             window = x[max(0, end - rows_needed(model, _SETTINGS)) : end]

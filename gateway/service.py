@@ -114,6 +114,7 @@ class Service:
         self._sensors = SensorWatch(
             config.input_names,
             config.sensor_check,
+            config.grid.step_s,
             self._is_temperature,
             sink,
             clock,
@@ -122,6 +123,7 @@ class Service:
         )
         self._planned = PlannedLoads(
             config.input_names,
+            config.grid.step_s,
             {planned.name: planned.loads for planned in config.planned_loads},
             self._is_load,
             clock,

@@ -30,7 +30,8 @@ from talc.stage import Stage
 _ENOUGH = 0.75
 """Share of the calibration's measurements that must have arrived."""
 _LONGEST_GAP_STEPS = 2016
-"""After a longer silence (a week at 5 min) the record starts again; models stay."""
+"""After a longer silence the record starts again; models stay. Steps, whatever they last (a week at 5 min), because the
+models, whose lags are steps, run through each of them, and the record keeps them."""
 _ERRORS = len(THERMAL_ERRORS)
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from talc.frame import FloatArray, IntArray
 
 _POLES: Final = (0.9, 0.97, 0.99, 0.997, 0.9995)
-"""Time constants at 5 min: 47 min to 7 days."""
+"""Of one step, whatever it lasts, as the models' own. At 5 min, time constants of 47 min to 7 days."""
 _RATIOS: Final = tuple(np.geomspace(1e-4, 30.0, 12).tolist())
 """Drift variance per step over noise variance."""
 _TEMPER: Final = 0.05

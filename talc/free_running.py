@@ -8,7 +8,8 @@ from talc.frame import FloatArray
 from talc.models import ErrorModel
 
 _WARM_UP_STEPS = 288
-"""Rows from which a new model's history is built: a day, longer than most of a model's memory."""
+"""Rows from which a new model's history is built: longer than most of a model's memory, which is steps too (a
+day at 5 min)."""
 
 ModelState = list[list[float]]
 

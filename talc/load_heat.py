@@ -11,12 +11,12 @@ from typing import Final
 import numpy as np
 
 from talc.frame import BoolArray, FloatArray
+from talc.steps import DAY_S, HOUR_S, steps_in
 
-LAG_STEPS: Final = (6, 48)
-"""Half an hour and four hours at 5 min."""
-HISTORY_STEPS: Final = 288
-"""Rows before a window from which its lags begin: six of the longest."""
-_HELD_STEPS: Final = 12
+LAGS_S: Final = (0.5 * HOUR_S, 4.0 * HOUR_S)
+HISTORY_S: Final = DAY_S
+"""How long before a window its lags begin: six of the longest."""
+_HELD_S: Final = HOUR_S
 """An unknown load is as it was for an hour, then zero: mostly, the control is off."""
 _PENALTY: Final = 0.01
 """Penalty of features with standard deviation 1."""
@@ -29,33 +29,35 @@ class LoadScale:
     names: tuple[str, ...]
     largest: FloatArray
     """(L,) magnitudes that were learnt, in the loads' own units; more than 0."""
+    step_s: float
+    """Grid step of the rows."""
 
     def features(self, loads: FloatArray, known: BoolArray) -> FloatArray:
         """(T, 4 L) lagged r and r² of consecutive rows (T, L). Before the first row the loads were as in it."""
-        share = np.abs(_held(loads, known)) / self.largest
+        share = np.abs(_held(loads, known, steps_in(_HELD_S, self.step_s))) / self.largest
         driving = np.hstack([share, share**2])
-        found = np.empty((len(loads), len(LAG_STEPS), driving.shape[1]))
-        kept = np.exp(-1.0 / np.array(LAG_STEPS))[:, None]
-        level = np.repeat(driving[:1], len(LAG_STEPS), axis=0)
+        found = np.empty((len(loads), len(LAGS_S), driving.shape[1]))
+        kept = np.exp(-self.step_s / np.array(LAGS_S))[:, None]
+        level = np.repeat(driving[:1], len(LAGS_S), axis=0)
         for row, now in enumerate(driving):
             level = found[row] = kept * level + (1.0 - kept) * now
         return found.reshape(len(loads), -1)
 
 
-def scale_of(names: Sequence[str], loads: FloatArray, known: BoolArray) -> LoadScale | None:
+def scale_of(names: Sequence[str], loads: FloatArray, known: BoolArray, step_s: float) -> LoadScale | None:
     """The scale of the loads that changed within rows (T, L). None: no load changed."""
     moved = [i for i in range(len(names)) if known[:, i].any() and np.ptp(loads[known[:, i], i]) > 0.0]
     if not moved:
         return None
     largest = np.max(np.abs(np.where(known, loads, 0.0)[:, moved]), axis=0)
-    return LoadScale(tuple(names[i] for i in moved), largest)
+    return LoadScale(tuple(names[i] for i in moved), largest, step_s)
 
 
-def _held(loads: FloatArray, known: BoolArray) -> FloatArray:
+def _held(loads: FloatArray, known: BoolArray, steps: int) -> FloatArray:
     rows = np.arange(len(loads))[:, None]
-    last = np.maximum.accumulate(np.where(known, rows, -_HELD_STEPS - 1), axis=0)
+    last = np.maximum.accumulate(np.where(known, rows, -steps - 1), axis=0)
     held = np.take_along_axis(loads, np.maximum(last, 0), axis=0)
-    return np.where(rows - last <= _HELD_STEPS, held, 0.0)
+    return np.where(rows - last <= steps, held, 0.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

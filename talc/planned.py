@@ -13,9 +13,9 @@ import numpy as np
 from talc.frame import BoolArray, FloatArray
 from talc.load_heat import LoadScale, heat_of, scale_of
 from talc.sensor_model import masked
+from talc.steps import DAY_S, steps_in
 
-_LEAST_ROWS: Final = 576
-"""Two days at 5 min."""
+_LEAST_S: Final = 2.0 * DAY_S
 _LEAST_VALID: Final = 0.8
 _PARTS: Final = 4
 """Consecutive parts of the record, each of which is left out in turn."""
@@ -65,24 +65,24 @@ class LoadResponse:
 
 
 def learn_response(
-    names: Sequence[str], inputs: FloatArray, valid: BoolArray, loads: Sequence[str]
+    names: Sequence[str], inputs: FloatArray, valid: BoolArray, loads: Sequence[str], step_s: float = 300.0
 ) -> LoadResponse | None:
     """How the other inputs follow the loads. None: no load changed, nothing follows, or less than two days are known.
 
-    inputs: (T, n) consecutive grid steps, in their units; valid: (T, n). An input with less than 80 % good rows, or
-    which loads do not explain in parts of the record that were left out, stays as it is. ValueError: shapes that do not
-    fit together.
+    inputs: (T, n) consecutive grid steps of step_s, in their units; valid: (T, n). An input with less than 80 % good
+    rows, or which loads do not explain in parts of the record that were left out, stays as it is. ValueError: shapes
+    that do not fit together.
     """
     inputs, valid = masked(names, inputs, valid)
     driving = [i for i in range(len(names)) if names[i] in loads]
-    scale = scale_of([names[i] for i in driving], inputs[:, driving], valid[:, driving])
+    scale = scale_of([names[i] for i in driving], inputs[:, driving], valid[:, driving], step_s)
     if scale is None:
         return None
     own = [names.index(name) for name in scale.names]
     share = valid.mean(axis=0)
     rest = [i for i in range(len(names)) if names[i] not in loads and share[i] >= _LEAST_VALID]
     good = np.asarray(valid[:, own + rest].all(axis=1), dtype=np.bool_)
-    if not rest or good.sum() < _LEAST_ROWS:
+    if not rest or good.sum() < steps_in(_LEAST_S, step_s):
         return None
     features, x = scale.features(inputs[:, own], valid[:, own])[good], inputs[good][:, rest]
     followed = _followed(features, x)

@@ -18,9 +18,8 @@ from typing import Final, Literal
 import numpy as np
 
 from talc.frame import BoolArray, FloatArray
-from talc.load_heat import HISTORY_STEPS
+from talc.load_heat import HISTORY_S
 from talc.sensor_model import (
-    CHANGE_STEPS,
     SensorModel,
     View,
     activity,
@@ -32,10 +31,11 @@ from talc.sensor_model import (
     precision_of,
 )
 from talc.settings import SensorCheckSettings
+from talc.steps import HOUR_S, steps_in
 
 _LEAST_OF_WINDOW: Final = 0.5
-_CORRELATED_STEPS: Final = 12
-"""Successive half-hourly changes overlap and err alike: this many count as one."""
+_CORRELATED_S: Final = HOUR_S
+"""Successive half-hourly changes overlap and err alike: those of an hour count as one."""
 _EQUAL: Final = 2.0
 """Explanations with log-likelihoods closer than this cannot be distinguished."""
 _MOST_FINDINGS: Final = 4
@@ -79,7 +79,8 @@ class Judgement:
 
 def rows_needed(model: SensorModel, settings: SensorCheckSettings) -> int:
     """Number of rows that a judgement looks at; with fewer the lags of loads begin later."""
-    return settings.window_steps + CHANGE_STEPS + (0 if model.loads is None else HISTORY_STEPS)
+    history = 0 if model.loads is None else steps_in(HISTORY_S, model.step_s)
+    return settings.window_steps + model.change_steps + history
 
 
 def judge(
@@ -87,10 +88,10 @@ def judge(
 ) -> Judgement:
     """Explanations of the last window that fit better than no fault; each is removed before the next is searched.
 
-    inputs: (T, m) consecutive grid steps, degC, loads in their own units, the window last; valid: (T, m). Inputs that
-    the model does not know, or with less than half a window of good rows, are left out. So are all loads, if one of
-    them is known for less than half a window. Less than half a window is not judged, nor a window quieter than all that
-    were learnt: how a machine settles at rest was not learnt.
+    inputs: (T, m) consecutive grid steps, as long as the model's, degC, loads in their own units, the window last;
+    valid: (T, m). Inputs that the model does not know, or with less than half a window of good rows, are left out. So
+    are all loads, if one of them is known for less than half a window. Less than half a window is not judged, nor a
+    window quieter than all that were learnt: how a machine settles at rest was not learnt.
     """
     inputs, valid = masked(names, inputs, valid)
     n = settings.window_steps
@@ -106,11 +107,11 @@ def judge(
             features, good = model.loads.features(inputs[:, driving], valid[:, driving]), good & loaded
         else:
             model = model.without_loads or model
-    last = slice(-n - CHANGE_STEPS, None)
+    last = slice(-n - model.change_steps, None)
     x, features, good = inputs[last][:, columns], features[last], good[last]
     if len(x) < n or len(present) < 3 or good[-n:].mean() < _LEAST_OF_WINDOW:
         return Judgement()
-    change, both = changes(x, good)
+    change, both = changes(x, good, model.change_steps)
     if not both.any() or activity(change[both]) < model.quietest_K:
         return Judgement()
     window = _JudgedWindow(model.part(present), x, features, good, settings)
@@ -138,10 +139,13 @@ class _JudgedWindow:
         self._residual, self._std = residual[0], model.offset_std * np.sqrt(1.0 + leverage[0] / model.worth)
         self._ratio, left = _exchange(model, model.level, precision, mean, driving, 1.0)
         self._healed = left <= model.offset_threshold**2
-        change, both = changes(x, good)
+        change, both = changes(x, good, model.change_steps)
         if both.any():
-            change, driven = change[both], changes(features, good)[0][both]
-            precision, count = precision_of(model.change.covariance), len(change) / _CORRELATED_STEPS
+            change, driven = change[both], changes(features, good, model.change_steps)[0][both]
+            precision, count = (
+                precision_of(model.change.covariance),
+                len(change) / steps_in(_CORRELATED_S, model.step_s),
+            )
             self._ratio += _exchange(model, model.change, precision, change, driven, count)[0]
         self._largest_ratio, self._largest_score = model.swap_threshold, model.offset_threshold
 

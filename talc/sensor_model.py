@@ -17,9 +17,10 @@ import numpy as np
 from talc.frame import LARGEST_INPUT, BoolArray, FloatArray
 from talc.load_heat import LoadHeat, LoadScale, heat_of, scale_of
 from talc.settings import SensorCheckSettings
+from talc.steps import DAY_S, HOUR_S, steps_in
 
-CHANGE_STEPS: Final = 6
-"""Half an hour at 5 min."""
+_CHANGE_S: Final = 0.5 * HOUR_S
+"""Rows this far apart are compared; with a longer step, successive ones."""
 _NOISE_K2: Final = 0.003
 """Variance of a sensor's noise (0.05 K) and of steps of 0.1 K."""
 _LEAST_BLOCKS: Final = 3
@@ -30,7 +31,7 @@ _BLOCK_WORTH: Final = 0.3
 """Blocks of one day err alike: this many count as independent (for the leverage)."""
 _OTHER_DAYS: Final = 1.3
 """Days not learnt differ by more than blocks of the learnt ones do: factor on the offset's threshold."""
-_YEAR_STEPS: Final = 365.25 * 288
+_YEAR_S: Final = 365.25 * DAY_S
 _MOST_AT_ONCE: Final = 200_000
 """Pairs times rows: 1.6 MB an array."""
 _LEAST_GAINED: Final = 0.9
@@ -78,10 +79,17 @@ class SensorModel:
     """Root mean square of half-hourly changes in the quietest window that was learnt."""
     level: View
     change: View
+    step_s: float
+    """Grid step of the rows, of those that are judged too."""
     loads: LoadScale | None = None
     """Loads that predict the inputs; None: none does."""
     without_loads: "SensorModel | None" = None
     """How the inputs predict each other when the loads are unknown."""
+
+    @property
+    def change_steps(self) -> int:
+        """How many rows apart those are that are compared."""
+        return steps_in(_CHANGE_S, self.step_s)
 
     @property
     def freedom(self) -> float:
@@ -111,12 +119,13 @@ def learn(
     valid: BoolArray,
     settings: SensorCheckSettings,
     loads: Sequence[str] = (),
+    step_s: float = 300.0,
 ) -> SensorModel | None:
     """How these inputs predict each other. None: fewer than 3 windows of good rows, or than 3 inputs.
 
-    inputs: (T, m + L) consecutive grid steps, degC, the loads in their own units; valid: (T, m + L); loads: the L names
-    that are loads. Inputs with less than 80 % good rows are left out. Loads are taken in if with them the inputs are
-    predicted better in blocks that were left out. ValueError: shapes that do not fit together.
+    inputs: (T, m + L) consecutive grid steps of step_s, degC, the loads in their own units; valid: (T, m + L); loads:
+    the L names that are loads. Inputs with less than 80 % good rows are left out. Loads are taken in if with them the
+    inputs are predicted better in blocks that were left out. ValueError: shapes that do not fit together.
     """
     inputs, valid = masked(names, inputs, valid)
     inputs, valid = inputs[-settings.learn_steps :], valid[-settings.learn_steps :]
@@ -124,35 +133,42 @@ def learn(
     keep = [i for i in range(len(names)) if names[i] not in loads and share[i] >= _LEAST_VALID]
     x, good = inputs[:, keep], np.asarray(valid[:, keep].all(axis=1), dtype=np.bool_)
     told = tuple(names[i] for i in keep)
-    alone, _ = _learnt(told, x, np.empty((len(x), 0)), good, settings)
+    alone, _ = _learnt(told, x, np.empty((len(x), 0)), good, settings, step_s)
     driving = [i for i in range(len(names)) if names[i] in loads]
-    scale = scale_of([names[i] for i in driving], inputs[:, driving], valid[:, driving])
+    scale = scale_of([names[i] for i in driving], inputs[:, driving], valid[:, driving], step_s)
     if alone is None or scale is None:
         return alone
     own = [names.index(name) for name in scale.names]
     good &= valid[:, own].all(axis=1)
     features = scale.features(inputs[:, own], valid[:, own])
-    loaded, missed = _learnt(told, x, features, good, settings)
-    _, missed_without = _learnt(told, x, features[:, :0], good, settings)
+    loaded, missed = _learnt(told, x, features, good, settings, step_s)
+    _, missed_without = _learnt(told, x, features[:, :0], good, settings, step_s)
     if loaded is None or float(np.mean(np.log(missed / missed_without))) > np.log(_LEAST_GAINED):
         return alone
     return replace(loaded, loads=scale, without_loads=alone)
 
 
 def _learnt(
-    names: tuple[str, ...], x: FloatArray, features: FloatArray, good: BoolArray, settings: SensorCheckSettings
+    names: tuple[str, ...],
+    x: FloatArray,
+    features: FloatArray,
+    good: BoolArray,
+    settings: SensorCheckSettings,
+    step_s: float,
 ) -> tuple[SensorModel | None, FloatArray]:
     """The model learnt from rows (T, m) with features (T, F); and (m,) mean squares of each input's residual in
     left-out blocks, K²."""
     n, m = settings.window_steps, len(names)
     blocks = [slice(s, s + n) for s in range(len(x) % n, len(x), n) if good[s : s + n].mean() >= _LEAST_OF_BLOCK]
-    if len(blocks) < _LEAST_BLOCKS or m < 3:
+    apart = steps_in(_CHANGE_S, step_s)
+    change, both = changes(x, good, apart)
+    both = np.concatenate([np.zeros(apart, dtype=np.bool_), both])
+    change = np.concatenate([np.zeros((apart, m)), change])
+    driven = np.concatenate([np.zeros((apart, features.shape[1])), changes(features, good, apart)[0]])
+    moving = [b for b in blocks if both[b].any()]  # with short steps the first ones have no row half an hour earlier
+    if len(moving) < _LEAST_BLOCKS or m < 3:
         return None, np.empty(0)
-    change, both = changes(x, good)
-    both = np.concatenate([np.zeros(CHANGE_STEPS, dtype=np.bool_), both])
-    change = np.concatenate([np.zeros((CHANGE_STEPS, m)), change])
-    driven = np.concatenate([np.zeros((CHANGE_STEPS, features.shape[1])), changes(features, good)[0]])
-    windows = _YEAR_STEPS / n / settings.false_alarms_per_year
+    windows = _YEAR_S / step_s / n / settings.false_alarms_per_year
     level, variance, missed = _learn_view(x, features, good, blocks, windows=True)
     model = SensorModel(
         names=names,
@@ -160,9 +176,10 @@ def _learnt(
         offset_std=np.sqrt(variance),
         offset_threshold=_OTHER_DAYS * _student_quantile(0.5 / (m * windows), _PRIOR_BLOCKS + len(blocks)),
         swap_threshold=float(np.log(m * (m - 1) / 2 * windows)),
-        quietest_K=min(activity(change[b][both[b]]) for b in blocks if both[b].any()),
+        quietest_K=min(activity(change[b][both[b]]) for b in moving),
         level=level,
-        change=_learn_view(change, driven, both, blocks, windows=False)[0],
+        change=_learn_view(change, driven, both, moving, windows=False)[0],
+        step_s=step_s,
     )
     return model, missed
 
@@ -209,9 +226,9 @@ def _learn_view(
     )
 
 
-def changes(x: FloatArray, good: BoolArray) -> tuple[FloatArray, BoolArray]:
-    """(T - 6, m) half-hourly changes, and which of them (T - 6,) are between good rows."""
-    return x[CHANGE_STEPS:] - x[:-CHANGE_STEPS], good[CHANGE_STEPS:] & good[:-CHANGE_STEPS]
+def changes(x: FloatArray, good: BoolArray, apart: int) -> tuple[FloatArray, BoolArray]:
+    """(T - apart, m) changes between rows so many steps apart, and which of them (T - apart,) are between good rows."""
+    return x[apart:] - x[:-apart], good[apart:] & good[:-apart]
 
 
 def few_rows(x: FloatArray, inputs: int) -> Iterator[FloatArray]:

@@ -131,9 +131,9 @@ class SensorCheckSettings:
     enabled: bool = True
     """Look for offsets and exchanged sensors."""
     window_steps: int = 96
-    """Number of grid steps that are judged together (8 h)."""
+    """Number of grid steps that are judged together (8 h at 5 min)."""
     learn_steps: int = 8640
-    """Largest number of grid steps to learn from (30 days)."""
+    """Largest number of grid steps to learn from (30 days at 5 min)."""
     false_alarms_per_year: float = 1.0
     """False alarms of each kind that the thresholds allow for, all inputs together, while loads are as learnt."""
 

@@ -1,17 +1,25 @@
-"""Puts rows with times on a grid of equal steps."""
+"""Puts rows with times on a grid of equal steps, and tells how many steps a time lasts."""
 
 from itertools import pairwise
+from typing import Final
 
 import numpy as np
 
 from talc.frame import FloatArray, IntArray
 
+HOUR_S: Final = 3600.0
+DAY_S: Final = 24.0 * HOUR_S
 ABOUT_A_STEP = 0.9
 """Rows at least this fraction of a step apart count as one step each."""
 _SAME = 0.005
 """Spacings that differ from the step by less than this are the step, with inexact clocks."""
 _FOLLOWED = 0.1
 """Fraction of a row's lateness by which the next rows are expected later: jitter averages out, drift is followed."""
+
+
+def steps_in(duration_s: float, step_s: float) -> int:
+    """The number of grid steps, 1 or more, that last about this long."""
+    return max(1, round(duration_s / step_s))
 
 
 class StepCounter:

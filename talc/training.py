@@ -21,7 +21,7 @@ from talc.window import Window
 __all__ = ["Cancelled", "Progress", "train"]
 
 _POLES = (0.7, 0.88, 0.95, 0.98)
-"""Time constants at 5 min: 14 min, 39 min, 97 min, 4 h."""
+"""Of one step, whatever it lasts, as in the papers. At 5 min, time constants of 14 min, 39 min, 97 min and 4 h."""
 _LEAST_VALID = 0.8
 """Inputs with a smaller share of good rows are not offered."""
 _LEAST_ROWS = 24

@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from gateway.control.grid import GridSampler, Instant, Schedule
     from gateway.control.loop import GridLoop
     from gateway.control.measuring import Measuring
-    from gateway.control.planned_loads import PlannedLoads
+    from gateway.control.planned_loads import PlannedLoads, rows_remembered
     from gateway.control.sensor_watch import SeenBefore, SensorWatch
     from gateway.control.trainer import Trainings, has_failed
 else:
@@ -22,7 +22,7 @@ else:
             ".grid": ("GridSampler", "Instant", "Schedule"),
             ".loop": ("GridLoop",),
             ".measuring": ("Measuring",),
-            ".planned_loads": ("PlannedLoads",),
+            ".planned_loads": ("PlannedLoads", "rows_remembered"),
             ".sensor_watch": ("SeenBefore", "SensorWatch"),
             ".trainer": ("Trainings", "has_failed"),
         },
@@ -42,4 +42,5 @@ __all__ = [
     "SensorWatch",
     "Trainings",
     "has_failed",
+    "rows_remembered",
 ]

@@ -2,25 +2,29 @@
 
 import asyncio
 import logging
-from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from typing import Final
 
-import numpy as np
-
 from gateway.clock import ServiceClock
+from gateway.control.last_rows import LastRows
 from gateway.polling import Problems
 from talc.frame import BoolArray, FloatArray, Frame, Frames
-from talc.load_heat import HISTORY_STEPS
+from talc.load_heat import HISTORY_S
 from talc.planned import LoadResponse, learn_response
+from talc.steps import DAY_S, steps_in
 
 log = logging.getLogger(__name__)
 
-_MEMORY_STEPS: Final = 14 * 288
-"""Two weeks at 5 min."""
-_LEARN_EVERY_STEPS: Final = 288
-_LEARN_FIRST_STEPS: Final = 2 * 288
-_DAY_S: Final = 86400.0
+_MEMORY_S: Final = 14.0 * DAY_S
+_MOST_ROWS: Final = 40_320
+"""Two weeks at 30 s; with a shorter grid step less. 36 inputs take 13 MB, and learning a few times that."""
+_LEARN_EVERY_S: Final = DAY_S
+_LEARN_FIRST_S: Final = 2.0 * DAY_S
+
+
+def rows_remembered(step_s: float) -> int:
+    """The most frames of this grid step from which is learnt."""
+    return min(steps_in(_MEMORY_S, step_s), _MOST_ROWS)
 
 
 class PlannedLoads:
@@ -29,6 +33,7 @@ class PlannedLoads:
     Parameters
     ----------
     input_names: order of a frame's inputs
+    step_s: of the grid
     planned: by name, loads and their values in their own units; without any it does nothing
     is_load: whether an input is a load that heats
     clock: stands still while it learns
@@ -38,18 +43,21 @@ class PlannedLoads:
     def __init__(
         self,
         input_names: Sequence[str],
+        step_s: float,
         planned: Mapping[str, Mapping[str, float]],
         is_load: Callable[[str], bool],
         clock: ServiceClock,
         before: Frames | None = None,
     ) -> None:
         self._names, self._planned, self._is_load, self._clock = tuple(input_names), dict(planned), is_load, clock
-        self._rows: deque[tuple[FloatArray, BoolArray]] = deque(maxlen=_MEMORY_STEPS)
+        self._step_s = step_s
+        self._learn_every, self._learn_first = steps_in(_LEARN_EVERY_S, step_s), steps_in(_LEARN_FIRST_S, step_s)
+        self._rows = LastRows(len(self._names), rows_remembered(step_s))
         self._last_k: int | None = None
         self._learnt_k: int | None = None
         self._response: LoadResponse | None = None
         self._due = asyncio.Event()
-        self._problems = Problems(clock, _DAY_S, lambda _: None, log)
+        self._problems = Problems(clock, _LEARN_EVERY_S, lambda _: None, log)
         if before is not None and self._planned:
             for k, inputs, valid in zip(before.k.tolist(), before.inputs, before.valid, strict=True):
                 self._append(k, inputs, valid)
@@ -59,8 +67,8 @@ class PlannedLoads:
         if not self._planned:
             return
         self._append(frame.k, frame.inputs, frame.valid)
-        if len(self._rows) >= _LEARN_FIRST_STEPS and (
-            self._learnt_k is None or frame.k - self._learnt_k >= _LEARN_EVERY_STEPS
+        if len(self._rows) >= self._learn_first and (
+            self._learnt_k is None or frame.k - self._learnt_k >= self._learn_every
         ):
             self._learnt_k = frame.k
             self._due.set()
@@ -76,9 +84,9 @@ class PlannedLoads:
     async def learn(self) -> None:
         """How the inputs follow the loads, from the frames so far."""
         loads = [name for name in self._names if self._is_load(name)]
-        inputs, valid = self._record(_MEMORY_STEPS)
+        inputs, valid = self._rows.part(slice(None))
         try:
-            self._response = await asyncio.to_thread(learn_response, self._names, inputs, valid, loads)
+            self._response = await asyncio.to_thread(learn_response, self._names, inputs, valid, loads, self._step_s)
         except Exception as error:  # noqa: BLE001 - advice must not endanger the gateway
             text = "planned loads: how the inputs follow the loads could not be learnt"
             self._problems.report("planned loads", type(error).__name__, text, bug=error)
@@ -91,20 +99,15 @@ class PlannedLoads:
         None: it is not known yet what this load does.
         """
         response = self._response
-        if response is None or not self._rows:
+        if response is None:
             return dict.fromkeys(self._planned)
-        inputs, valid = self._record(HISTORY_STEPS)
+        inputs, valid = self._rows.part(slice(-steps_in(HISTORY_S, self._step_s), None))
         return {
             name: response.changes(self._names, inputs, valid, loads, steps) for name, loads in self._planned.items()
         }
 
     def _append(self, k: int, inputs: FloatArray, valid: BoolArray) -> None:
         if self._last_k is not None:
-            nothing = np.full(len(self._names), np.nan), np.zeros(len(self._names), dtype=np.bool_)
-            self._rows.extend([nothing] * min(k - self._last_k - 1, _MEMORY_STEPS))
-        self._rows.append((inputs, valid))
+            self._rows.append_gap(k - self._last_k - 1)
+        self._rows.append(inputs, valid)
         self._last_k = k
-
-    def _record(self, most: int) -> tuple[FloatArray, BoolArray]:
-        chosen = list(self._rows)[-most:]
-        return np.array([inputs for inputs, _ in chosen]), np.array([valid for _, valid in chosen], dtype=np.bool_)

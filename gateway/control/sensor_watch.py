@@ -15,22 +15,22 @@ from talc.frame import BoolArray, Event, EventKind, FloatArray, Frame, Frames
 from talc.sensor_check import Finding, judge, rows_needed
 from talc.sensor_model import SensorModel, learn
 from talc.settings import SensorCheckSettings
+from talc.steps import DAY_S, HOUR_S, steps_in
 
 log = logging.getLogger(__name__)
 
-_JUDGE_EVERY_STEPS = 12
-_JUDGE_EVERY_S = 3600.0
-"""At the default grid step."""
-_LEARN_EVERY_STEPS = 288
-_LEARN_FIRST_STEPS = 288
-"""A day: less does not show how the hall temperature varies."""
+_JUDGE_EVERY_S = HOUR_S
+"""Or each window, if that is shorter: no row goes unjudged."""
+_LEARN_EVERY_S = DAY_S
+_LEARN_FIRST_S = DAY_S
+"""Less does not show how the hall temperature varies."""
 
 _LEAST_TEMPERATURES = 3
 _MOST_IN_A_THREAD = 64
 """Largest number of temperatures; the work grows with its square, and more would delay the buses."""
 
 Learn = Callable[
-    [Sequence[str], FloatArray, BoolArray, SensorCheckSettings, Sequence[str]], Awaitable[SensorModel | None]
+    [Sequence[str], FloatArray, BoolArray, SensorCheckSettings, Sequence[str], float], Awaitable[SensorModel | None]
 ]
 
 
@@ -61,9 +61,14 @@ class SeenBefore:
 
 
 async def _learn_apart(
-    names: Sequence[str], inputs: FloatArray, valid: BoolArray, settings: SensorCheckSettings, loads: Sequence[str]
+    names: Sequence[str],
+    inputs: FloatArray,
+    valid: BoolArray,
+    settings: SensorCheckSettings,
+    loads: Sequence[str],
+    step_s: float,
 ) -> SensorModel | None:
-    return await apart(learn, names, inputs, valid, settings, loads)
+    return await apart(learn, names, inputs, valid, settings, loads, step_s)
 
 
 class SensorWatch:
@@ -77,6 +82,7 @@ class SensorWatch:
     ----------
     input_names: order of a frame's inputs
     settings: window, thresholds
+    step_s: of the grid
     is_temperature: whether an input is a temperature, by the unit of its readings; called when learning
     sink: receives every judgement, and an event when a finding begins and when all have ended
     clock: stands still while it computes
@@ -88,6 +94,7 @@ class SensorWatch:
         self,
         input_names: Sequence[str],
         settings: SensorCheckSettings,
+        step_s: float,
         is_temperature: Callable[[str], bool],
         sink: Sink,
         clock: ServiceClock,
@@ -97,11 +104,15 @@ class SensorWatch:
     ) -> None:
         self._names, self._settings, self._is_temperature = tuple(input_names), settings, is_temperature
         self._sink, self._clock, self._learn, self._is_load = sink, clock, learn, is_load
+        self._step_s = step_s
+        self._judge_every = min(steps_in(_JUDGE_EVERY_S, step_s), settings.window_steps)
+        self._learn_every, self._learn_first = steps_in(_LEARN_EVERY_S, step_s), steps_in(_LEARN_FIRST_S, step_s)
         self._rows = LastRows(len(self._names), settings.learn_steps + settings.window_steps)
+        self._first_k: int | None = None
         self._last_k: int | None = None
         self._model: SensorModel | None = None
         self._learnt_k: int | None = None
-        self._problems = Problems(clock, _JUDGE_EVERY_S, self._noticed, log)
+        self._problems = Problems(clock, self._judge_every * step_s, self._noticed, log)
         self._judged = self._quiet = 0
         """Number of judgements, and of those without a finding since the last one with a finding."""
         self._findings: list[_KnownFinding] = []
@@ -115,7 +126,7 @@ class SensorWatch:
     def frame(self, frame: Frame) -> None:
         """Take a frame; returns at once."""
         self._append(frame.k, frame.inputs, frame.valid)
-        if self._settings.enabled and frame.k % _JUDGE_EVERY_STEPS == 0:
+        if self._settings.enabled and frame.k % self._judge_every == 0:
             self._due.set()
 
     async def run(self) -> None:
@@ -151,7 +162,9 @@ class SensorWatch:
         self._sink(EventReported(event, k))
 
     def _append(self, k: int, inputs: FloatArray, valid: BoolArray) -> None:
-        if self._last_k is not None:
+        if self._last_k is None:
+            self._first_k = k
+        else:
             self._rows.append_gap(k - self._last_k - 1)
         self._rows.append(inputs, valid)
         self._last_k = k
@@ -183,7 +196,7 @@ class SensorWatch:
     def _compare(self, findings: Sequence[Finding], k: int) -> None:
         """Counts judgements, not time: a weekend at rest, which is not judged, ends no finding."""
         self._judged += 1
-        window = math.ceil(self._settings.window_steps / _JUDGE_EVERY_STEPS)
+        window = math.ceil(self._settings.window_steps / self._judge_every)
         for finding in findings:
             known = self._known(finding)
             if known is None:
@@ -209,18 +222,20 @@ class SensorWatch:
 
     async def _learn_when_due(self) -> bool:
         """Whether it was tried."""
-        k = self._last_k
-        if k is None or (self._learnt_k is not None and k - self._learnt_k < _LEARN_EVERY_STEPS):
+        k, first_k = self._last_k, self._first_k
+        if k is None or first_k is None or (self._learnt_k is not None and k - self._learnt_k < self._learn_every):
             return False
         if self._findings or (self._model is not None and self._suspect_since_k is not None):
             return False
         window = self._settings.window_steps
-        end = len(self._rows)
+        left_out = 0
         if self._suspect_since_k is not None:  # from an earlier run
-            end -= k - self._suspect_since_k + 2 * window
+            left_out = k - self._suspect_since_k + 2 * window
         elif self._model is not None:
-            end -= window
-        if end < _LEARN_FIRST_STEPS:
+            left_out = window
+        end = len(self._rows) - left_out
+        # Fewer rows are kept than a day has, where `learn_steps` of a short grid step are less than a day.
+        if k + 1 - first_k - left_out < self._learn_first or end < min(self._learn_first, self._settings.learn_steps):
             return False
         columns = [i for i, name in enumerate(self._names) if self._is_temperature(name)]
         if len(columns) < _LEAST_TEMPERATURES:
@@ -229,7 +244,7 @@ class SensorWatch:
         loads = [i for i, name in enumerate(self._names) if i not in columns and self._is_load(name)]
         both = columns + loads
         names, told = [self._names[i] for i in both], [self._names[i] for i in loads]
-        found = await self._learn(names, inputs[:, both], valid[:, both], self._settings, told)
+        found = await self._learn(names, inputs[:, both], valid[:, both], self._settings, told, self._step_s)
         if found is not None:
             self._model, self._learnt_k = found, k
         return True

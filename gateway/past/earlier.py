@@ -9,7 +9,7 @@ from drivers.base import SetupError
 from gateway.clock import StepTime
 from gateway.commands import Disarmed, Pause
 from gateway.config import GatewayConfig, parse_prior, validate
-from gateway.control import SeenBefore
+from gateway.control import SeenBefore, rows_remembered
 from gateway.past.rebuild import (
     Interrupted,
     RebuildProgress,
@@ -222,9 +222,11 @@ def _settings_changed(before: TalcSettings, after: TalcSettings) -> Iterator[str
 
 
 def _seen(history: History, config: GatewayConfig, last_k: int | None) -> SeenBefore | None:
-    """What the sensor check may continue from."""
+    """What the sensor check and the planned loads may continue from."""
     if last_k is None:
         return None
     check = config.sensor_check
-    frames = history.frames(config.input_names, last_k + 1 - check.learn_steps - check.window_steps, last_k)
+    planned = rows_remembered(config.grid.step_s) if config.planned_loads else 0
+    rows = max(check.learn_steps + check.window_steps, planned)
+    frames = history.frames(config.input_names, last_k + 1 - rows, last_k)
     return SeenBefore(frames, history.suspect_since())

@@ -3,9 +3,10 @@
 import numpy as np
 
 from talc.frame import BoolArray, FloatArray
+from talc.steps import DAY_S, steps_in
 
-_MEMORY_ROWS = 4032
-"""Rows over which means and covariances are remembered: two weeks at 5 min."""
+_MEMORY_S = 14.0 * DAY_S
+"""How long means and covariances are remembered."""
 _LEAST_ROWS = 24
 """Until this many rows, a missing input keeps its last value."""
 _RIDGE = 1e-4
@@ -22,9 +23,11 @@ class InputMemory:
     Parameters
     ----------
     inputs: number of inputs
+    step_s: grid step
     """
 
-    def __init__(self, inputs: int) -> None:
+    def __init__(self, inputs: int, step_s: float) -> None:
+        self._memory_rows = steps_in(_MEMORY_S, step_s)
         self.reference = np.zeros(inputs)
         """(n,) the reference of deviations; follows the first good value of an input until `anchor`."""
         self.known = np.zeros(inputs, dtype=np.bool_)
@@ -90,7 +93,7 @@ class InputMemory:
 
     def _remember(self, filled: FloatArray, doubt: FloatArray | None) -> None:
         self.rows += 1
-        share = max(1.0 / self.rows, 1.0 / _MEMORY_ROWS)
+        share = max(1.0 / self.rows, 1.0 / self._memory_rows)
         off = filled - self.mean
         self.mean = self.mean + share * off
         self.covariance = (1.0 - share) * (self.covariance + share * np.outer(off, off))

@@ -17,6 +17,7 @@ SPAN = 3.0
 _SHORT_GAP_S = 3600.0
 """Across a shorter gap inputs are interpolated linearly; after a longer one the lags restart at the present values."""
 _LONGEST_RAMP = 2016
+"""Steps, whatever they last, because each is computed; the lags restart after a longer gap."""
 _TRUSTED = 0.5
 _SIGMA_RATE, _SIGMA_WANTED, _SIGMA_BOUNDS = 0.5, 0.8, (0.8, 3.0)
 """sigma is scaled by how far measurements are off: mean |z| of a normal distribution is 0.8. A measurement counts as
@@ -116,7 +117,7 @@ class RowLearner:
     def __init__(
         self, inputs: int, step_s: float, noise: FloatArray, others: tuple[FloatArray, OtherMachines] | None = None
     ) -> None:
-        self._memory = InputMemory(inputs)
+        self._memory = InputMemory(inputs, step_s)
         self._bank = LagBank(inputs, TIME_CONSTANTS_S, step_s, SPAN)
         if others is not None:
             self._bank.span = np.where(np.isfinite(others[0]), others[0], SPAN)

@@ -165,11 +165,16 @@ async def lived(config: GatewayConfig, days: int, process: Executor, clock: Loop
             sink = in_order([others, health.take])
             units = {"spindle_growth": "um"}
             planned = PlannedLoads(
-                names, {p.name: p.loads for p in config.planned_loads}, lambda name: name not in channels, clock
+                names,
+                config.grid.step_s,
+                {p.name: p.loads for p in config.planned_loads},
+                lambda name: name not in channels,
+                clock,
             )
             sensors = SensorWatch(
                 names,
                 config.sensor_check,
+                config.grid.step_s,
                 lambda name: name in channels and name not in units,
                 sink,
                 clock,

@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from talc.load_heat import LAG_STEPS, heat_of, scale_of
+from talc.load_heat import LAGS_S, heat_of, scale_of
 from talc.sensor_check import Judgement, judge, rows_needed
 from talc.sensor_model import SensorModel, learn
 from talc.settings import SensorCheckSettings
@@ -39,11 +39,11 @@ def suspects(judgement: Judgement) -> set[str]:
 
 def test_lagged_loads_are_the_digital_filter_they_stand_for() -> None:
     speed = work(3, 2)[:, None]
-    scale = scale_of(("speed",), speed, np.ones(speed.shape, np.bool_))
+    scale = scale_of(("speed",), speed, np.ones(speed.shape, np.bool_), 300.0)
     assert scale is not None
     features = scale.features(speed, np.ones(speed.shape, np.bool_))
     share = speed[:, 0] / speed.max()
-    for i, steps in enumerate(LAG_STEPS):
+    for i, steps in enumerate(lag_s / 300.0 for lag_s in LAGS_S):
         for j, driving in enumerate((share, share**2)):
             kept = np.exp(-1.0 / steps)
             expected = lfilter([1.0 - kept], [1.0, -kept], driving, zi=[kept * driving[0]])[0]
@@ -54,15 +54,15 @@ def test_an_unknown_load_is_held_for_an_hour_and_then_none() -> None:
     speed, known = np.full((40, 1), 500.0), np.ones((40, 1), np.bool_)
     known[10:30] = False
     speed[10:30] = 0.0
-    scale = scale_of(("speed", "still"), np.hstack([speed, 0.0 * speed]), np.hstack([known, known]))
+    scale = scale_of(("speed", "still"), np.hstack([speed, 0.0 * speed]), np.hstack([known, known]), 300.0)
     assert scale is None, "neither changed while it was known"
     speed[35:] = 1000.0
-    scale = scale_of(("speed", "still"), np.hstack([speed, 0.0 * speed]), np.hstack([known, known]))
+    scale = scale_of(("speed", "still"), np.hstack([speed, 0.0 * speed]), np.hstack([known, known]), 300.0)
     assert scale is not None
     assert (scale.names, scale.largest.tolist()) == (("speed",), [1000.0])
     short = scale.features(speed, known)[:, 0]
     np.testing.assert_allclose(short[:22], 0.5)
-    np.testing.assert_allclose(short[22:30], 0.5 * np.exp(-np.arange(1, 9) / LAG_STEPS[0]))
+    np.testing.assert_allclose(short[22:30], 0.5 * np.exp(-np.arange(1, 9) * 300.0 / LAGS_S[0]))
 
 
 def test_what_loads_explain_is_a_least_squares_regression() -> None:

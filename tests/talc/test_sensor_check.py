@@ -7,12 +7,12 @@ import pytest
 from numpy.typing import NDArray
 
 from talc.sensor_check import Judgement, judge
-from talc.sensor_model import CHANGE_STEPS, SensorModel, learn, leave_one_out, leave_two_out, precision_of
+from talc.sensor_model import SensorModel, learn, leave_one_out, leave_two_out, precision_of
 from talc.settings import SensorCheckSettings
 from tests.benches.plant_days import DAY, NAMES, Array, plant_days
 
 SETTINGS = SensorCheckSettings()
-WINDOW = SETTINGS.window_steps + CHANGE_STEPS
+WINDOW = SETTINGS.window_steps + 6
 SEEDS = (11, 12, 13, 14)
 
 

@@ -20,11 +20,12 @@ from gateway.clock import clock_synchronised
 from gateway.config import GatewayConfig, cautions, credential_problems
 from gateway.storage import History, answered
 from talc.frame import FloatArray
+from talc.steps import DAY_S, steps_in
 
 _SCATTER_CYCLES, _SCATTER_GROWN = 10, 2.0
 _MASTER = "/dev/ptmx"
 """The other end of a pseudo-terminal."""
-_DAY_STEPS, _SAME_K, _MOVED_K = 288, 0.02, 0.5
+_SAME_K, _MOVED_K = 0.02, 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -208,10 +209,11 @@ def _too_equal(history: History, config: GatewayConfig) -> Iterator[Ailment]:
     last_k = history.latest_k()
     if last_k is None:
         return
-    frames = history.frames(names, last_k - _DAY_STEPS + 1, last_k)
+    a_day = steps_in(DAY_S, config.grid.step_s)
+    frames = history.frames(names, last_k - a_day + 1, last_k)
     inputs = np.where(frames.valid, frames.inputs, np.nan)
     for a, b in combinations(range(len(names)), 2):
-        if _same(inputs[:, a], inputs[:, b]):
+        if _same(inputs[:, a], inputs[:, b], a_day // 2):
             yield Ailment(
                 f"{names[a]} and {names[b]} were the same all day",
                 "they may be one sensor under two names, or two in one hole; then one of them adds no information",
@@ -219,8 +221,8 @@ def _too_equal(history: History, config: GatewayConfig) -> Iterator[Ailment]:
             )
 
 
-def _same(a: FloatArray, b: FloatArray) -> bool:
+def _same(a: FloatArray, b: FloatArray, least: int) -> bool:
     known = np.isfinite(a) & np.isfinite(b)
-    if known.sum() < _DAY_STEPS // 2:
+    if known.sum() < least:
         return False
     return bool(np.ptp(a[known]) > _MOVED_K and np.max(np.abs(a[known] - b[known])) < _SAME_K)

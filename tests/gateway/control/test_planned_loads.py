@@ -25,7 +25,7 @@ def day(days: int) -> Array:
 
 
 def fed(x: Array, k0: int = 0) -> PlannedLoads:
-    found = PlannedLoads(NAMES, PLANNED, is_load, SteppedClock())
+    found = PlannedLoads(NAMES, 300.0, PLANNED, is_load, SteppedClock())
     for k, row in enumerate(x, k0):
         found.frame(Frame(k, row, np.ones(len(NAMES), np.bool_)))
     return found
@@ -50,7 +50,7 @@ async def test_a_planned_load_is_foreseen_once_two_days_are_known() -> None:
 
 async def test_it_learns_by_itself_after_two_days_and_then_each_day() -> None:
     x, clock = day(3), SteppedClock()
-    loads = PlannedLoads(NAMES, PLANNED, is_load, clock)
+    loads = PlannedLoads(NAMES, 300.0, PLANNED, is_load, clock)
     running = asyncio.create_task(loads.run())
     foreseen = list[int]()
     for k, row in enumerate(x):
@@ -89,7 +89,7 @@ async def test_what_cannot_be_learnt_is_said_once_until_it_is_learnt_again(
 async def test_a_restart_goes_on_from_the_stored_frames() -> None:
     x = day(6)
     frames = Frames(np.arange(len(x)), x, np.ones(x.shape, np.bool_), np.empty((0, 9)))
-    again, one = PlannedLoads(NAMES, PLANNED, is_load, SteppedClock(), frames), fed(x)
+    again, one = PlannedLoads(NAMES, 300.0, PLANNED, is_load, SteppedClock(), frames), fed(x)
     await again.learn()
     await one.learn()
     mine, other = again.changes(96)["roughing"], one.changes(96)["roughing"]
@@ -113,6 +113,6 @@ async def test_a_gap_is_unknown_and_not_rest() -> None:
 
 
 async def test_without_planned_loads_it_keeps_nothing() -> None:
-    loads = PlannedLoads(NAMES, {}, is_load, SteppedClock())
+    loads = PlannedLoads(NAMES, 300.0, {}, is_load, SteppedClock())
     loads.frame(Frame(0, day(1)[0], np.ones(len(NAMES), np.bool_)))
     assert loads.changes(96) == {}

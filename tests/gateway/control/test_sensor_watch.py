@@ -60,10 +60,11 @@ class Teacher:
         valid: BoolArray,
         settings: SensorCheckSettings,
         loads: Sequence[str],
+        step_s: float,
     ) -> SensorModel | None:
         assert tuple(names) == NAMES, "only temperatures"
         self.rows.append(len(inputs))
-        return learn(names, inputs, valid, settings, loads)
+        return learn(names, inputs, valid, settings, loads, step_s)
 
 
 def days(seed: int = 12) -> NDArray[np.float64]:
@@ -84,7 +85,7 @@ def before(inputs: FloatArray, since: int | None = None) -> SeenBefore:
 
 
 def watch(ear: Ear, teacher: Teacher, before: SeenBefore | None = None) -> SensorWatch:
-    return SensorWatch(INPUTS, SETTINGS, NAMES.__contains__, ear, SteppedClock(), before, teacher)
+    return SensorWatch(INPUTS, SETTINGS, 300.0, NAMES.__contains__, ear, SteppedClock(), before, teacher)
 
 
 async def run(watching: SensorWatch, x: NDArray[np.float64], first_k: int) -> None:
@@ -201,11 +202,12 @@ class FailingTeacher(Teacher):
         valid: BoolArray,
         settings: SensorCheckSettings,
         loads: Sequence[str],
+        step_s: float,
     ) -> SensorModel | None:
         if self.errors:
             self.rows.append(len(inputs))
             raise self.errors.pop(0)
-        return await super().__call__(names, inputs, valid, settings, loads)
+        return await super().__call__(names, inputs, valid, settings, loads, step_s)
 
 
 @pytest.mark.parametrize(
@@ -238,8 +240,9 @@ async def test_a_judgement_that_raises_ends_nothing_and_is_reported_once(caplog:
             valid: BoolArray,
             settings: SensorCheckSettings,
             loads: Sequence[str],
+            step_s: float,
         ) -> SensorModel | None:
-            model = await super().__call__(names, inputs, valid, settings, loads)
+            model = await super().__call__(names, inputs, valid, settings, loads, step_s)
             return model and replace(model, offset_std=model.offset_std[:3])
 
     ear, teacher, x = Ear(), Wrong(), days()
@@ -256,7 +259,7 @@ async def test_a_judgement_that_raises_ends_nothing_and_is_reported_once(caplog:
 async def test_runs_by_itself_and_learns_in_another_process() -> None:
     ear, x = Ear(), days()
     seen = before(x[: 2 * DAY])
-    watching = SensorWatch(INPUTS, SETTINGS, NAMES.__contains__, ear, SteppedClock(), seen)
+    watching = SensorWatch(INPUTS, SETTINGS, 300.0, NAMES.__contains__, ear, SteppedClock(), seen)
     task = asyncio.create_task(watching.run())
     try:
         async with asyncio.timeout(300):
@@ -289,6 +292,7 @@ async def test_a_bearing_that_runs_hot_is_reported_where_the_speed_is_known() ->
         watching = SensorWatch(
             hot_bearing.NAMES,
             SETTINGS,
+            300.0,
             hot_bearing.BODIES.__contains__,
             ear,
             SteppedClock(),

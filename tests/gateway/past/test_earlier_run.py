@@ -79,6 +79,16 @@ def test_the_sensor_watch_goes_on_from_the_stored_frames(config: GatewayConfig) 
     assert before.frames.valid.all()
 
 
+def test_planned_loads_go_on_from_the_stored_frames_of_two_weeks(tmp_path: Path) -> None:
+    of_models = TEXT[TEXT.index("[talc]") : TEXT.index("[[bus]]")]
+    few = TEXT.replace(of_models, "[sensor_check]\nwindow_steps = 12\nlearn_steps = 36\n")
+    config = parse(few, tmp_path / "gateway.toml")
+    earlier_run(config)
+    assert len(seen(config).frames.k) == 48, "all that the sensor check looks at"
+    planned = parse(few + '[[planned_load]]\nname = "warm"\nloads = { bed = 25.0 }\n', tmp_path / "gateway.toml")
+    assert len(seen(planned).frames.k) == STEPS
+
+
 def test_what_was_suspect_and_had_not_ended_still_is(config: GatewayConfig) -> None:
     earlier_run(config, (10, SUSPECT), (20, AGREE), (30, SUSPECT), (40, SUSPECT))
     assert seen(config).suspect_since_k == 30

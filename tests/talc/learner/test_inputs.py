@@ -11,7 +11,7 @@ ALL = np.ones(3, dtype=np.bool_)
 
 
 def remembered(rows: int) -> InputMemory:
-    memory = InputMemory(3)
+    memory = InputMemory(3, 300.0)
     for row in 20.0 + np.random.default_rng(0).multivariate_normal(np.zeros(3), COVARIANCE, rows):
         memory.fill(row, ALL)
     return memory
@@ -47,7 +47,7 @@ def test_one_that_comes_back_where_the_others_say_is_the_same_sensor() -> None:
 
 
 def test_an_input_that_first_comes_late_counts_from_its_first_value() -> None:
-    memory = InputMemory(2)
+    memory = InputMemory(2, 300.0)
     memory.fill(np.array([20.0, 0.0]), np.array([True, False]))
     memory.anchor()
     memory.fill(np.array([25.0, 30.0]), np.array([True, True]))

@@ -326,6 +326,19 @@ def test_two_names_that_were_the_same_all_day_are_found_and_neighbours_are_not(
     assert found(config, root) == ["bed and column were the same all day"]
 
 
+@pytest.mark.parametrize(("step_s", "steps", "a_day"), [(900.0, 96, True), (300.0, 96, False), (10.0, 288, False)])
+def test_all_day_is_a_day_at_any_grid_step(
+    step_s: float, steps: int, a_day: bool, config: GatewayConfig, root: Path
+) -> None:
+    config = config.model_copy(update={"grid": config.grid.model_copy(update={"step_s": step_s})})
+    with Store(config.storage.path, "boot-1", SteppedClock()) as store:
+        store.begin(config.canonical(), config.fingerprint(), "", None)
+        for k, value in enumerate(np.linspace(20.0, 23.0, steps)):
+            store.record(FrameMade(Frame(k, np.array([value, value, value + 0.5]), np.full(3, True))))
+        store.flush()
+    assert found(config, root) == (["bed and column were the same all day"] if a_day else [])
+
+
 @pytest.mark.parametrize(("last_um", "grown"), [(0.8, []), (2.5, ["grew from 0.5 to 2.5 µm"])])
 def test_probing_that_scatters_more_than_at_first_is_found(
     last_um: float, grown: list[str], config: GatewayConfig, root: Path
