@@ -292,14 +292,14 @@ def _asked_of_the_control(config: GatewayConfig) -> Iterator[Problem]:
 
 def _control(config: GatewayConfig) -> Iterator[Problem]:
     step_s = config.grid.step_s
-    if config.probing.lead_s > step_s:
+    if config.probing.armed and config.probing.lead_s > step_s:  # nobody else asks for a cycle
         yield Problem("[probing] lead_s", f"{config.probing.lead_s:g}: expected at most the grid step, {step_s:g}")
     if config.probing.insist_after_s < config.probing.prefer_idle_s:
         yield Problem(
             "[probing] insist_after_s",
             f"{config.probing.insist_after_s:g}: expected at least prefer_idle_s = {config.probing.prefer_idle_s:g}",
         )
-    if config.compensation.stale_after_s <= step_s:
+    if config.nc is not None and config.compensation.stale_after_s <= step_s:
         yield Problem(
             "[compensation] stale_after_s",
             f"{config.compensation.stale_after_s:g}: expected more than the grid step, {step_s:g}, "

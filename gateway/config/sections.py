@@ -161,7 +161,8 @@ class Probing(Section):
     """Number of cycles whose mean is the reference of every later deviation; they run one after the other at the first
     measurement. One cycle's noise would stay in every error as a constant; the mean of n cycles leaves 1/√n of it."""
     lead_s: NotNegative = 180.0
-    """How long before the end of the grid step the cycle is requested, so that the step contains its result."""
+    """How long before the end of the grid step the cycle is requested, so that the step contains its result. At
+    most the grid step, once `armed`."""
     timeout_s: Positive = 900.0
     """A cycle that has not ended after this time is withdrawn."""
     poll_s: Positive = 2.0
@@ -195,7 +196,7 @@ class Compensation(Section):
     slew_um_per_s: Positive = 1.0
     """Fastest change of an offset."""
     stale_after_s: Positive = 900.0
-    """A prediction older than this is no longer used."""
+    """A prediction older than this is no longer used. With an `[nc]`, more than the grid step."""
     inputs_stale_after_s: Positive = 1800.0
     """How long an input of a live model may be without a good value; meanwhile its last good value is used."""
     measurement_stale_after_s: Positive = 57600.0
