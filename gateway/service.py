@@ -11,11 +11,12 @@ from gateway.acquisition import (
     Board,
     BusChanges,
     Line,
+    PreparedReload,
     ReloadError,
     Sample,
     apply,
-    bus_changes,
     lines_of,
+    prepare,
 )
 from gateway.clock import Ages, ServiceClock
 from gateway.commands import Command, CommandOutcome
@@ -152,16 +153,26 @@ class Service:
         runners = {} if self._acquisition is None else self._acquisition.runners
         return {name: runner.missed for name, runner in runners.items()}
 
-    async def reload(self, config: GatewayConfig) -> BusChanges:
-        """Apply another checked configuration by its differences, while running.
+    async def prepare(self, config: GatewayConfig) -> PreparedReload:
+        """Build what applying another checked configuration needs, and change nothing. Raises ReloadError, SetupError.
+
+        In a thread, because it may import a library.
+        """
+        return await asyncio.to_thread(prepare, self._config, config, self._clock, self._tap)
+
+    async def reload(self, prepared: PreparedReload) -> BusChanges:
+        """Apply another configuration by its differences, while running.
 
         Raises ReloadError or SetupError when nothing was changed: the service continues unchanged.
         """
-        if self._acquisition is None:
+        acquisition = self._acquisition
+        if acquisition is None:
             raise ReloadError("the service is not running")
-        change = await apply(self._acquisition, self._clock, self._config, config, self._tap)
-        self._config = config
-        self._sink(ConfigurationApplied(config))
+        if prepared.old is not self._config:  # another one was applied meanwhile
+            prepared = await self.prepare(prepared.new)
+        change = await apply(acquisition, prepared)
+        self._config = prepared.new
+        self._sink(ConfigurationApplied(prepared.new))
         log.info(
             "configuration %s runs; buses exchanged: %s", self.fingerprint[:16], ", ".join(change.started) or "none"
         )
@@ -178,10 +189,6 @@ class Service:
     def take_reloads(self, reload: AskReload) -> None:
         """Set what reads the configuration again when a command says so."""
         self._commands.reload = reload
-
-    def changes(self, config: GatewayConfig) -> BusChanges:
-        """What applying another checked configuration would do. Raises ReloadError."""
-        return bus_changes(self._config, config)
 
     def tell(self, text: str) -> None:
         """Report an event for people."""

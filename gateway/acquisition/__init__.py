@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from gateway.acquisition.line import Line
     from gateway.acquisition.once import DeviceAnswer, read_once
     from gateway.acquisition.plausibility import Check
-    from gateway.acquisition.reload import BusChanges, ReloadError, apply, bus_changes
+    from gateway.acquisition.reload import BusChanges, PreparedReload, ReloadError, apply, bus_changes, prepare
     from gateway.acquisition.reports import NO_OTHER_MASTER, OTHER_MASTER
     from gateway.acquisition.runner import Publish
     from gateway.acquisition.sample import Sample
@@ -26,7 +26,7 @@ else:
             ".line": ("Line",),
             ".once": ("DeviceAnswer", "read_once"),
             ".plausibility": ("Check",),
-            ".reload": ("BusChanges", "ReloadError", "apply", "bus_changes"),
+            ".reload": ("BusChanges", "PreparedReload", "ReloadError", "apply", "bus_changes", "prepare"),
             ".reports": ("NO_OTHER_MASTER", "OTHER_MASTER"),
             ".runner": ("Publish",),
             ".sample": ("Sample",),
@@ -44,6 +44,7 @@ __all__ = [
     "Check",
     "DeviceAnswer",
     "Line",
+    "PreparedReload",
     "Publish",
     "ReloadError",
     "Sample",
@@ -51,6 +52,7 @@ __all__ = [
     "bus_changes",
     "lines_of",
     "number_text",
+    "prepare",
     "read_once",
     "reading_text",
 ]

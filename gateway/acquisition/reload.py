@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from drivers.tap import Tap
 from gateway.acquisition.acquisition import Acquisition
 from gateway.acquisition.build import lines_of
+from gateway.acquisition.line import Line
 from gateway.clock import ServiceClock
 from gateway.config import GatewayConfig
 
@@ -64,23 +65,39 @@ def bus_changes(old: GatewayConfig, new: GatewayConfig) -> BusChanges:
     )
 
 
-async def apply(
-    acquisition: Acquisition,
-    clock: ServiceClock,
-    old: GatewayConfig,
-    new: GatewayConfig,
-    tap: Callable[[str], Tap] | None = None,
-) -> BusChanges:
-    """Bring the running acquisition from `old` to `new`, both already checked by `load`.
+@dataclass(frozen=True, slots=True, eq=False)
+class PreparedReload:
+    """Everything that a reload needs; nothing has been changed yet."""
 
-    Every new driver is built before the first bus is stopped. If the exchange fails, the buses of `old` run again, as
-    the lines that ran before, because their files may have changed.
+    old: GatewayConfig
+    new: GatewayConfig
+    change: BusChanges
+    lines: tuple[Line, ...]
+    """The buses that are started, with their devices."""
+
+
+def prepare(
+    old: GatewayConfig, new: GatewayConfig, clock: ServiceClock, tap: Callable[[str], Tap] | None = None
+) -> PreparedReload:
+    """Build each driver that brings an acquisition from `old` to `new`, both already checked by `load`.
+
+    For a thread: the library of a bus that is the first of its kind is imported here, which takes longer than a period.
     tap: returns the tap of the bus with that name, or None
 
-    Raises ReloadError or SetupError when nothing was changed, or the error of an exchange that was undone.
+    Raises ReloadError or SetupError.
     """
     change = bus_changes(old, new)
-    lines = list(lines_of(new, clock, tap, only=change.started))
+    return PreparedReload(old, new, change, lines_of(new, clock, tap, only=change.started))
+
+
+async def apply(acquisition: Acquisition, prepared: PreparedReload) -> BusChanges:
+    """Exchange the buses of a running acquisition.
+
+    If that fails, the former buses run again, as the lines that ran before, because their files may have changed.
+
+    Raises the error of an exchange that was undone.
+    """
+    change, lines = prepared.change, list(prepared.lines)
     former = {name: runner.line for name, runner in acquisition.runners.items()}
     try:
         await acquisition.exchange(change.stopped, lines)
@@ -89,7 +106,7 @@ async def apply(
         missing = [former[name] for name in change.stopped if name in running or name not in acquisition.runners]
         await acquisition.exchange(running, missing)
         raise
-    acquisition.board.configure({channel.name: channel.period_s for channel in new.channels})
+    acquisition.board.configure({channel.name: channel.period_s for channel in prepared.new.channels})
     return change
 
 

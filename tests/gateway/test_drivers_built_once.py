@@ -13,15 +13,19 @@ import pytest
 from drivers.base import SetupError
 from drivers.canopen import CanOpenBus, Cia404Device
 from drivers.modbus import ModbusDevice, ModbusRtuBus
-from gateway.acquisition import Acquisition, ReloadError, apply, bus_changes, lines_of, read_once
+from gateway.acquisition import Acquisition, ReloadError, apply, bus_changes, lines_of, prepare, read_once
 from gateway.cli.running.reloading import Reloading
 from gateway.cli.running.serving import serve
 from gateway.config import ConfigError, GatewayConfig, load
+from gateway.past import Past
+from gateway.service import Service
+from talc.control import Controller
 from tests.benches.kept_events import KeptEvents
 from tests.benches.reloaded_service import service_of
 from tests.benches.service_file import UNPUBLISHED, m7015, rtu_bus
 from tests.benches.stepped_clock import SteppedClock
 from tests.benches.stream_server import stream_server
+from tests.benches.waits import until
 
 CAN = """
 [[bus]]
@@ -105,8 +109,32 @@ async def test_a_reload_makes_what_it_exchanges(tmp_path: Path, made: Counter[st
     async with Acquisition(lines_of(old, clock), clock, lambda _: None, lambda _: None) as acquisition:
         new = configuration(tmp_path, TEXT.replace("/nowhere/adapter", "/nowhere/other"))
         made.clear()
-        await apply(acquisition, clock, old, new)
+        await apply(acquisition, prepare(old, new, clock))
     assert made == {"rtu1": 1, "rtd1": 1, "rtd2": 1}
+
+
+@pytest.mark.parametrize("by_signal", [True, False], ids=["signal", "command"])
+async def test_a_reload_of_the_service_makes_what_it_exchanges_once(
+    tmp_path: Path, made: Counter[str], by_signal: bool
+) -> None:
+    config, clock, stop = configuration(tmp_path), SteppedClock(), asyncio.Event()
+    service = Service(config, clock, KeptEvents(), Past(Controller(config.input_names, config.talc)))
+    reloading = Reloading(tmp_path / "gateway.toml")
+    tasks = [asyncio.create_task(service.run(stop)), asyncio.create_task(reloading.run(service))]
+    try:
+        await clock.run_until(3.0)
+        made.clear()
+        new = configuration(tmp_path, TEXT.replace("/nowhere/adapter", "/nowhere/other"))
+        if by_signal:
+            reloading.hang_up()
+        else:
+            await reloading.ask(service)
+        await until(lambda: service.fingerprint == new.fingerprint())
+        assert made == {"rtu1": 1, "rtd1": 1, "rtd2": 1}
+    finally:
+        stop.set()
+        tasks[1].cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
 
 
 OTHERS = """

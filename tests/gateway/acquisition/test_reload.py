@@ -8,7 +8,7 @@ from drivers.base import Reading
 from gateway.acquisition.acquisition import Acquisition
 from gateway.acquisition.build import lines_of
 from gateway.acquisition.line import Line
-from gateway.acquisition.reload import BusChanges, ReloadError, apply, bus_changes
+from gateway.acquisition.reload import BusChanges, ReloadError, apply, bus_changes, prepare
 from gateway.config import GatewayConfig, parse
 from tests.benches.logger_files import logger_dbc, logger_profile
 from tests.benches.stepped_clock import SteppedClock
@@ -85,7 +85,7 @@ async def test_a_profile_may_be_renamed_together_with_the_configuration(tmp_path
     async with running.acquisition as acquisition:
         mine.rename(tmp_path / "yours.toml")
         new = with_profile(tmp_path, "yours.toml")
-        change = await apply(acquisition, running.clock, old, new)
+        change = await apply(acquisition, prepare(old, new, running.clock))
         assert set(acquisition.runners) == {"rtu1", "tcp1"}
     assert change == BusChanges(("rtu1",), ("rtu1",), ("tcp1",))
 
@@ -121,7 +121,7 @@ async def test_applied_to_a_running_acquisition() -> None:
     running = RunningAcquisition(old)
     async with running.acquisition as acquisition:
         before = acquisition.runners
-        change = await apply(acquisition, running.clock, old, new)
+        change = await apply(acquisition, prepare(old, new, running.clock))
         after = acquisition.runners
     assert change.kept == ("tcp1",)
     assert after["tcp1"] is before["tcp1"]
@@ -154,7 +154,7 @@ async def test_a_failed_exchange_is_undone_without_the_old_files(tmp_path: Path)
     async with Breaking(lines, running.clock, running.readings.extend, lambda _: None) as acquisition:
         kept = acquisition.runners["tcp1"]
         with pytest.raises(OSError, match="out of memory"):
-            await apply(acquisition, running.clock, old, new)
+            await apply(acquisition, prepare(old, new, running.clock))
         assert set(acquisition.runners) == {"rtu1", "tcp1"}
         assert acquisition.runners["tcp1"] is kept
         assert acquisition.runners["rtu1"].line is lines[0]

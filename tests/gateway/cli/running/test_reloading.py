@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from gateway.acquisition import BusChanges, ReloadError
+from gateway.acquisition import BusChanges, PreparedReload, ReloadError
 from gateway.cli.running.reloading import Reloading
-from gateway.config import GatewayConfig, load
+from gateway.config import load
 from gateway.events import ConfigurationApplied
 from gateway.service import Service
 from talc.frame import EventKind
@@ -25,7 +25,7 @@ OTHER = TEXT.replace("/nowhere/adapter", "/nowhere/other")
 class Unwilling(Service):
     """Fails only when it applies the configuration."""
 
-    async def reload(self, config: GatewayConfig) -> BusChanges:
+    async def reload(self, prepared: PreparedReload) -> BusChanges:
         raise ReloadError("the port is in use")
 
 
@@ -100,9 +100,9 @@ async def main(path, by_signal):
     clock, stop, asked = SteppedClock(), asyncio.Event(), asyncio.Event()
 
     class Asked(Service):
-        async def reload(self, config):
+        async def reload(self, prepared):
             asked.set()
-            return await super().reload(config)
+            return await super().reload(prepared)
 
     service, reloading = service_of(path, KeptEvents(), clock, Asked), Reloading(path)
     tasks = [asyncio.create_task(service.run(stop)), asyncio.create_task(reloading.run(service))]
