@@ -21,12 +21,13 @@ if TYPE_CHECKING:
     from gateway.config.certificates import certificate_end, certificate_ends
     from gateway.config.consequences import unarmed
     from gateway.config.controls import AgentNc, LinuxCncNc, MtConnectNc, Nc, SinumerikNc
-    from gateway.config.extended import other_kinds, validate
+    from gateway.config.extended import other_kinds, stored_configuration, validate
     from gateway.config.extensions import OUTLETS, ControlSection, OtherBus, asked, sections_of_others
     from gateway.config.fields import DEFAULT_PREFIX, LOOPBACK, NAME_FORM, KeyPrefix, Name, key_prefix, machine_name
     from gateway.config.file import draft, load, parse
     from gateway.config.metrics import Metrics
     from gateway.config.model import Channel, GatewayConfig
+    from gateway.config.outline import inputs_if_known, inputs_of_config, outlined, step_s_of
     from gateway.config.packed import packed_toml, unpacked
     from gateway.config.polled import PERIOD_S, READ_LIMIT_S, RETRY_MAX_PERIODS
     from gateway.config.prior import PriorError, PriorFile, described, parse_prior, prior_for
@@ -58,12 +59,13 @@ else:
             ".certificates": ("certificate_end", "certificate_ends"),
             ".consequences": ("unarmed",),
             ".controls": ("AgentNc", "LinuxCncNc", "MtConnectNc", "Nc", "SinumerikNc"),
-            ".extended": ("other_kinds", "validate"),
+            ".extended": ("other_kinds", "stored_configuration", "validate"),
             ".extensions": ("OUTLETS", "ControlSection", "OtherBus", "asked", "sections_of_others"),
             ".fields": ("DEFAULT_PREFIX", "LOOPBACK", "NAME_FORM", "KeyPrefix", "Name", "key_prefix", "machine_name"),
             ".file": ("draft", "load", "parse"),
             ".metrics": ("Metrics",),
             ".model": ("Channel", "GatewayConfig"),
+            ".outline": ("inputs_if_known", "inputs_of_config", "outlined", "step_s_of"),
             ".packed": ("packed_toml", "unpacked"),
             ".polled": ("PERIOD_S", "READ_LIMIT_S", "RETRY_MAX_PERIODS"),
             ".prior": ("PriorError", "PriorFile", "described", "parse_prior", "prior_for"),
@@ -134,12 +136,15 @@ __all__ = [
     "described",
     "draft",
     "endpoint",
+    "inputs_if_known",
+    "inputs_of_config",
     "key_prefix",
     "kinds_in",
     "load",
     "load_talc_only",
     "machine_name",
     "other_kinds",
+    "outlined",
     "packed_toml",
     "parse",
     "parse_prior",
@@ -150,6 +155,8 @@ __all__ = [
     "read_text",
     "sections_of_others",
     "shown",
+    "step_s_of",
+    "stored_configuration",
     "suggestion",
     "toml_value",
     "unarmed",

@@ -6,7 +6,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any, get_args
 
-from pydantic import Field, create_model
+from pydantic import Field, TypeAdapter, create_model
 
 from drivers.section import strictly
 from gateway.config.buses import BusSection
@@ -22,6 +22,7 @@ from gateway.config.extensions import (
     sections_of_others,
 )
 from gateway.config.model import GatewayConfig, with_database
+from gateway.config.outline import of_any_program
 from gateway.config.problems import Problem
 from gateway.config.reading import any_section_of, kinds_in
 
@@ -88,17 +89,15 @@ def _extended(controls: tuple[type[Any], ...], buses: tuple[type[Any], ...]) -> 
     )
 
 
-def validate(data: Mapping[str, object] | str, folder: Path | None = None) -> GatewayConfig:
-    """A configuration from TOML's data, or from `canonical()` text.
-
-    `folder`: where relative paths start. Raises pydantic.ValidationError.
-    """
-    whole = _of_any_program(data) if isinstance(data, str) else with_database(data)
+def validate(data: Mapping[str, object], folder: Path | None = None) -> GatewayConfig:
+    """A configuration from TOML's data. `folder`: where relative paths start. Raises pydantic.ValidationError."""
+    whole = with_database(data)
     return strictly(config_class(whole)[0], whole, {"folder": folder} if folder else None)
 
 
-def _of_any_program(canonical: str) -> Mapping[str, object]:
-    """All defaults are written out, so a text without a method is from a program that had only the models."""
-    whole: dict[str, object] = json.loads(canonical)
-    talc = whole.get("talc")
-    return {**whole, "talc": {"method": "models", **talc}} if isinstance(talc, dict) else whole
+def stored_configuration(text: str) -> GatewayConfig:
+    """A configuration from `canonical()` text, as the program that stored it understood it.
+
+    Raises ValueError, also as pydantic.ValidationError.
+    """
+    return validate(of_any_program(TypeAdapter(dict[str, Any]).validate_python(json.loads(text))))

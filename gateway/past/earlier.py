@@ -1,6 +1,5 @@
 """The state of an earlier run that a restart needs, rebuilt from the store."""
 
-import json
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field
 from hashlib import sha256
@@ -8,7 +7,7 @@ from hashlib import sha256
 from drivers.base import SetupError
 from gateway.clock import StepTime
 from gateway.commands import Disarmed, Pause
-from gateway.config import GatewayConfig, parse_prior, validate
+from gateway.config import GatewayConfig, parse_prior, stored_configuration
 from gateway.control import SeenBefore, rows_remembered
 from gateway.past.rebuild import (
     Interrupted,
@@ -28,8 +27,6 @@ from talc.names import THERMAL_ERRORS
 from talc.settings import TalcSettings
 
 _SAVE_EVERY_STEPS = 20_000
-_FIRST_METHOD = "models"
-"""The method of programs that stored no `[talc] method`: they had no other."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,8 +91,7 @@ def stored_config(history: History) -> GatewayConfig:
 
 def from_stored(text: str, prior: str | None = None) -> GatewayConfig:
     """The configuration and the prior in a stored text, as the program that stored it understood them."""
-    data = json.loads(text)
-    config = validate({**data, "talc": {"method": _FIRST_METHOD, **data.get("talc", {})}})
+    config = stored_configuration(text)
     return config if prior is None else config.with_prior(parse_prior(prior))
 
 

@@ -8,10 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
+from gateway.config import inputs_of_config
 from gateway.storage.faults import DamagedError
 from gateway.storage.pages import reading_connection
 from gateway.storage.placing import placed_frames
-from gateway.storage.rows import frames_of, inputs_of_config, reasons_of
+from gateway.storage.rows import frames_of, reasons_of
 from talc.frame import FloatArray
 from talc.learner import Reasons
 from talc.names import THERMAL_ERRORS

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from gateway.config import validate
+from gateway.config import inputs_of_config, stored_configuration
 from gateway.storage import rows
 from gateway.storage.epochs import check_epoch
 from gateway.storage.learnt import parse_learnt
@@ -96,7 +96,7 @@ def damage_found(path: Path) -> list[str]:
 def inputs_of_run(config: str) -> int | None:
     """How many inputs a frame of a stored configuration has."""
     try:
-        return len(rows.inputs_of_config(config)) or None
+        return len(inputs_of_config(config)) or None
     except (AttributeError, ValueError, TypeError, KeyError):
         return None
 
@@ -142,7 +142,7 @@ _NINE = bytes(72)
 
 def _check_config(text: str) -> None:
     if json.loads(text):  # else nothing was published
-        validate(text)
+        stored_configuration(text)
 
 
 def _check_frame(row: RawRow) -> None:

@@ -12,6 +12,7 @@ import numpy as np
 
 from gateway.clock import StepTime
 from gateway.commands import CommandName, CommandOutcome, Disarmed, Pause
+from gateway.config import inputs_of_config
 from gateway.storage import rows
 from gateway.storage.answers import DiskWork
 from gateway.storage.faults import StoreError
@@ -151,9 +152,7 @@ class History:
 
     def _inputs(self) -> dict[str, tuple[str, ...]]:
         """Names of the inputs of each run, by its id."""
-        return {
-            boot: rows.inputs_of_config(text) for boot, text in self._connection.execute("SELECT id, config FROM boot")
-        }
+        return {boot: inputs_of_config(text) for boot, text in self._connection.execute("SELECT id, config FROM boot")}
 
     def suspect_since(self) -> int | None:
         """Grid index since when sensors are suspect; None: they agree."""

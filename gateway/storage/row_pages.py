@@ -12,6 +12,7 @@ from itertools import takewhile
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
+from gateway.config import inputs_if_known, step_s_of
 from gateway.storage import columns, rows
 from gateway.storage.columns import CellKinds, Cells
 from gateway.storage.epochs import NUMBERS, Position, RowSpan, next_span
@@ -151,7 +152,7 @@ def _steps(connection: sqlite3.Connection, span: RowSpan, limit: int) -> TableRo
     if not found:
         return TableRows(columns.steps(()), [])
     step_s = _step_s(connection)
-    names_of = {config: rows.inputs_if_known(config) for config in {row[-1] for row in found}}
+    names_of = {config: inputs_if_known(config) for config in {row[-1] for row in found}}
     first = found[0]
     size = len(rows.step_of(first[1:-2], ()).frame.inputs)
     names = names_of[first[-1]]
@@ -224,4 +225,4 @@ _TABLES: Final[Mapping[str, _TablePage]] = {
 def _step_s(connection: sqlite3.Connection) -> float:
     """The grid step, which is the same for all runs of a database."""
     found = connection.execute("SELECT config FROM boot ORDER BY number DESC LIMIT 1").fetchone()
-    return rows.step_s_of("" if found is None else found[0])
+    return step_s_of("" if found is None else found[0])

@@ -14,6 +14,7 @@ import numpy as np
 
 from gateway.clock import StepTime
 from gateway.commands import Command, CommandName, CommandOutcome
+from gateway.config import inputs_if_known, outlined, step_s_of
 from gateway.nc import Write
 from gateway.probing import Outcome
 from gateway.storage.learnt import Reference
@@ -35,9 +36,6 @@ from talc.models import ModelSet
 from talc.names import THERMAL_ERRORS
 
 Row = tuple[object, ...]
-
-_STEP_S = 300.0
-"""Step of programs that did not store it."""
 
 STEP_COLUMNS = (
     "f.k, f.inputs, f.valid, f.errors, f.sigma, d.phase, d.predicted, d.corrected, d.sigma, d.limits,"
@@ -193,40 +191,11 @@ def frames_of(found: Sequence[Sequence[Any]]) -> Frames:
 def run_of(row: Sequence[Any]) -> StoredRun:
     """From RUN_COLUMNS; of a configuration that is not one of this gateway only what it has."""
     number, began, config, fingerprint, versions = row
-    data = parsed_config(config)
+    data = outlined(config)
     return StoredRun(
         number, datetime.fromisoformat(began), data.get("machine", {}).get("kind"), step_s_of(config),
         inputs_if_known(config), json.dumps(data.get("talc", {})), fingerprint, versions,
     )  # fmt: skip
-
-
-def step_s_of(config: str) -> float:
-    """The grid step of a stored configuration."""
-    return float(parsed_config(config).get("grid", {}).get("step_s", _STEP_S))
-
-
-def parsed_config(config: str) -> dict[str, Any]:
-    """The configuration in a text; empty if the text is not one."""
-    try:
-        whole = json.loads(config)
-    except ValueError:
-        return {}
-    return whole if isinstance(whole, dict) else {}
-
-
-def inputs_of_config(config: str) -> tuple[str, ...]:
-    """Names of the inputs of a stored configuration. Raises ValueError for a text that is not one of this gateway."""
-    return _inputs_in(json.loads(config))
-
-
-def inputs_if_known(config: str) -> tuple[str, ...]:
-    """Likewise; none of a text that is not one of this gateway."""
-    return _inputs_in(parsed_config(config))
-
-
-def _inputs_in(data: Mapping[str, Any]) -> tuple[str, ...]:
-    channels = (name for device in data.get("device", ()) for name in device["channels"])
-    return (*channels, *(state["name"] for state in data.get("state", ())))
 
 
 def reasons_of(text: str) -> Reasons:

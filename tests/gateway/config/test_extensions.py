@@ -17,7 +17,7 @@ from drivers.nc import WatchdogTerms
 from gateway.acquisition import lines_of, read_once
 from gateway.cli import main
 from gateway.clock import RealClock
-from gateway.config import ConfigError, GatewayConfig, parse, validate
+from gateway.config import ConfigError, GatewayConfig, parse, stored_configuration
 from gateway.nc import control_of
 from tests.benches.extension_package import example_wheel, files_of, install
 from tests.benches.stream_server import stream_server
@@ -116,7 +116,7 @@ def test_a_stored_configuration_is_read_again_and_has_the_same_fingerprint(examp
     config = parse(BUS + NC, example / "gateway.toml")
     assert isinstance(config, GatewayConfig)
     assert json.loads(config.canonical())["nc"]["kind"] == "text_axes"
-    assert validate(config.canonical()).fingerprint() == config.fingerprint()
+    assert stored_configuration(config.canonical()).fingerprint() == config.fingerprint()
 
 
 BASES = "from typing import Literal\nfrom gateway.config import ControlSection, OtherBus\n"
