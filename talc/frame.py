@@ -15,6 +15,7 @@ from talc.settings import TrainingSettings
 __all__ = [
     "LARGEST_ERROR",
     "LARGEST_INPUT",
+    "LEAST_VALID",
     "BoolArray",
     "Decision",
     "Event",
@@ -35,6 +36,8 @@ IntArray = NDArray[np.int64]
 
 LARGEST_INPUT: Final = 1e12
 """Magnitude of an input, in whatever unit. A larger number is not a value: its squares and sums would overflow."""
+LEAST_VALID: Final = 0.8
+"""Share of good rows below which nothing is learnt from an input, nor about it."""
 LARGEST_ERROR: Final = 1e6
 """Magnitude of a thermal error: a metre, or a metre per metre."""
 

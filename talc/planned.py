@@ -10,13 +10,12 @@ from typing import Final
 
 import numpy as np
 
-from talc.frame import BoolArray, FloatArray
+from talc.frame import LEAST_VALID, BoolArray, FloatArray
 from talc.load_heat import LoadScale, heat_of, scale_of
 from talc.sensor_model import masked
 from talc.steps import DAY_S, steps_in
 
 _LEAST_S: Final = 2.0 * DAY_S
-_LEAST_VALID: Final = 0.8
 _PARTS: Final = 4
 """Consecutive parts of the record, each of which is left out in turn."""
 _LEAST_FOLLOWED: Final = 0.9
@@ -80,7 +79,7 @@ def learn_response(
         return None
     own = [names.index(name) for name in scale.names]
     share = valid.mean(axis=0)
-    rest = [i for i in range(len(names)) if names[i] not in loads and share[i] >= _LEAST_VALID]
+    rest = [i for i in range(len(names)) if names[i] not in loads and share[i] >= LEAST_VALID]
     good = np.asarray(valid[:, own + rest].all(axis=1), dtype=np.bool_)
     if not rest or good.sum() < steps_in(_LEAST_S, step_s):
         return None

@@ -14,7 +14,7 @@ from typing import Final
 
 import numpy as np
 
-from talc.frame import LARGEST_INPUT, BoolArray, FloatArray
+from talc.frame import LARGEST_INPUT, LEAST_VALID, BoolArray, FloatArray
 from talc.load_heat import LoadHeat, LoadScale, heat_of, scale_of
 from talc.settings import SensorCheckSettings
 from talc.steps import DAY_S, HOUR_S, steps_in
@@ -24,8 +24,6 @@ _CHANGE_S: Final = 0.5 * HOUR_S
 _NOISE_K2: Final = 0.003
 """Variance of a sensor's noise (0.05 K) and of steps of 0.1 K."""
 _LEAST_BLOCKS: Final = 3
-_LEAST_VALID: Final = 0.8
-"""Inputs with a smaller share of good rows are not learnt."""
 _LEAST_OF_BLOCK: Final = 0.5
 _BLOCK_WORTH: Final = 0.3
 """Blocks of one day err alike: this many count as independent (for the leverage)."""
@@ -130,7 +128,7 @@ def learn(
     inputs, valid = masked(names, inputs, valid)
     inputs, valid = inputs[-settings.learn_steps :], valid[-settings.learn_steps :]
     share = valid.sum(axis=0) / max(len(valid), 1)
-    keep = [i for i in range(len(names)) if names[i] not in loads and share[i] >= _LEAST_VALID]
+    keep = [i for i in range(len(names)) if names[i] not in loads and share[i] >= LEAST_VALID]
     x, good = inputs[:, keep], np.asarray(valid[:, keep].all(axis=1), dtype=np.bool_)
     told = tuple(names[i] for i in keep)
     alone, _ = _learnt(told, x, np.empty((len(x), 0)), good, settings, step_s)

@@ -10,7 +10,7 @@ import numpy as np
 from talc import tck
 from talc._kernel import Progress
 from talc.disturbance import Disturbance, disturbance_of
-from talc.frame import BoolArray, FloatArray, TrainingJob
+from talc.frame import LEAST_VALID, BoolArray, FloatArray, TrainingJob
 from talc.models import ErrorModel, ModelSet
 from talc.names import THERMAL_ERRORS
 from talc.routes import Fitted, Shared, by_arx, by_search
@@ -22,8 +22,6 @@ __all__ = ["Cancelled", "Progress", "train"]
 
 _POLES = (0.7, 0.88, 0.95, 0.98)
 """Of one step, whatever it lasts, as in the papers. At 5 min, time constants of 14 min, 39 min, 97 min and 4 h."""
-_LEAST_VALID = 0.8
-"""Inputs with a smaller share of good rows are not offered."""
 _LEAST_ROWS = 24
 _LEAST_SPREAD = 1e-6
 _LEAST_OUTPUT_SPREAD = 1e-3
@@ -187,8 +185,8 @@ def _offered(job: TrainingJob) -> tuple[_Offer, list[str]]:
         if name not in kept:
             continue
         share = float(job.valid[:, i].mean())
-        if share < _LEAST_VALID:
-            notes.append(f"{name}: not offered, {share:.1%} of its values are good, fewer than {_LEAST_VALID:.0%}")
+        if share < LEAST_VALID:
+            notes.append(f"{name}: not offered, {share:.1%} of its values are good, fewer than {LEAST_VALID:.0%}")
         elif not np.isfinite(job.inputs[:, i]).all():
             notes.append(f"{name}: not offered, missing values were not filled")
         elif job.inputs[:, i].std() > _LEAST_SPREAD:

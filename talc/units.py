@@ -8,6 +8,7 @@ from typing import Final
 from talc.names import MICROMETRE, MICROMETRE_PER_METRE
 
 COLUMN_UNITS: Final[Mapping[str, tuple[str, float]]] = {
+    "nm": (MICROMETRE, 1e-3),
     "um": (MICROMETRE, 1.0),
     "mm": (MICROMETRE, 1e3),
     "m": (MICROMETRE, 1e6),
@@ -26,9 +27,14 @@ _AT_END = tuple(unit for unit in COLUMN_UNITS if unit not in ("m", "in", "um/m")
 _BRACKETED = re.compile(r"[\[(]\s*([a-z/]+)\s*[\])]$")
 
 
+def plain_unit(unit: str) -> str:
+    """A unit as it is spelt here, without a µ of either kind."""
+    return unit.replace("µ", "u").replace("μ", "u")
+
+
 def named_unit(name: str) -> str:
     """The unit that a column's name ends with (`lift [mm]`, `EZ0T_mm`), one of COLUMN_UNITS; empty: none."""
-    text = name.strip().lower().replace("µ", "u").replace("μ", "u").replace('"', "arcsec")
+    text = plain_unit(name.strip().lower()).replace('"', "arcsec")
     bracketed = _BRACKETED.search(text)
     if bracketed is not None:
         return bracketed[1] if bracketed[1] in COLUMN_UNITS else ""

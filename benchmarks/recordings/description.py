@@ -1,32 +1,33 @@
 """The TOML file beside a recording: the columns' roles and units, their noise, and when the machine was off."""
 
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from drivers.problems import problems_of
 from drivers.section import NotNegative, Positive
-from gateway.config import ConfigError, Problem, place
-from gateway.recordings import line_ranges
+from gateway.config import ConfigError, Problem, place, suggestion
+from gateway.recordings import TIME_UNITS, line_ranges
+from talc.names import MICROMETRE_PER_METRE
+from talc.units import COLUMN_UNITS, plain_unit
 
-DescribedUnit = Literal["nm", "um", "µm", "mm", "m", "um/m", "µm/m", "urad", "µrad", "mrad", "rad", "arcsec", "deg"]
-POSITION: Mapping[str, float] = {"nm": 1e-3, "um": 1.0, "µm": 1.0, "mm": 1e3, "m": 1e6}
-"""µm per unit."""
-ANGLE: Mapping[str, float] = {
-    "um/m": 1.0,
-    "µm/m": 1.0,
-    "urad": 1.0,
-    "µrad": 1.0,
-    "mrad": 1e3,
-    "rad": 1e6,
-    "arcsec": 4.84813681109536,
-    "deg": 17453.292519943295,
-}
-"""µm/m per unit."""
+
+def _one_of(units: Collection[str]) -> AfterValidator:
+    def spelt(unit: str) -> str:
+        plain = plain_unit(unit)
+        if plain not in units:
+            raise ValueError(f"{unit!r} is invalid; {suggestion(unit, units)}")
+        return plain
+
+    return AfterValidator(spelt)
+
+
+ErrorUnit = Annotated[str, _one_of(COLUMN_UNITS)]
+TimeUnit = Annotated[str, _one_of(TIME_UNITS)]
 ColumnKind = Literal["temperature", "speed", "power", "length", "state", "other"]
 _TABLES = (".csv", ".parquet")
 
@@ -38,7 +39,7 @@ class _DescriptionSection(BaseModel):
 class ErrorColumn(_DescriptionSection):
     """One error; fields that are not given here are those given for all."""
 
-    unit: DescribedUnit | None = None
+    unit: ErrorUnit | None = None
     noise: NotNegative | None = None
     probing: NotNegative | None = None
 
@@ -55,7 +56,7 @@ class TimeColumn(_DescriptionSection):
     """The column of times."""
 
     column: str = "time"
-    unit: Literal["s", "ms", "min", "h", "days"] = "s"
+    unit: TimeUnit = "s"
     """Unit of numeric times; ISO 8601 date-times are recognised."""
     format: str | None = None
     """Format of other date-times, for Python's strptime."""
@@ -88,7 +89,7 @@ class Description(_DescriptionSection):
     """Lines that are not of the table, such as "1-11"."""
     missing: tuple[str, ...] = ()
     """Cells that stand for an unknown value, besides the usual ones."""
-    unit: DescribedUnit = "um"
+    unit: ErrorUnit = "um"
     noise: NotNegative = 0.5
     """Standard deviation of the noise in the recorded errors, in their own unit."""
     probing: NotNegative = 0.0
@@ -134,7 +135,7 @@ class Description(_DescriptionSection):
             return self.inputs[column]
         return next((said for pattern, said in self.inputs.items() if fnmatchcase(column, pattern)), None)
 
-    def unit_of(self, error: str) -> DescribedUnit:
+    def unit_of(self, error: str) -> ErrorUnit:
         return self.errors[error].unit or self.unit
 
     def says_unit_of(self, error: str) -> bool:
@@ -143,10 +144,10 @@ class Description(_DescriptionSection):
 
     def scale_of(self, error: str) -> float:
         """µm or µm/m per unit of the error."""
-        return {**POSITION, **ANGLE}[self.unit_of(error)]
+        return COLUMN_UNITS[self.unit_of(error)][1]
 
     def is_angle(self, error: str) -> bool:
-        return self.unit_of(error) in ANGLE
+        return COLUMN_UNITS[self.unit_of(error)][0] == MICROMETRE_PER_METRE
 
     def noise_of(self, error: str) -> float:
         """Standard deviation of the recorded values' own noise, µm or µm/m."""

@@ -12,6 +12,7 @@ import numpy as np
 from benchmarks.recordings.description import Description, InputColumn, description_of
 from gateway.config import ConfigError, Problem, shown, suggestion
 from gateway.recordings import (
+    TIME_UNITS,
     FileProblems,
     FileTable,
     RecordingError,
@@ -24,7 +25,6 @@ from gateway.recordings import (
 from talc.frame import LARGEST_ERROR, LARGEST_INPUT, BoolArray, FloatArray, IntArray
 from talc.units import named_unit
 
-_UNIT_S = {"s": 1.0, "ms": 1e-3, "min": 60.0, "h": 3600.0, "days": 86400.0}
 _NUMERIC = 0.5
 """Share of a column's cells that must be numbers for it to be an input without being named."""
 _LEAST_STEPS = 24
@@ -276,7 +276,7 @@ def _time(cell: object, said: Description) -> float:
         return (found if found.tzinfo else found.replace(tzinfo=UTC)).timestamp()
     plain = _number(cell)
     if plain is not None:
-        return plain * _UNIT_S[said.time.unit]
+        return plain * TIME_UNITS[said.time.unit]
     second = second_of(cell)
     return math.nan if second is None else second
 

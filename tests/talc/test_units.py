@@ -13,6 +13,7 @@ from talc.units import COLUMN_UNITS, named_unit
     [
         ("EZ0T_mm", "mm"),
         ("lift [mm]", "mm"),
+        ("drift_nm", "nm"),
         ("lift (M)", "m"),
         ("tilt [µrad] ", "urad"),
         ("tilt_μrad", "urad"),
@@ -32,6 +33,7 @@ def test_the_unit_at_the_end_of_a_name_is_found_and_others_are_not_guessed(name:
 
 def test_lengths_are_in_micrometres_and_angles_in_micrometres_per_metre() -> None:
     assert COLUMN_UNITS["in"] == (MICROMETRE, 25_400.0)
+    assert COLUMN_UNITS["nm"] == (MICROMETRE, 0.001)
     assert {COLUMN_UNITS[unit][0] for unit in ("um", "mm", "m")} == {MICROMETRE}
     unit, factor = COLUMN_UNITS["arcsec"]
     assert unit == MICROMETRE_PER_METRE

@@ -160,11 +160,9 @@ def named_errors(pairs: tuple[str, ...]) -> dict[str, str]:
 
 def named_units(pairs: tuple[str, ...]) -> dict[str, str]:
     """Unit of each error."""
-    from talc.units import COLUMN_UNITS
+    from talc.units import COLUMN_UNITS, plain_unit
 
-    found = {
-        name: unit.replace("µ", "u").replace("μ", "u") for name, unit in _pairs(pairs, "--unit", "NAME=UNIT").items()
-    }
+    found = {name: plain_unit(unit) for name, unit in _pairs(pairs, "--unit", "NAME=UNIT").items()}
     for name, unit in found.items():
         if unit not in COLUMN_UNITS:
             raise click.BadParameter(f"{name}={unit}: expected one of {', '.join(COLUMN_UNITS)}", param_hint="--unit")
@@ -174,8 +172,9 @@ def named_units(pairs: tuple[str, ...]) -> dict[str, str]:
 def time_unit_of(unit: str, form: str) -> str:
     """The unit of `--time-unit`; empty if it was not given."""
     from gateway.recordings import TIME_UNITS
+    from talc.units import plain_unit
 
-    unit = unit.replace("µ", "u").replace("μ", "u")
+    unit = plain_unit(unit)
     if unit and unit not in TIME_UNITS:
         raise click.BadParameter(f"{unit!r}: expected one of {', '.join(TIME_UNITS)}", param_hint="--time-unit")
     if unit and form:

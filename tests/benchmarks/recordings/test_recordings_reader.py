@@ -36,6 +36,16 @@ def test_faster_rows_are_averaged_over_the_step_that_they_end_in(tmp_path: Path)
     assert series.k[:3].tolist() == [0, 1, 2]
 
 
+@pytest.mark.parametrize(("unit", "in_a_second"), [("ns", 1e9), ("us", 1e6), ("µs", 1e6), ("ms", 1e3), ("h", 1 / 3600)])
+def test_times_are_converted(tmp_path: Path, unit: str, in_a_second: float) -> None:
+    lines = [f"{i * 300 * in_a_second},{i * 5.0},{i * 2.5}" for i in range(40)]
+    toml = f'errors = ["drift"]\ntime.unit = "{unit}"'
+    _, series = read_series(written(tmp_path, toml, [HEAD, *lines]))
+    assert series.step_s == pytest.approx(300.0)
+    assert np.diff(series.k).tolist() == [1] * (len(series.k) - 1)
+    assert len(series.k) == 40
+
+
 def test_the_last_value_of_a_step_is_taken_where_that_is_wanted(tmp_path: Path) -> None:
     path = written(tmp_path, 'errors = ["drift"]\nsampling = "last"', [HEAD, *rows_each(60, 200)])
     _, series = read_series(path)
@@ -44,12 +54,21 @@ def test_the_last_value_of_a_step_is_taken_where_that_is_wanted(tmp_path: Path) 
 
 @pytest.mark.parametrize(
     ("unit", "scale", "angle"),
-    [("mm", 1000.0, False), ("nm", 0.001, False), ("um/m", 1.0, True), ("arcsec", np.pi / 180 / 3600 * 1e6, True)],
+    [
+        ("mm", 1000.0, False),
+        ("nm", 0.001, False),
+        ("in", 25400.0, False),
+        ("µm", 1.0, False),
+        ("um/m", 1.0, True),
+        ("μrad", 1.0, True),
+        ("arcsec", np.pi / 180 / 3600 * 1e6, True),
+    ],
 )
 def test_errors_noise_and_probing_are_converted(tmp_path: Path, unit: str, scale: float, angle: bool) -> None:
     toml = f'errors = ["drift"]\nunit = "{unit}"\nnoise = 0.3\nprobing = 0.4'
-    _, series = read_series(written(tmp_path, toml, [HEAD, *rows_each(300, 40)]))
-    assert series.truth[2, 0] == pytest.approx(5.0 * scale)
+    lines = [f"{i * 300},{i * 5},{i * 0.25}" for i in range(40)]
+    _, series = read_series(written(tmp_path, toml, [HEAD, *lines]))
+    assert series.truth[2, 0] == pytest.approx(0.5 * scale)
     assert series.noise[0] == pytest.approx(0.3 * scale)
     assert series.probing[0] == pytest.approx(0.4 * scale)
     assert series.angle.tolist() == [angle]
@@ -136,6 +155,7 @@ def test_patterns_choose_inputs_and_say_what_they_are(tmp_path: Path) -> None:
         ('errors = ["drfit"]', "errors: the recording has no column 'drfit'; did you mean 'drift'?"),
         ('errors = ["drift"]\ninputs = ["t9"]', "inputs: the recording has no column 't9'; possible: drift, t1, time"),
         ('errors = ["drift"]\nunit = "inch"', "unit: 'inch' is invalid"),
+        ('errors = ["drift"]\ntime.unit = "hour"', "unit: 'hour' is invalid"),
         ('errors = ["drift"]\nnoise = -1', "noise: -1: expected at least 0"),
         ('errors = ["drift"]\nsigma = 1', "sigma: unknown key"),
         ("step_s = 300", "errors: missing"),

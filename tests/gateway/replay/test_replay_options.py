@@ -52,13 +52,13 @@ def test_units_are_converted(tmp_path: Path) -> None:
     plain = read_recording(path, Columns(), 300.0).errors
     found = read_recording(path, Columns(units={"EX0C": "mm", "EA0C": "mrad"}), 300.0).errors
     np.testing.assert_allclose(found[:, [2, 6]], 1000.0 * plain[:, [2, 6]])
-    with pytest.raises(RecordingError, match=r"unit of EX0C: 'rad' is no unit of µm; expected um, mm, m, in$"):
+    with pytest.raises(RecordingError, match=r"unit of EX0C: 'rad' is no unit of µm; expected nm, um, mm, m, in$"):
         read_recording(path, Columns(units={"EX0C": "rad"}), 300.0)
     with pytest.raises(RecordingError, match="unit of EY0A: there is no such error"):
         read_recording(path, Columns(units={"EY0A": "mm"}), 300.0)
     answer = here("replay", path, "--unit", "EX0C=furlong")
     assert answer.code == 2
-    assert "EX0C=furlong: expected one of um, mm" in answer.together
+    assert "EX0C=furlong: expected one of nm, um, mm" in answer.together
 
 
 def test_more_errors_than_the_controller_has_places_for_are_refused(tmp_path: Path) -> None:
