@@ -27,7 +27,7 @@ def _one_of(units: Collection[str]) -> AfterValidator:
 
 
 ErrorUnit = Annotated[str, _one_of(COLUMN_UNITS)]
-TimeUnit = Annotated[str, _one_of(TIME_UNITS)]
+RecordedTimeUnit = Annotated[str, _one_of(TIME_UNITS)]
 ColumnKind = Literal["temperature", "speed", "power", "length", "state", "other"]
 _TABLES = (".csv", ".parquet")
 
@@ -56,7 +56,7 @@ class TimeColumn(_DescriptionSection):
     """The column of times."""
 
     column: str = "time"
-    unit: TimeUnit = "s"
+    unit: RecordedTimeUnit = "s"
     """Unit of numeric times; ISO 8601 date-times are recognised."""
     format: str | None = None
     """Format of other date-times, for Python's strptime."""

@@ -19,7 +19,7 @@ from tests.benches.waits import until
 KNOWN = np.ones(len(NAMES), np.bool_)
 
 
-class Teacher:
+class RowNotes:
     """Notes the rows and the grid step that it is given."""
 
     def __init__(self, *, learns: bool = True) -> None:
@@ -63,7 +63,7 @@ def is_temperature(name: str) -> bool:
 
 
 async def test_sensors_are_learnt_each_day_and_judged_each_hour_at_ten_minutes() -> None:
-    x, teacher, judged = bodies(work(3, 3), 3)[::2], Teacher(), list[int]()
+    x, teacher, judged = bodies(work(3, 3), 3)[::2], RowNotes(), list[int]()
 
     def hear(event: GatewayEvent) -> None:
         if isinstance(event, SensorsJudged):
@@ -83,7 +83,7 @@ async def test_sensors_are_learnt_each_day_and_judged_each_hour_at_ten_minutes()
 
 @pytest.mark.parametrize(("step_s", "a_day"), [(60.0, 1440), (300.0, 288)])
 async def test_a_day_is_waited_for_where_fewer_rows_are_learnt_from(step_s: float, a_day: int) -> None:
-    teacher = Teacher(learns=False)
+    teacher = RowNotes(learns=False)
     settings = SensorCheckSettings(window_steps=12, learn_steps=36)
     watching = SensorWatch(NAMES, settings, step_s, is_temperature, lambda _: None, SteppedClock(), None, teacher)
     for k in range(a_day):
@@ -97,7 +97,7 @@ async def test_a_day_is_waited_for_where_fewer_rows_are_learnt_from(step_s: floa
 async def test_no_row_goes_unjudged_where_a_window_is_shorter_than_an_hour() -> None:
     clock = CountingClock()
     settings = SensorCheckSettings(window_steps=96, learn_steps=288)
-    watching = SensorWatch(NAMES, settings, 10.0, is_temperature, lambda _: None, clock, None, Teacher())
+    watching = SensorWatch(NAMES, settings, 10.0, is_temperature, lambda _: None, clock, None, RowNotes())
     running = asyncio.create_task(watching.run())
     for k in range(400):
         watching.frame(Frame(k, np.full(len(NAMES), 20.0), KNOWN))
