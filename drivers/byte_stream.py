@@ -3,7 +3,6 @@
 import asyncio
 import errno
 import os
-import re
 import socket
 import termios
 from collections.abc import Callable
@@ -15,6 +14,7 @@ from serial.rs485 import RS485Settings
 
 from drivers.base import ConnectError
 from drivers.bus_settings import SerialSettings
+from drivers.error_words import error_number, in_words
 from drivers.section import host_and_port
 from drivers.tap import Tap
 
@@ -23,8 +23,6 @@ _MOST_UNREAD = 65536
 CLOSED = "not connected"
 """Why nothing comes: it is not open."""
 _TAKEN = "another program has it open"
-_ERROR_NUMBER = re.compile(r"(?:Errno |\()(\d+)")
-"""The wording of this error in pyserial and termios."""
 
 
 class ByteStream(Protocol):
@@ -183,7 +181,7 @@ class SerialStream:
             )
         except (OSError, ValueError, termios.error) as error:
             raise ConnectError(
-                f"cannot open serial port {s.port}: {_reason(error)}",
+                f"cannot open serial port {s.port}: {in_words(error)}",
                 bus=self._bus,
                 hint=serial_port_hint(error, s.parity) or "check port, baud, parity and stopbits",
             ) from error
@@ -208,7 +206,7 @@ class SerialStream:
             self._port = None
             port.close()
             raise ConnectError(
-                f"serial port {s.port} does not switch by RTS (rs485_rts = {s.rs485_rts!r}): {_reason(error)}",
+                f"serial port {s.port} does not switch by RTS (rs485_rts = {s.rs485_rts!r}): {in_words(error)}",
                 bus=self._bus,
                 hint="remove rs485_rts: the adapter switches by itself, or needs another driver",
             ) from error
@@ -230,7 +228,7 @@ class SerialStream:
         try:
             written = os.write(self._port.fileno(), data)
         except OSError as error:
-            self._inbox.lose(f"serial port {self._settings.port} is gone: {error}")
+            self._inbox.lose(f"serial port {self._settings.port} is gone: {in_words(error)}")
             self._inbox.check()
         else:
             if written < len(data):
@@ -249,7 +247,7 @@ class SerialStream:
         except BlockingIOError:
             return
         except OSError as error:
-            data, reason = b"", str(error)
+            data, reason = b"", in_words(error)
         else:
             reason = "hung up"
         if data:
@@ -261,9 +259,7 @@ class SerialStream:
 
 def serial_port_hint(error: Exception, parity: str = "N") -> str:
     """What to do about this error when a serial port does not open; empty when unknown."""
-    text = str(error)
-    found = _ERROR_NUMBER.search(text)
-    match int(found[1]) if found else 0:
+    match error_number(error):
         case errno.EAGAIN:
             return _TAKEN
         case errno.ENOENT:
@@ -274,14 +270,7 @@ def serial_port_hint(error: Exception, parity: str = "N") -> str:
             return "this is not a serial port; ls -l /dev/serial/by-id lists the ports"
         case errno.EINVAL if parity != "N":
             return "this port does not support parity (pseudo-terminals do not); set parity = 'N'"
-    return _TAKEN if "xclusive" in text else ""
-
-
-def _reason(error: Exception) -> str:
-    """The error's text; str(termios.error) would show a tuple, as it is not an OSError."""
-    if isinstance(error, termios.error) and len(error.args) > 1:
-        return f"[Errno {error.args[0]}] {error.args[1]}"
-    return str(error)
+    return _TAKEN if "xclusive" in str(error) else ""
 
 
 class TcpStream:
@@ -310,9 +299,10 @@ class TcpStream:
                 bus=self._bus,
                 hint="check power, cable and address",
             ) from error
-        except (OSError, UnicodeError) as error:  # UnicodeError: of a name that no host can have
+        except (OSError, UnicodeError) as error:
+            why = "no host can have this name" if isinstance(error, UnicodeError) else in_words(error)
             raise ConnectError(
-                f"cannot connect to {host_and_port(self._host, self._tcp_port)}: {error}",
+                f"cannot connect to {host_and_port(self._host, self._tcp_port)}: {why}",
                 bus=self._bus,
                 hint="check host and port",
             ) from error
@@ -350,7 +340,7 @@ class _TcpProtocol(asyncio.Protocol):
         self._put(data)
 
     def connection_lost(self, exc: Exception | None) -> None:
-        self._lose(f"connection lost: {exc}" if exc else "the device closed the connection")
+        self._lose(f"connection lost: {in_words(exc)}" if exc else "the device closed the connection")
 
 
 def notice_dead_peer(sock: socket.socket) -> None:

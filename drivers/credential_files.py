@@ -11,7 +11,8 @@ if TYPE_CHECKING:
 
 def unusable_file(field: str, path: Path | None, error: Exception, device: str = "") -> SetupError:
     """The error that says why the file of a field cannot be used."""
-    return SetupError(f"{field} = {str(path)!r} cannot be used: {error}", device=device)
+    said = error.strerror if isinstance(error, OSError) else None
+    return SetupError(f"{field} = {str(path)!r} cannot be used: {said or error}", device=device)
 
 
 def secret_in(field: str, path: Path, device: str = "") -> str:

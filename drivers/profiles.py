@@ -10,6 +10,7 @@ from drivers.agent import AgentProfile
 from drivers.base import SetupError
 from drivers.can import CanDbcProfile
 from drivers.canopen import CanOpenProfile, Cia404Profile
+from drivers.error_words import in_words
 from drivers.micro_epsilon import MeEthernetProfile, MeRs485Profile
 from drivers.modbus import ModbusProfile
 from drivers.mqtt import MqttProfile
@@ -92,7 +93,7 @@ def user_profile(name: str) -> UserProfile:
             parts.append(content := path.read_bytes())
             other = key, _one_line_end(content.decode(OTHER_ENCODING))
         except (OSError, UnicodeDecodeError) as error:
-            raise SetupError(f"profile {name}: cannot be read: {error}") from error
+            raise SetupError(f"profile {name}: {path} cannot be read: {in_words(error)}") from error
     return UserProfile(profile, text, other, sha256(b"".join(sha256(part).digest() for part in parts)).hexdigest())
 
 
@@ -105,7 +106,9 @@ def _bytes(name: str) -> bytes:
     try:
         return Path(name).read_bytes()
     except OSError as error:
-        raise SetupError(f"profile {name}: cannot be read: {error}", hint="give the path of a TOML file") from error
+        raise SetupError(
+            f"profile {name}: cannot be read: {in_words(error)}", hint="give the path of a TOML file"
+        ) from error
 
 
 def _decoded(name: str, content: bytes) -> str:

@@ -14,6 +14,7 @@ from serial import rfc2217
 from drivers.base import ConnectError
 from drivers.bus_settings import SerialSettings
 from drivers.byte_stream import CLOSED, ByteStream, Inbox, SerialStream, TcpStream, notice_dead_peer
+from drivers.error_words import in_words
 from drivers.tap import Tap
 
 SERVER_PAUSE_S = 0.1
@@ -87,7 +88,7 @@ class Rfc2217Stream:
             raise
         except (OSError, ValueError) as error:
             raise ConnectError(
-                f"cannot open serial port {self._settings.port}: {error}",
+                f"cannot open serial port {self._settings.port}: {in_words(error)}",
                 bus=self._bus,
                 hint="check host and port, and that the server speaks RFC 2217 there (Telnet with COM port control); "
                 "for raw TCP write socket:// instead",
@@ -120,7 +121,7 @@ class Rfc2217Stream:
         try:
             self._port.write(data)  # a request fits into the socket's buffer, so that this does not wait
         except OSError as error:
-            self._inbox.lose(f"serial port {self._settings.port} is gone: {error}")
+            self._inbox.lose(f"serial port {self._settings.port} is gone: {in_words(error)}")
             self._inbox.check()
 
     async def read(self, timeout_s: float) -> bytes:
@@ -137,7 +138,7 @@ class Rfc2217Stream:
                     if data := port.read(max(1, port.in_waiting)):
                         loop.call_soon_threadsafe(self._heard, port, data)
             except OSError as error:
-                loop.call_soon_threadsafe(self._lost, port, str(error))
+                loop.call_soon_threadsafe(self._lost, port, in_words(error))
 
     def _heard(self, port: _DeviceServerPort, data: bytes) -> None:
         if self._port is port:

@@ -14,6 +14,7 @@ from pydantic import Field, PrivateAttr, model_validator
 from drivers.base import Quality
 from drivers.can.multiplex import alone, pages_of
 from drivers.can.wanted import WantedFrame
+from drivers.error_words import in_words
 from drivers.faults import CodeRule, Fault, NumberRule, RangeRule, RawNumber
 from drivers.problems import suggestion
 from drivers.profile import DeviceProfile
@@ -97,7 +98,7 @@ class CanDbcProfile(DeviceProfile):
         try:
             database = load_file(self.dbc, database_format="dbc", encoding=OTHER_ENCODING)
         except (OSError, DbcError, ValueError) as error:
-            raise wrong(f"{self.dbc} cannot be read: {error}", "dbc") from error
+            raise wrong(f"{self.dbc} cannot be read: {in_words(error)}", "dbc") from error
         if not isinstance(database, Database):
             raise wrong(f"{self.dbc} describes no CAN messages", "dbc")
         return database

@@ -26,6 +26,7 @@ from drivers.byte_stream import serial_port_hint
 from drivers.can.receiver import MonotonicInterface
 from drivers.can.settings import CanInterfaceSettings
 from drivers.can.tapped import TappedInterface
+from drivers.error_words import error_number, in_words
 from drivers.tap import Tap
 
 _SERIAL_WAIT_S = 0.1
@@ -50,7 +51,7 @@ def open_interface(
     except (can.CanError, OSError, ValueError, ImportError) as error:
         hint = serial_port_hint(error) if settings.interface == "slcan" else _remedy(settings, error)
         raise ConnectError(
-            f"cannot open {settings.interface} {settings.channel}: {error}",
+            f"cannot open {settings.interface} {settings.channel}: {in_words(error)}",
             bus=bus,
             hint=hint or "is the adapter plugged in, or the interface up? another program may have it open",
         ) from error
@@ -92,18 +93,14 @@ def interface_error(
     bus: str, device: str, settings: CanInterfaceSettings, error: Exception, hint: str = "connect the bus again"
 ) -> ConnectError:
     """The error of an interface that was open; `hint` applies when the kernel's error has none."""
-    full = _error_number(error) == errno.ENOBUFS
+    full = error_number(error) == errno.ENOBUFS
     what = "cannot send on" if full else "interface"
     return ConnectError(
-        f"{what} {settings.channel}{'' if full else ' is gone'}: {error}",
+        f"{what} {settings.channel}{'' if full else ' is gone'}: {in_words(error)}",
         bus=bus,
         device=device,
         hint=_remedy(settings, error) or hint,
     )
-
-
-def _error_number(error: Exception) -> int | None:
-    return error.error_code if isinstance(error, can.CanError) else getattr(error, "errno", None)
 
 
 def _remedy(settings: CanInterfaceSettings, error: Exception) -> str | None:
@@ -123,7 +120,7 @@ def _remedy(settings: CanInterfaceSettings, error: Exception) -> str | None:
         "(RestrictAddressFamilies needs AF_CAN)",
         errno.EPERM: denied,
         errno.EACCES: denied,
-    }.get(_error_number(error) or 0)
+    }.get(error_number(error) or 0)
 
 
 def slcan_frame(line: bytes) -> can.Message | None:

@@ -11,6 +11,7 @@ from typing import Any, ClassVar, Final, Literal, Self
 from pydantic import Field, PrivateAttr, model_validator
 
 from drivers.canopen.place import CanObject
+from drivers.error_words import in_words
 from drivers.faults import NumberRule
 from drivers.number_types import ByteNumber, raw_number
 from drivers.profile import DeviceProfile, LinearValue
@@ -95,7 +96,8 @@ def _read(path: Path) -> Any:
         with path.open(encoding=OTHER_ENCODING) as file:  # the library would read it in the system's encoding
             return import_eds(file, None)  # type: ignore[no-untyped-call]
     except Exception as error:  # the library checks little: configparser's, KeyError, ValueError, OSError
-        raise wrong(f"{path} cannot be read: {type(error).__name__}: {error}", "eds") from error
+        why = in_words(error) if isinstance(error, OSError) else f"{type(error).__name__}: {error}"
+        raise wrong(f"{path} cannot be read: {why}", "eds") from error
 
 
 def _in(dictionary: Any, entry: ObjectEntry, *at: str | int) -> ByteNumber:

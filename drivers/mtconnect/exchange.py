@@ -5,6 +5,7 @@ import http.client
 from urllib.parse import urlsplit
 
 from drivers.base import BadAnswer, ConnectError, NoAnswer
+from drivers.error_words import in_words
 from drivers.hang_up import HangUp
 from drivers.mtconnect.document import AgentError, elements
 
@@ -24,7 +25,7 @@ async def ask_agent(url: str, machine: str, request: str, timeout_s: float) -> b
     except TimeoutError as error:
         raise NoAnswer(f"{url}: no answer to {request} within {timeout_s:g} s", device="nc") from error
     except (OSError, http.client.HTTPException, ValueError, OverflowError) as error:  # ValueError: of a chunk's size
-        raise ConnectError(f"{url}: {str(error) or type(error).__name__}", device="nc") from error
+        raise ConnectError(f"{url}: {in_words(error)}", device="nc") from error
     finally:
         exchange.hang_up.now()
     if len(body) > _MOST_BYTES:

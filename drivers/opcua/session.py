@@ -17,6 +17,7 @@ from asyncua.ua.uatypes import DataValue, Int16, NodeId, StatusCode, String, Var
 
 from drivers.base import BadAnswer, ConnectError, DriverError, NoAnswer, Refused, SetupError, WrongDevice
 from drivers.credential_files import secret_in
+from drivers.error_words import in_words
 from drivers.opcua.answers import SERVER_TIME, node_id, node_value, time_in
 from drivers.opcua.certificates import application_uri, check_key, valid_certificate
 from drivers.opcua.nodes import NO_NAMESPACE, NodeName, NodeValue
@@ -269,7 +270,7 @@ class OpcUaSession:
         if isinstance(error, UaStatusCodeError) and error.code not in LOST:
             kind = Refused if error.code in DENIED else BadAnswer
             return kind(f"the server answers {_name(error)} when the gateway {what}", device=self._device)
-        return ConnectError(f"the connection to {self._settings.url} is lost: {_say(error)}", device=self._device)
+        return ConnectError(f"the connection to {self._settings.url} is lost: {in_words(error)}", device=self._device)
 
     def _unreadable(self, error: Exception, what: str) -> BadAnswer:
         """Our error for an exception that is not one of the library's own."""
@@ -295,7 +296,7 @@ class OpcUaSession:
                 )
         elif isinstance(error, UaError):
             hint = SECURE if self._settings.security == "none" else ""
-            return Refused(f"{url} offers no such session: {_say(error)}", device=device, hint=hint)
+            return Refused(f"{url} offers no such session: {in_words(error)}", device=device, hint=hint)
         if isinstance(error, AssertionError):  # the library raises this when the server refuses the channel
             hint = "does the control trust the gateway's certificate, and is server_certificate the control's own?"
             return Refused(
@@ -309,7 +310,7 @@ class OpcUaSession:
                 hint = "is server_certificate this control's own, and does the control trust the gateway's certificate?"
             return NoAnswer(f"{url} does not answer within {self._settings.timeout_s:g} s", device=device, hint=hint)
         hint = "is it on, is its OPC UA server licensed and running, and is the port correct?"
-        return ConnectError(f"cannot open {url}: {_say(error)}", device=device, hint=hint)
+        return ConnectError(f"cannot open {url}: {in_words(error)}", device=device, hint=hint)
 
     async def _secure(self, client: Client) -> None:
         settings = self._settings
@@ -331,13 +332,13 @@ class OpcUaSession:
             raise self._unreachable(error) from error
         except UaError as error:
             raise Refused(
-                f"{settings.url} offers no Basic256Sha256 with SignAndEncrypt: {_say(error)}",
+                f"{settings.url} offers no Basic256Sha256 with SignAndEncrypt: {in_words(error)}",
                 device=self._device,
                 hint="switch this endpoint on in the control's OPC UA settings",
             ) from error
         except (OSError, ValueError, TypeError) as error:
             raise SetupError(
-                f"private_key = {str(settings.private_key)!r} cannot be used: {_say(error)}", device=self._device
+                f"private_key = {str(settings.private_key)!r} cannot be used: {in_words(error)}", device=self._device
             ) from error
 
 
@@ -361,7 +362,3 @@ def _reset(client: Client) -> None:
 
 def _name(error: UaStatusCodeError) -> str:
     return type(error).__name__
-
-
-def _say(error: Exception) -> str:
-    return str(error) or type(error).__name__

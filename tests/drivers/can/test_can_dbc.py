@@ -140,7 +140,7 @@ async def test_unplugged_adapter_is_a_connection_fault(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "says"),
     [
-        ("logger.dbc", "nowhere.dbc", "dbc: .*nowhere.dbc cannot be read"),
+        ("logger.dbc", "nowhere.dbc", "dbc: .*nowhere.dbc cannot be read: No such file or directory$"),
         ('"T2"', '"T9"', r"signal\[2\].name: unknown signal 'T9'; possible: T0, T1, T2, T3"),
         ('"Second"', '"Third"', r"signal\[4\].message: unknown message 'Third'; possible: First, Real, Second"),
     ],

@@ -2,6 +2,7 @@
 
 import asyncio
 import errno
+import os
 import re
 import socket
 from collections.abc import AsyncIterator, Callable, Sequence
@@ -108,14 +109,16 @@ async def test_what_cannot_be_opened_is_reported_with_its_remedy(
 ) -> None:
     fault(kernel)
     error = await refused(kind, bitrate=250_000)
-    assert re.fullmatch(rf"bus can1: cannot open socketcan can0: \[Errno \d+\] {what} \(.*\)", str(error))
+    assert re.fullmatch(rf"bus can1: cannot open socketcan can0: {what} \(.*\)", str(error))
     assert remedy in error.hint
     assert all(one.closed for one in kernel.sockets)
 
 
 async def test_kernel_of_this_computer_knows_no_such_interface() -> None:
     error = await refused(channel="nowhere0")
-    assert "cannot open socketcan nowhere0: [Errno" in error.what
+    assert error.what.removeprefix("cannot open socketcan nowhere0: ") in {
+        os.strerror(number) for number in (errno.ENODEV, errno.EAFNOSUPPORT, errno.EPERM)
+    }
     assert "ip link" in error.hint or "modprobe can_raw" in error.hint
 
 
@@ -191,7 +194,7 @@ async def test_full_queue_is_reported_as_nobody_acknowledging(kernel: CanKernel)
         await driver.read()
         kernel.refuses_to_send = errno.ENOBUFS
         error = await read_until(driver, ConnectError)
-        assert error.what.startswith("cannot send on can0: Failed to transmit: No buffer space available")
+        assert error.what == "cannot send on can0: No buffer space available"
         assert "no node acknowledges" in error.hint
         kernel.refuses_to_send = 0
         assert await read_again(bus, driver) == pytest.approx(TEMPERATURES)

@@ -1,0 +1,31 @@
+"""Errors of the operating system in its own words: libraries repeat their numbers, names and addresses in the text."""
+
+import os
+import re
+
+_NUMBER = re.compile(r"\[Errno (\d+)\]|\((\d+), '")
+"""An error's number in the texts of asyncio, pyserial, termios and python-can."""
+
+
+def error_number(error: BaseException) -> int | None:
+    """The operating system's number of the error; None: it has none."""
+    return next(iter(_numbers(error)), None)
+
+
+def in_words(error: BaseException) -> str:
+    """What the operating system says of the error, such as `Connection refused`; else the error's own text.
+
+    Not for an error of TLS: its number is not the operating system's.
+    """
+    if numbers := _numbers(error):
+        return ", ".join(dict.fromkeys(os.strerror(number) for number in numbers))
+    own = error.strerror if isinstance(error, OSError) else None  # of a name that cannot be resolved
+    return own or str(error) or type(error).__name__
+
+
+def _numbers(error: BaseException) -> list[int]:
+    """One number, or one for each address that was tried."""
+    number = getattr(error, "error_code", None) or getattr(error, "errno", None)  # error_code: python-can's
+    if isinstance(number, int) and number > 0:
+        return [number]
+    return [int(one or other) for one, other in _NUMBER.findall(str(error))]
