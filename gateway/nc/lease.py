@@ -7,7 +7,7 @@ from drivers.base import NoAnswer
 from drivers.nc import NumericalControl, WatchdogTerms
 from gateway.clock import ServiceClock
 from gateway.config import Compensation
-from gateway.nc.problems import HEARD_AGAIN, NOT_ANSWERED, NOT_RECEIVED
+from gateway.nc.problems import HEARD_AGAIN, NOT_ANSWERED, UNRECEIVED
 from gateway.nc.settings import Identity
 from gateway.nc.states import RIGHTS, Reply, Right, after
 from gateway.polling import Notice, Notify, Problems
@@ -77,7 +77,7 @@ class Lease:
             self._problems.clear(_WATCHDOG, HEARD_AGAIN)
         elif self._heard_before is not None:  # the first may be too early
             never = f"{NOT_ANSWERED}: no offset is written. Has its program been started since power-on?"
-            self._problems.report(_WATCHDOG, "unheard", NOT_RECEIVED if self._heard_before else never)
+            self._problems.report(_WATCHDOG, "unheard", UNRECEIVED if self._heard_before else never)
         self._heard_before = heard
         return heard
 

@@ -91,7 +91,9 @@ class Session:
     def _judged(self, snapshot: NcSnapshot) -> NcSnapshot:
         frozen = self._motion.frozen(snapshot)
         if frozen:
-            self._problems.report(_AXES, "frozen", f"NC: {', '.join(frozen)} report a speed and do not move")
+            what = f"NC: {', '.join(frozen)} report a speed and do not move"
+            remedy = "the control's values are frozen and not used: restart the server or agent that reports them"
+            self._problems.report(_AXES, "frozen", f"{what}; {remedy}")
         else:
             self._problems.clear(_AXES, "NC: no axis is frozen any more")
         return replace(snapshot, quality=Quality.STALE) if frozen else snapshot
@@ -100,7 +102,8 @@ class Session:
         """Once for each set of names: the values may change with each snapshot."""
         if found := snapshot.not_known:
             listed = ", ".join(f"{name} = {text}" for name, text in found.items())
-            self._problems.report(_VALUES, ", ".join(found), f"NC: not known to the gateway: {listed}")
+            remedy = "correct [nc] if it names the wrong item, else please report the word"
+            self._problems.report(_VALUES, ", ".join(found), f"NC: not known to the gateway: {listed}; {remedy}")
         else:
             self._problems.clear(_VALUES, "NC: all its values are known to the gateway again")
 

@@ -182,7 +182,8 @@ async def test_a_watchdog_that_misses_the_first_beat_alone_is_not_reported() -> 
         bench.control.watching = True
         await bench.clock.run_until(10.0)
     assert bench.notices == [
-        "NC: its watchdog did not receive the heartbeat of this gateway",
+        "NC: its watchdog did not receive the heartbeat of this gateway: nothing is written until it does. Look at the "
+        "network, and whether TALC's program still runs on the control",
         "NC: its watchdog is active again",
     ]
 

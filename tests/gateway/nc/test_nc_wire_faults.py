@@ -103,7 +103,10 @@ async def test_positions_that_freeze_while_the_axes_report_speed_are_used_no_lon
         await at.clock.run_until(145.0)
         np.testing.assert_allclose(at.shift(), [0.0, 0.0, 10.0], atol=1e-9)
         await at.clock.run_until(200.0)
-        assert [text for text in at.told(ended=False) if "X report a speed and do not move" in text]
+        assert (
+            "NC: X report a speed and do not move; the control's values are frozen and not used: restart the server or "
+            "agent that reports them"
+        ) in at.told(ended=False)
         assert at.steps[-1].step.source is Source.STALE
         np.testing.assert_allclose(at.shift(), 0.0, atol=1e-9)
         at.control.frozen = None

@@ -19,7 +19,10 @@ async def test_values_that_are_not_known_are_reported_once_and_again_when_they_a
         repair = answer_wrongly(bench, "snapshot", changing)
         bench.link.follow(decision(6.0))
         await bench.clock.run_until(50.0)
-        told = "NC: not known to the gateway: coolant = 'MIST-1' (data item flood of mill)"
+        told = (
+            "NC: not known to the gateway: coolant = 'MIST-1' (data item flood of mill); correct [nc] if it names the "
+            "wrong item, else please report the word"
+        )
         assert asked > 10
         assert bench.notices == [told], "not with each value"
         assert bench.control.in_force == (0.0, 0.0, 6.0), "positions and all else count"
