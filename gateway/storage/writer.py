@@ -368,14 +368,15 @@ class DatabaseWriter:
             else:
                 connection.executemany(item.statement, item.rows)
         except _REFUSED as error:
+            refusal = f"the database refuses rows of the table {', '.join(tables_of([item]))}: {error}"
             if not self._refused:
                 # Pages that contradict each other may refuse any row.
                 if found := contradiction(connection):
                     raise DamagedError(found) from error
-                log.exception("%s: refuses %s", self._path, item.statement)
+                log.exception("%s: %s; please report this", self._path, refusal)
             with self._changed:
                 self._refused += len(item.rows)
-                self._refusal = f"the database refuses rows: {error}"
+                self._refusal = refusal
 
     def _commit(self, connection: sqlite3.Connection) -> None:
         connection.commit()

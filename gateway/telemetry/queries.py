@@ -99,8 +99,10 @@ class Queries:
         except (ValueError, OSError) as error:
             self._refuse(query, str(error))
         except Exception as error:
-            log.exception("%s", query.selector)
-            self._refuse(query, f"unexpected {type(error).__name__}")
+            log.exception("unexpected error while answering %s; please report this", query.selector)
+            self._refuse(
+                query, f"unexpected {type(error).__name__}; please report it with the traceback in the gateway's log"
+            )
         else:
             key = f"{self.key}/{asked.below}" if asked.below else self.key
             query.reply(key, replied.payload, encoding=_JSON, attachment=replied.attachment)

@@ -302,7 +302,9 @@ def test_files_that_are_not_ours_are_refused_and_left_alone(tmp_path: Path) -> N
     assert not list(tmp_path.glob("*.lock"))
 
 
-def test_a_row_that_the_database_refuses_is_reported_and_the_others_are_stored(tmp_path: Path) -> None:
+def test_a_row_that_the_database_refuses_is_reported_and_the_others_are_stored(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     store = store_at(tmp_path / "g.sqlite")
 
     def write() -> None:
@@ -314,7 +316,9 @@ def test_a_row_that_the_database_refuses_is_reported_and_the_others_are_stored(t
 
     with pytest.raises(StoreError, match="UNIQUE constraint failed"):
         write()
-    assert "UNIQUE" in store.health.problem
+    said = "the database refuses rows of the table frame: UNIQUE constraint failed: frame.k"
+    assert store.health.problem == said
+    assert [record.getMessage() for record in caplog.records] == [f"{tmp_path}/g.sqlite: {said}; please report this"]
     assert rows(tmp_path / "g.sqlite", "SELECT k FROM frame") == [(1,), (2,)]
     with store_at(tmp_path / "g.sqlite"):
         pass

@@ -178,6 +178,18 @@ async def test_a_course_is_what_was_asked_for_and_a_wrong_query_says_what_is_wro
     assert asked == [CourseRequest(begin, end, 50), CourseRequest(begin, end, 500, temperatures=True)]
 
 
+async def test_an_unexpected_error_is_logged_with_the_query_and_what_to_do(caplog: pytest.LogCaptureFixture) -> None:
+    def find(request: HistoryRequest) -> HistoryPage:
+        raise KeyError(request.channels)
+
+    port = free_port()
+    async with with_history(port, find):
+        _, errors = ask(port, f"{ROOT}/history?{DAY};channels=a")
+    assert errors == ["history: unexpected KeyError; please report it with the traceback in the gateway's log"]
+    said = f"unexpected error while answering {ROOT}/history?{DAY};channels=a; please report this"
+    assert [record.getMessage() for record in caplog.records if record.exc_info] == [said]
+
+
 async def test_a_gateway_without_a_store_says_so() -> None:
     port = free_port()
     async with with_history(port, None):
