@@ -1,10 +1,12 @@
-"""The table of keys, docs/keys.md, matches what is published, field by field."""
+"""docs/keys.md matches what is published, field by field, and what is answered."""
 
 import math
 import re
+from enum import StrEnum
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from gateway.events import (
     CompensationStepped,
@@ -26,7 +28,7 @@ from gateway.events import (
 )
 from gateway.nc import NcState, Source, Step, Write
 from gateway.probing import Outcome, Outlook, Standing
-from gateway.telemetry import keys
+from gateway.telemetry import MESSAGE_TYPES, keys, schemas
 from talc.frame import Event, EventKind, Frame, Measurement, Why
 from talc.sensor_check import Judgement
 from tests.benches import telemetry_examples as example
@@ -42,6 +44,26 @@ def table() -> dict[str, set[str]]:
     """Kind of key to the fields that its row names in backticks."""
     rows = re.findall(r"^\| `(\w+)[^`]*` \| (.*) \|$", PAGE, re.MULTILINE)
     return {kind: set(re.findall(r"`(\w+)`", payload)) for kind, payload in rows}
+
+
+@pytest.mark.parametrize(
+    ("before", "words"),
+    [
+        ("`standing` of a wanted measurement: ", Standing),
+        ("the control (`nc`: ", NcState),
+    ],
+)
+def test_the_table_has_every_word_of_a_field(before: str, words: type[StrEnum]) -> None:
+    listed = PAGE.partition(before)[2]
+    assert listed[: min(listed.index(end) for end in ";)")].split(", ") == [str(word) for word in words]
+
+
+def test_the_page_lists_and_counts_the_keys_that_only_answer_queries() -> None:
+    number, listed = re.findall(r"answers queries on (\w+) more keys\..*?\n\n((?:[-\s].*\n)+)", PAGE, re.DOTALL)[0]
+    parts = {"command_terms", "command_request", "error"}
+    answered = schemas().keys() - MESSAGE_TYPES.keys() - parts | {keys.SCHEMA}
+    assert sorted(re.findall(r"^- `(\w+)", listed, re.MULTILINE)) == sorted(answered)
+    assert number == ("four", "five", "six", "seven", "eight")[len(answered) - 4]
 
 
 async def test_the_table_has_every_key_and_every_field_that_is_published() -> None:
