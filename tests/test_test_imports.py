@@ -103,7 +103,7 @@ def test_a_private_name_in_a_text_is_found(source: str) -> None:
 
 
 @pytest.mark.parametrize("source", ["f'{name}_um'", "name.endswith('_um')", "'__init__'", "'a _um'", "'talc._kernel'"])
-def test_a_part_of_another_text_is_none(source: str) -> None:
+def test_no_private_name_is_found_in_a_text_that_only_contains_an_underscore(source: str) -> None:
     assert named_in_texts(source) == []
 
 

@@ -79,13 +79,19 @@ def test_a_bearing_that_already_has_the_planned_speed_warms_no_further() -> None
     assert np.abs(found[:, BEARING]).max() < 0.1 * np.abs(changes(8000.0)[:, BEARING]).max()
 
 
-def test_what_follows_no_load_stays_as_it_is_and_nothing_unknown_is_foreseen() -> None:
+def test_only_temperatures_that_a_load_changes_follow_the_loads() -> None:
     assert "hall" not in response().followers
     assert "bearing" in response().followers
+
+
+def test_nothing_is_foreseen_of_a_planned_load_that_was_never_seen() -> None:
     recent = future(0.0)[LEARNT - DAY : LEARNT]
     known = np.ones(recent.shape, np.bool_)
     assert response().changes(NAMES, recent, known, {"spindle_speed": 12000.0}, 96) is None, "never as fast"
     assert response().changes(NAMES, recent, known, {"coolant": 1.0}, 96) is None, "never seen"
+
+
+def test_no_response_is_learnt_from_less_than_two_days_or_with_a_load_that_never_changed() -> None:
     x = future(0.0)
     assert learn_response(NAMES, x[: 2 * DAY - 1], np.ones((2 * DAY - 1, 6), np.bool_), LOADS) is None
     still = x.copy()

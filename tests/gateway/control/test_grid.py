@@ -201,7 +201,7 @@ def test_a_clock_that_jumps_keeps_the_index_rising_and_the_step_whole(jump_h: in
     assert gaps == pytest.approx(300.0, abs=1e-5)
 
 
-def test_a_clock_behind_the_store_numbers_on() -> None:
+def test_with_a_clock_behind_the_stored_steps_numbering_continues_from_them() -> None:
     schedule = Schedule(300.0, last_k=K_0 + 100)
     assert [schedule.next(UTC_0 + timedelta(seconds=s), s).k for s in (0.0, 200.0, 500.0)] == [
         K_0 + 101,

@@ -140,7 +140,7 @@ def test_a_probe_that_sits_differently_each_time_is_never_accepted() -> None:
             judge.plausible(measurement(EZ0A=float(shift), EY0A=20.0), predicted())
 
 
-def test_a_surprise_in_between_that_was_none_is_forgotten() -> None:
+def test_after_a_plausible_result_the_next_surprise_is_rejected_as_a_first_one() -> None:
     judge = checks()
     with pytest.raises(Rejected):
         judge.plausible(measurement(EZ0A=20.0), predicted())

@@ -36,7 +36,7 @@ def test_a_part_of_the_registers_is_that_of_the_next_answer() -> None:
     assert played.unknown == 0
 
 
-def test_a_part_of_the_bits() -> None:
+def test_a_request_for_some_of_the_recorded_bits_is_answered_with_those() -> None:
     played = script((BITS, frame(bytes((1, 2, 2)) + 0b1010_0110_0101.to_bytes(2, "little"))))
     assert answered(played, Block(2, 102, 9)) == bytes((2, 2)) + 0b0_1001_1001.to_bytes(2, "little")
     assert answered(played, Block(2, 111, 1)) == bytes((2, 1, 1))
