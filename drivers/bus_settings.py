@@ -11,9 +11,9 @@ from drivers.section import AnswerTime, HostName, Port, Section, SerialPort, hos
 
 Parity = Literal["N", "E", "O"]
 SLOWEST_BAUD, FASTEST_BAUD = 300, 4_000_000
-Wire = Literal["serial", "tcp", "mqtt", "can"]
+BusWire = Literal["serial", "tcp", "mqtt", "can"]
 """A serial line; a TCP connection whose bytes are all that matters; an MQTT broker; a CAN interface."""
-Framing = Literal["rtu", "numbered"]
+Telegrams = Literal["rtu", "numbered"]
 """Modbus RTU; Modbus TCP, whose messages have numbers."""
 Baud = Annotated[int, Field(ge=SLOWEST_BAUD, le=FASTEST_BAUD)]
 
@@ -67,9 +67,9 @@ class BusSettings(AnyBus):
 
     name_stem: ClassVar[str] = "bus"
     """What a scan calls such a bus, followed by a number."""
-    wire: ClassVar[Wire | None] = None
+    wire: ClassVar[BusWire | None] = None
     """On what a recording of it is played. None: it cannot be played."""
-    framing: ClassVar[Framing | None] = None
+    framing: ClassVar[Telegrams | None] = None
     """How a player tells one request from the next, if the bytes say so."""
 
     timeout_s: AnswerTime = 0.5
@@ -84,7 +84,7 @@ class BusSettings(AnyBus):
 class SerialSettings(BusSettings):
     """A serial line."""
 
-    wire: ClassVar[Wire | None] = "serial"
+    wire: ClassVar[BusWire | None] = "serial"
 
     port: SerialPort
     """Serial port. Give a udev name (/dev/serial/by-id/...): /dev/ttyUSB0 may be another adapter after a reboot. A
@@ -137,7 +137,7 @@ class SerialSettings(BusSettings):
 class HostSettings(BusSettings):
     """A port of a host."""
 
-    wire: ClassVar[Wire | None] = "tcp"
+    wire: ClassVar[BusWire | None] = "tcp"
 
     host: HostName
     """Host name or address."""

@@ -7,7 +7,7 @@ from typing import ClassVar, Final, Literal, Self, get_args
 
 from pydantic import ValidationInfo, field_validator, model_validator
 
-from drivers.bus_settings import BusSettings, Here, Wire
+from drivers.bus_settings import BusSettings, BusWire, Here
 from drivers.section import NotEmpty, Port, name_beside_the_file, wrong
 
 Interface = Literal["socketcan", "slcan", "udp_multicast", "virtual"]
@@ -32,7 +32,7 @@ class CanInterfaceSettings(BusSettings):
     """Settings of any CAN interface."""
 
     name_stem: ClassVar[str] = "can"
-    wire: ClassVar[Wire | None] = "can"
+    wire: ClassVar[BusWire | None] = "can"
 
     interface: Interface = "socketcan"
     """How the CAN bus is reached: through the kernel, a serial adapter or, for tests, the network or this process."""

@@ -4,7 +4,7 @@ from typing import ClassVar
 
 from pydantic import Field
 
-from drivers.bus_settings import Framing, HostSettings, SerialSettings
+from drivers.bus_settings import HostSettings, SerialSettings, Telegrams
 from drivers.section import Port, Section
 
 
@@ -23,7 +23,7 @@ class ModbusRtuSettings(SerialSettings, LineSettings):
     units: ClassVar[tuple[int, int]] = (1, 247)
     """First and last address on the bus."""
     several_per_unit: ClassVar[bool] = True
-    framing: ClassVar[Framing | None] = "rtu"
+    framing: ClassVar[Telegrams | None] = "rtu"
     name_stem: ClassVar[str] = "rtu"
 
 
@@ -38,7 +38,7 @@ class ModbusRtuTcpSettings(HostSettings, LineSettings):
     units: ClassVar[tuple[int, int]] = (1, 247)
     """First and last address on the bus."""
     several_per_unit: ClassVar[bool] = True
-    framing: ClassVar[Framing | None] = "rtu"
+    framing: ClassVar[Telegrams | None] = "rtu"
     name_stem: ClassVar[str] = "rtu"
 
 
@@ -49,7 +49,7 @@ class ModbusTcpSettings(HostSettings):
     units: ClassVar[tuple[int, int]] = (0, 255)
     """First and last address on the bus."""
     several_per_unit: ClassVar[bool] = True
-    framing: ClassVar[Framing | None] = "numbered"
+    framing: ClassVar[Telegrams | None] = "numbered"
     name_stem: ClassVar[str] = "tcp"
 
     port: Port = 502

@@ -4,7 +4,7 @@ from typing import ClassVar, Self
 
 from pydantic import Field, model_validator
 
-from drivers.bus_settings import BusSettings, Here, Wire
+from drivers.bus_settings import BusSettings, BusWire, Here
 from drivers.section import FilePath, NotEmpty, ServerTime, both_or_neither, host_and_port, user_and_password
 from drivers.server_url import UrlServer
 
@@ -52,7 +52,7 @@ class MqttBusSettings(MqttServer, BusSettings):
 
     bus_kind: ClassVar[str] = "mqtt"
     only_listens: ClassVar[bool] = True
-    wire: ClassVar[Wire | None] = "mqtt"
+    wire: ClassVar[BusWire | None] = "mqtt"
 
     timeout_s: ServerTime = 2.0
     """How long connecting may take, and how long the first read waits for topics that have had no message."""

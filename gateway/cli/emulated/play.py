@@ -13,7 +13,7 @@ from typing import Protocol
 import can
 
 from drivers.build import BUS_KINDS
-from drivers.bus_settings import Here, Wire
+from drivers.bus_settings import BusWire, Here
 from gateway.cli.conventions.signals import stop_on_signals
 from gateway.cli.conventions.terminal import terminal
 from gateway.config import BusSection, GatewayConfig, OtherBus, toml_value, unpacked, wires_toml
@@ -97,7 +97,7 @@ async def play_bus(
             return Played(bus, kind, there, script, adapter)
 
 
-def _passed(events: Iterable[WireEvent], wire: Wire) -> Iterable[Passed]:
+def _passed(events: Iterable[WireEvent], wire: BusWire) -> Iterable[Passed]:
     """The events in the player's terms. The gateway's own actions on the connection are omitted."""
     for event in events:
         if event.passed == "note":
