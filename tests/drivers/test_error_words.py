@@ -8,9 +8,9 @@ import can
 import pytest
 
 from drivers.base import ConnectError
-from drivers.build import make_bus
 from drivers.byte_stream import TcpStream
 from drivers.error_words import error_number, in_words
+from tests.benches.buses import make_bus
 from tests.benches.free_port import free_port
 
 LOCKED = "Could not exclusively lock port /dev/ttyUSB0: [Errno 11] Resource temporarily unavailable"
