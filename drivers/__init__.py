@@ -13,6 +13,7 @@ __all__ = [
     "can",
     "canopen",
     "credential_files",
+    "error_words",
     "first_use",
     "hang_up",
     "linuxcnc",

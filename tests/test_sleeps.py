@@ -78,6 +78,7 @@ PAUSES = {
     "drivers/test_serial_server.py test_a_port_that_opens_when_nobody_waits_any_more_is_closed": "the thread is at "
     "work from the first turn on; how far it has come must not matter",
     "gateway/cli/running/test_alive.py signs": OF_THE_LOOP,
+    "gateway/control/test_other_grid_steps.py CountingClock.looked": OF_THE_LOOP,
     "gateway/probing/test_prober.py test_a_write_under_way_ends_before_the_offsets_stand_still": OF_THE_LOOP,
     "simulators/devices/test_loopback.py test_a_client_that_connects_while_the_server_stops_is_disconnected."
     "connect_and_stop": "each of these numbers of turns is right",

@@ -34,7 +34,7 @@ def scanned_host(text: str) -> tuple[str, int | None]:
     try:
         host_name(host)
     except ValueError:
-        raise ValueError(f"{text!r}: expected a host's name or address, or host:port") from None
+        raise ValueError(f"{text!r}: expected the name or address of a host, or host:port") from None
     return host, int(port) if colon else None
 
 

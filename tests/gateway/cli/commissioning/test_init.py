@@ -122,7 +122,7 @@ def test_typed_answers_make_a_configuration_that_check_accepts(tmp_path: Path) -
         ('hosts = ["127.0.0.1:0"]', "'127.0.0.1:0': expected a port from 1 to 65535"),
         ('[control]\nkind = "sinumerik"\nurl = "192.168.1.1"', "'192.168.1.1': expected opc.tcp://host:port"),
         ('hosts = ["http://adam"]', "hosts number 1: 'http://adam': expected a port from 1 to 65535"),
-        ('hosts = ["adam/6015"]', "hosts number 1: 'adam/6015': expected a host's name or address, or host:port"),
+        ('hosts = ["adam/6015"]', "hosts number 1: 'adam/6015': expected the name or address of a host, or host:port"),
         ('serial = ["socket://127.0.0.1:4001"]', "serial number 1: 'socket://127.0.0.1:4001': expected the path of a "
          "serial port; for a device server: talc-gateway scan tcp --rtu HOST:PORT"),
         ('serial = ["http://x:1"]', "serial number 1: 'http://x:1': expected the path of a serial port"),
