@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from drivers.can.dbc_profile import CanDbcProfile
     from drivers.can.interface import interface_error, open_interface, shut
     from drivers.can.receiver import Receiver
-    from drivers.can.settings import CAN_BITRATES, CAN_INTERFACES, CanInterfaceSettings, CanSettings, is_multicast_group
+    from drivers.can.settings import CanInterfaceSettings, CanSettings, is_multicast_group
     from drivers.can.survey import CanSurvey, Heard, Stopped
 else:
     __getattr__ = on_first_use(
@@ -22,8 +22,6 @@ else:
             ".interface": ("interface_error", "open_interface", "shut"),
             ".receiver": ("Receiver",),
             ".settings": (
-                "CAN_BITRATES",
-                "CAN_INTERFACES",
                 "CanInterfaceSettings",
                 "CanSettings",
                 "is_multicast_group",
@@ -33,8 +31,6 @@ else:
     )
 
 __all__ = [
-    "CAN_BITRATES",
-    "CAN_INTERFACES",
     "CanBus",
     "CanDbcDevice",
     "CanDbcProfile",

@@ -6,14 +6,12 @@ from drivers.first_use import on_first_use
 
 if TYPE_CHECKING:
     from gateway.acquisition.acquisition import Acquisition
-    from gateway.acquisition.board import Aged, Board
+    from gateway.acquisition.board import Board
     from gateway.acquisition.build import lines_of
     from gateway.acquisition.line import Line
-    from gateway.acquisition.once import DeviceAnswer, read_once
-    from gateway.acquisition.plausibility import Check
+    from gateway.acquisition.once import read_once
     from gateway.acquisition.reload import BusChanges, PreparedReload, ReloadError, apply, bus_changes, prepare
     from gateway.acquisition.reports import NO_OTHER_MASTER, OTHER_MASTER
-    from gateway.acquisition.runner import Publish
     from gateway.acquisition.sample import Sample
     from gateway.acquisition.text import number_text, reading_text
 else:
@@ -21,14 +19,12 @@ else:
         __name__,
         {
             ".acquisition": ("Acquisition",),
-            ".board": ("Aged", "Board"),
+            ".board": ("Board",),
             ".build": ("lines_of",),
             ".line": ("Line",),
-            ".once": ("DeviceAnswer", "read_once"),
-            ".plausibility": ("Check",),
+            ".once": ("read_once",),
             ".reload": ("BusChanges", "PreparedReload", "ReloadError", "apply", "bus_changes", "prepare"),
             ".reports": ("NO_OTHER_MASTER", "OTHER_MASTER"),
-            ".runner": ("Publish",),
             ".sample": ("Sample",),
             ".text": ("number_text", "reading_text"),
         },
@@ -38,14 +34,10 @@ __all__ = [
     "NO_OTHER_MASTER",
     "OTHER_MASTER",
     "Acquisition",
-    "Aged",
     "Board",
     "BusChanges",
-    "Check",
-    "DeviceAnswer",
     "Line",
     "PreparedReload",
-    "Publish",
     "ReloadError",
     "Sample",
     "apply",

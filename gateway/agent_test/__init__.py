@@ -5,14 +5,14 @@ from typing import TYPE_CHECKING
 from drivers.first_use import on_first_use
 
 if TYPE_CHECKING:
-    from gateway.agent_test.clause import Clause, ClauseOutcome, ClauseResult, Moves
+    from gateway.agent_test.clause import ClauseResult, Moves
     from gateway.agent_test.clauses import CLAUSES, run_clauses
     from gateway.agent_test.connection import AgentUnderTest, Unreachable
 else:
     __getattr__ = on_first_use(
         __name__,
         {
-            ".clause": ("Clause", "ClauseOutcome", "ClauseResult", "Moves"),
+            ".clause": ("ClauseResult", "Moves"),
             ".clauses": ("CLAUSES", "run_clauses"),
             ".connection": ("AgentUnderTest", "Unreachable"),
         },
@@ -21,8 +21,6 @@ else:
 __all__ = [
     "CLAUSES",
     "AgentUnderTest",
-    "Clause",
-    "ClauseOutcome",
     "ClauseResult",
     "Moves",
     "Unreachable",

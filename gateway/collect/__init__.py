@@ -5,35 +5,29 @@ from typing import TYPE_CHECKING
 from drivers.first_use import on_first_use
 
 if TYPE_CHECKING:
-    from gateway.collect.collector import Collector, MachineAsked, SiteKept
+    from gateway.collect.collector import Collector, SiteKept
     from gateway.collect.database_machines import machines_in_database
-    from gateway.collect.folder import CollectError, Commit, SiteFolder
+    from gateway.collect.folder import CollectError
     from gateway.collect.machines import CollectedMachine, machines_in
     from gateway.collect.network import SiteNetwork
     from gateway.collect.places import site_at
-    from gateway.collect.progress import CollectProgress
 else:
     __getattr__ = on_first_use(
         __name__,
         {
-            ".collector": ("Collector", "MachineAsked", "SiteKept"),
+            ".collector": ("Collector", "SiteKept"),
             ".database_machines": ("machines_in_database",),
-            ".folder": ("CollectError", "Commit", "SiteFolder"),
+            ".folder": ("CollectError",),
             ".machines": ("CollectedMachine", "machines_in"),
             ".network": ("SiteNetwork",),
             ".places": ("site_at",),
-            ".progress": ("CollectProgress",),
         },
     )
 
 __all__ = [
     "CollectError",
-    "CollectProgress",
     "CollectedMachine",
     "Collector",
-    "Commit",
-    "MachineAsked",
-    "SiteFolder",
     "SiteKept",
     "SiteNetwork",
     "machines_in",

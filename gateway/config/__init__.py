@@ -6,17 +6,8 @@ from drivers.first_use import on_first_use
 
 if TYPE_CHECKING:
     from gateway.config.buses import (
-        AgentSection,
         BusSection,
-        CanOpenSection,
-        CanSection,
-        MeEthernetSection,
-        MeRs485Section,
         ModbusRtuSection,
-        ModbusRtuTcpSection,
-        ModbusTcpSection,
-        MqttSection,
-        OpcUaSection,
     )
     from gateway.config.certificates import certificate_end, certificate_ends
     from gateway.config.consequences import unarmed
@@ -26,7 +17,7 @@ if TYPE_CHECKING:
     from gateway.config.fields import DEFAULT_PREFIX, LOOPBACK, NAME_FORM, KeyPrefix, Name, key_prefix, machine_name
     from gateway.config.file import draft, load, parse
     from gateway.config.metrics import Metrics
-    from gateway.config.model import Channel, GatewayConfig
+    from gateway.config.model import GatewayConfig
     from gateway.config.outline import inputs_if_known, inputs_of_config, outlined, step_s_of
     from gateway.config.packed import packed_toml, unpacked
     from gateway.config.polled import PERIOD_S, READ_LIMIT_S, RETRY_MAX_PERIODS
@@ -36,7 +27,7 @@ if TYPE_CHECKING:
     from gateway.config.rules import cautions
     from gateway.config.sections import Compensation, Device, Limits, Probing, Storage
     from gateway.config.talc_only import TalcOnly, load_talc_only
-    from gateway.config.telemetry import Endpoint, EndpointParts, Operator, Telemetry, TelemetryTls, endpoint
+    from gateway.config.telemetry import Endpoint, Operator, Telemetry, TelemetryTls, endpoint
     from gateway.config.telemetry_rules import credential_problems
     from gateway.config.wires import toml_value, wires_toml
 else:
@@ -44,17 +35,8 @@ else:
         __name__,
         {
             ".buses": (
-                "AgentSection",
                 "BusSection",
-                "CanOpenSection",
-                "CanSection",
-                "MeEthernetSection",
-                "MeRs485Section",
                 "ModbusRtuSection",
-                "ModbusRtuTcpSection",
-                "ModbusTcpSection",
-                "MqttSection",
-                "OpcUaSection",
             ),
             ".certificates": ("certificate_end", "certificate_ends"),
             ".consequences": ("unarmed",),
@@ -64,7 +46,7 @@ else:
             ".fields": ("DEFAULT_PREFIX", "LOOPBACK", "NAME_FORM", "KeyPrefix", "Name", "key_prefix", "machine_name"),
             ".file": ("draft", "load", "parse"),
             ".metrics": ("Metrics",),
-            ".model": ("Channel", "GatewayConfig"),
+            ".model": ("GatewayConfig",),
             ".outline": ("inputs_if_known", "inputs_of_config", "outlined", "step_s_of"),
             ".packed": ("packed_toml", "unpacked"),
             ".polled": ("PERIOD_S", "READ_LIMIT_S", "RETRY_MAX_PERIODS"),
@@ -74,7 +56,7 @@ else:
             ".rules": ("cautions",),
             ".sections": ("Compensation", "Device", "Limits", "Probing", "Storage"),
             ".talc_only": ("TalcOnly", "load_talc_only"),
-            ".telemetry": ("Endpoint", "EndpointParts", "Operator", "Telemetry", "TelemetryTls", "endpoint"),
+            ".telemetry": ("Endpoint", "Operator", "Telemetry", "TelemetryTls", "endpoint"),
             ".telemetry_rules": ("credential_problems",),
             ".wires": ("toml_value", "wires_toml"),
         },
@@ -89,32 +71,21 @@ __all__ = [
     "READ_LIMIT_S",
     "RETRY_MAX_PERIODS",
     "AgentNc",
-    "AgentSection",
     "BusSection",
-    "CanOpenSection",
-    "CanSection",
-    "Channel",
     "Compensation",
     "ConfigError",
     "ControlSection",
     "Device",
     "Endpoint",
-    "EndpointParts",
     "GatewayConfig",
     "KeyPrefix",
     "Limits",
     "LinuxCncNc",
-    "MeEthernetSection",
-    "MeRs485Section",
     "Metrics",
     "ModbusRtuSection",
-    "ModbusRtuTcpSection",
-    "ModbusTcpSection",
-    "MqttSection",
     "MtConnectNc",
     "Name",
     "Nc",
-    "OpcUaSection",
     "Operator",
     "OtherBus",
     "PriorError",

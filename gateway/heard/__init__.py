@@ -8,12 +8,9 @@ if TYPE_CHECKING:
     from gateway.heard.hearing import Hearing
     from gateway.heard.instants import instant
     from gateway.heard.machine import (
-        KEPT,
         Applied,
         Estimated,
-        Explained,
         MachineSeen,
-        MeasuredErrors,
         applied,
         believable,
         holds_s,
@@ -29,12 +26,9 @@ else:
             ".hearing": ("Hearing",),
             ".instants": ("instant",),
             ".machine": (
-                "KEPT",
                 "Applied",
                 "Estimated",
-                "Explained",
                 "MachineSeen",
-                "MeasuredErrors",
                 "applied",
                 "believable",
                 "holds_s",
@@ -47,13 +41,10 @@ else:
     )
 
 __all__ = [
-    "KEPT",
     "Applied",
     "Estimated",
-    "Explained",
     "Hearing",
     "MachineSeen",
-    "MeasuredErrors",
     "SiteSeen",
     "SiteSubscription",
     "UnreadableMessages",

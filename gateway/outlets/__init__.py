@@ -8,27 +8,23 @@ from typing import TYPE_CHECKING
 from drivers.first_use import on_first_use
 
 if TYPE_CHECKING:
-    from gateway.outlets.feed import Feed
     from gateway.outlets.outlet import Outlet, OutletError, OutletMessage, OutletSettings, Unacceptable
-    from gateway.outlets.settings import OutletFile, load_outlets
+    from gateway.outlets.settings import load_outlets
     from gateway.outlets.source import GatewaySource
 else:
     __getattr__ = on_first_use(
         __name__,
         {
-            ".feed": ("Feed",),
             ".outlet": ("Outlet", "OutletError", "OutletMessage", "OutletSettings", "Unacceptable"),
-            ".settings": ("OutletFile", "load_outlets"),
+            ".settings": ("load_outlets",),
             ".source": ("GatewaySource",),
         },
     )
 
 __all__ = [
-    "Feed",
     "GatewaySource",
     "Outlet",
     "OutletError",
-    "OutletFile",
     "OutletMessage",
     "OutletSettings",
     "Unacceptable",

@@ -14,9 +14,7 @@ if TYPE_CHECKING:
     from gateway.recordings.table import write_table
     from gateway.recordings.times import TIME_UNITS, TimeFormat, forms_of, second_of
     from gateway.recordings.wire_log import (
-        BusTap,
         WireEvent,
-        WireLog,
         WireLogError,
         WireLogWriter,
         is_wire_log,
@@ -35,9 +33,7 @@ else:
             ".table": ("write_table",),
             ".times": ("TIME_UNITS", "TimeFormat", "forms_of", "second_of"),
             ".wire_log": (
-                "BusTap",
                 "WireEvent",
-                "WireLog",
                 "WireLogError",
                 "WireLogWriter",
                 "is_wire_log",
@@ -48,7 +44,6 @@ else:
 
 __all__ = [
     "TIME_UNITS",
-    "BusTap",
     "Columns",
     "FileProblems",
     "FileTable",
@@ -58,7 +53,6 @@ __all__ = [
     "TimeFormat",
     "Unknown",
     "WireEvent",
-    "WireLog",
     "WireLogError",
     "WireLogWriter",
     "forms_of",

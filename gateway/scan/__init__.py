@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from gateway.scan.fragment import check_addable, merged
     from gateway.scan.ports import ScanPort, find_ports
     from gateway.scan.registers import ORDERS, Meaning, SeenWords, profile_draft, read_words
-    from gateway.scan.serial import LineTry, SerialScan, plan, scan_line, scanned_port
+    from gateway.scan.serial import plan, scan_line, scanned_port
     from gateway.scan.tcp import TcpScan, scan_hosts, scanned_host
     from gateway.scan.topics import SeenTopic, bus_period_s, seen_topics, topic_draft
 else:
@@ -44,7 +44,7 @@ else:
             ".fragment": ("check_addable", "merged"),
             ".ports": ("ScanPort", "find_ports"),
             ".registers": ("ORDERS", "Meaning", "SeenWords", "profile_draft", "read_words"),
-            ".serial": ("LineTry", "SerialScan", "plan", "scan_line", "scanned_port"),
+            ".serial": ("plan", "scan_line", "scanned_port"),
             ".tcp": ("TcpScan", "scan_hosts", "scanned_host"),
             ".topics": ("SeenTopic", "bus_period_s", "seen_topics", "topic_draft"),
         },
@@ -56,7 +56,6 @@ __all__ = [
     "CanScan",
     "ControlAnswers",
     "Found",
-    "LineTry",
     "LinuxCncAnswers",
     "Meaning",
     "MtConnectAnswers",
@@ -66,7 +65,6 @@ __all__ = [
     "ScanReport",
     "SeenTopic",
     "SeenWords",
-    "SerialScan",
     "SinumerikAnswers",
     "TcpScan",
     "bus_period_s",

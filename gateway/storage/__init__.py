@@ -8,7 +8,7 @@ if TYPE_CHECKING:
     from gateway.storage import columns
     from gateway.storage.answers import DiskWork, answered
     from gateway.storage.block_pages import BlocksPage, blocks_page
-    from gateway.storage.course_pages import StoredCourse, StoredReasons, course_between
+    from gateway.storage.course_pages import StoredReasons, course_between
     from gateway.storage.damage import damage_found
     from gateway.storage.epochs import BEFORE_ALL, NUMBERS, Position
     from gateway.storage.faults import DamagedError, StoreError
@@ -16,12 +16,12 @@ if TYPE_CHECKING:
     from gateway.storage.imported import import_learnt
     from gateway.storage.learnt import Learnt, Reference, learnt_text, parse_learnt
     from gateway.storage.mean_pages import means_page
-    from gateway.storage.pages import ReadingsPage, readings_page
+    from gateway.storage.pages import readings_page
     from gateway.storage.readings import QUALITIES, Retention
     from gateway.storage.row_pages import RowsPage, rows_after
     from gateway.storage.snapshot import Snapshot, SnapshotError, decode_snapshot, marks_of
     from gateway.storage.store import Store, boot_id
-    from gateway.storage.stored import StoredCompensation, StoredMeasurement, StoredRun, StoredStep
+    from gateway.storage.stored import StoredMeasurement, StoredStep
 else:
     __getattr__ = on_first_use(
         __name__,
@@ -29,7 +29,7 @@ else:
             ".answers": ("DiskWork", "answered"),
             ".block_pages": ("BlocksPage", "blocks_page"),
             ".columns": (),
-            ".course_pages": ("StoredCourse", "StoredReasons", "course_between"),
+            ".course_pages": ("StoredReasons", "course_between"),
             ".damage": ("damage_found",),
             ".epochs": ("BEFORE_ALL", "NUMBERS", "Position"),
             ".faults": ("DamagedError", "StoreError"),
@@ -37,12 +37,12 @@ else:
             ".imported": ("import_learnt",),
             ".learnt": ("Learnt", "Reference", "learnt_text", "parse_learnt"),
             ".mean_pages": ("means_page",),
-            ".pages": ("ReadingsPage", "readings_page"),
+            ".pages": ("readings_page",),
             ".readings": ("QUALITIES", "Retention"),
             ".row_pages": ("RowsPage", "rows_after"),
             ".snapshot": ("Snapshot", "SnapshotError", "decode_snapshot", "marks_of"),
             ".store": ("Store", "boot_id"),
-            ".stored": ("StoredCompensation", "StoredMeasurement", "StoredRun", "StoredStep"),
+            ".stored": ("StoredMeasurement", "StoredStep"),
         },
     )
 
@@ -56,7 +56,6 @@ __all__ = [
     "History",
     "Learnt",
     "Position",
-    "ReadingsPage",
     "Reference",
     "Retention",
     "RowsPage",
@@ -64,11 +63,8 @@ __all__ = [
     "SnapshotError",
     "Store",
     "StoreError",
-    "StoredCompensation",
-    "StoredCourse",
     "StoredMeasurement",
     "StoredReasons",
-    "StoredRun",
     "StoredStep",
     "TimeSpan",
     "answered",

@@ -25,12 +25,11 @@ if TYPE_CHECKING:
         StoredTable,
     )
     from gateway.telemetry.asking import COMMAND_LIMIT_S, SeveralAnswer, ask, ask_only, command, running
-    from gateway.telemetry.codec import MESSAGE_TYPES, decode, decode_answer, decode_refusal, encode
+    from gateway.telemetry.codec import MESSAGE_TYPES, decode, decode_answer, encode
     from gateway.telemetry.command_door import CommandDoor, Entitled
     from gateway.telemetry.command_signer import CommandSigner, SignedCommand
-    from gateway.telemetry.compose import Composer, Dropped, reason_of_each
+    from gateway.telemetry.compose import Composer, reason_of_each
     from gateway.telemetry.history_queries import CourseRequest, CourseSource, HistoryRequest, HistorySource
-    from gateway.telemetry.json_schema import schemas
     from gateway.telemetry.messages import (
         CompensationMessage,
         DecisionMessage,
@@ -54,8 +53,8 @@ if TYPE_CHECKING:
     )
     from gateway.telemetry.numbers import by_error, courses, finite
     from gateway.telemetry.publisher import TelemetryPublisher
-    from gateway.telemetry.queries import MOST_ROWS, AskedQuery, Replied
-    from gateway.telemetry.report_queries import ReportRequest, ReportSource
+    from gateway.telemetry.queries import MOST_ROWS, AskedQuery
+    from gateway.telemetry.report_queries import ReportRequest
     from gateway.telemetry.session import (
         Access,
         TelemetryError,
@@ -63,7 +62,6 @@ if TYPE_CHECKING:
         page_config,
         reader_config,
         reading_session,
-        without_path,
     )
     from gateway.telemetry.stored_queries import StoredRequest, StoredSource
 else:
@@ -86,12 +84,11 @@ else:
                 "StoredTable",
             ),
             ".asking": ("COMMAND_LIMIT_S", "SeveralAnswer", "ask", "ask_only", "command", "running"),
-            ".codec": ("MESSAGE_TYPES", "decode", "decode_answer", "decode_refusal", "encode"),
+            ".codec": ("MESSAGE_TYPES", "decode", "decode_answer", "encode"),
             ".command_door": ("CommandDoor", "Entitled"),
             ".command_signer": ("CommandSigner", "SignedCommand"),
-            ".compose": ("Composer", "Dropped", "reason_of_each"),
+            ".compose": ("Composer", "reason_of_each"),
             ".history_queries": ("CourseRequest", "CourseSource", "HistoryRequest", "HistorySource"),
-            ".json_schema": ("schemas",),
             ".keys": (),
             ".messages": (
                 "CompensationMessage",
@@ -116,8 +113,8 @@ else:
             ),
             ".numbers": ("by_error", "courses", "finite"),
             ".publisher": ("TelemetryPublisher",),
-            ".queries": ("MOST_ROWS", "AskedQuery", "Replied"),
-            ".report_queries": ("ReportRequest", "ReportSource"),
+            ".queries": ("MOST_ROWS", "AskedQuery"),
+            ".report_queries": ("ReportRequest",),
             ".session": (
                 "Access",
                 "TelemetryError",
@@ -125,7 +122,6 @@ else:
                 "page_config",
                 "reader_config",
                 "reading_session",
-                "without_path",
             ),
             ".stored_queries": ("StoredRequest", "StoredSource"),
         },
@@ -148,7 +144,6 @@ __all__ = [
     "CourseRequest",
     "CourseSource",
     "DecisionMessage",
-    "Dropped",
     "Entitled",
     "EventMessage",
     "ForecastMessage",
@@ -168,10 +163,8 @@ __all__ = [
     "PublishedReason",
     "ReadingMessage",
     "ReasonsMessage",
-    "Replied",
     "ReportPage",
     "ReportRequest",
-    "ReportSource",
     "SensorFinding",
     "SensorsMessage",
     "SeveralAnswer",
@@ -195,7 +188,6 @@ __all__ = [
     "courses",
     "decode",
     "decode_answer",
-    "decode_refusal",
     "encode",
     "finite",
     "keys",
@@ -205,6 +197,4 @@ __all__ = [
     "reading_session",
     "reason_of_each",
     "running",
-    "schemas",
-    "without_path",
 ]

@@ -3,7 +3,7 @@
 import sys
 from pathlib import Path
 
-from gateway.telemetry import schemas
+from gateway.telemetry.json_schema import schemas
 
 
 def main(folder: Path) -> None:

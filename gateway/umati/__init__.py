@@ -9,25 +9,19 @@ from drivers.first_use import on_first_use
 
 if TYPE_CHECKING:
     from gateway.umati.server import MachineToolServer
-    from gateway.umati.settings import OpcUaServing, ServerSecurity, ShownMachine, check_serving, load_serving
-    from gateway.umati.values import NodeShown, shown_now
+    from gateway.umati.settings import ShownMachine, check_serving, load_serving
 else:
     __getattr__ = on_first_use(
         __name__,
         {
             ".server": ("MachineToolServer",),
-            ".settings": ("OpcUaServing", "ServerSecurity", "ShownMachine", "check_serving", "load_serving"),
-            ".values": ("NodeShown", "shown_now"),
+            ".settings": ("ShownMachine", "check_serving", "load_serving"),
         },
     )
 
 __all__ = [
     "MachineToolServer",
-    "NodeShown",
-    "OpcUaServing",
-    "ServerSecurity",
     "ShownMachine",
     "check_serving",
     "load_serving",
-    "shown_now",
 ]

@@ -1,6 +1,6 @@
 """Load cases for studies: what the machine does, row by row, and in which hall."""
 
-from simulators.cases.series import LONG_TERM_H, SEASONS, Axis, Stretch, long_term, random_axes, warm_up_and_cool_down
+from simulators.cases.series import LONG_TERM_H, SEASONS, Axis, long_term, random_axes, warm_up_and_cool_down
 from simulators.cases.table_fluid import Letter, table_and_fluid
 
 __all__ = [
@@ -8,7 +8,6 @@ __all__ = [
     "SEASONS",
     "Axis",
     "Letter",
-    "Stretch",
     "long_term",
     "random_axes",
     "table_and_fluid",

@@ -5,10 +5,9 @@ from talc.learner.forecast import Forecast, ForecastRecord, Misses, PlannedForec
 from talc.learner.learner import Explanation, LearnerState, RowLearner, Weights, learner_bytes
 from talc.learner.mixture import MixtureState
 from talc.learner.prior import Prior, make_prior
-from talc.learner.reasons import KINDS, ErrorReason, Reasons
+from talc.learner.reasons import ErrorReason, Reasons
 
 __all__ = [
-    "KINDS",
     "CourseState",
     "ErrorReason",
     "Explanation",

@@ -3,7 +3,8 @@
 import pytest
 
 from drivers.base import Quality, Reading
-from gateway.acquisition import Check, lines_of
+from gateway.acquisition import lines_of
+from gateway.acquisition.plausibility import Check
 from gateway.config import Limits, validate
 from tests.benches.stepped_clock import EPOCH, SteppedClock
 

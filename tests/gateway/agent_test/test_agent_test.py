@@ -8,7 +8,8 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 
-from gateway.agent_test import CLAUSES, AgentUnderTest, ClauseOutcome, ClauseResult, Moves, Unreachable, run_clauses
+from gateway.agent_test import CLAUSES, AgentUnderTest, ClauseResult, Moves, Unreachable, run_clauses
+from gateway.agent_test.clause import ClauseOutcome
 from gateway.cli import main
 from tests.benches.able_agents import errors_machine, slopes_machine
 from tests.benches.reference_agent import FILE, KEY, REFERENCE, served_agent, spoilt_reference

@@ -9,7 +9,8 @@ from pathlib import Path
 import pytest
 from pyarrow import dataset
 
-from gateway.collect import CollectError, SiteFolder
+from gateway.collect import CollectError
+from gateway.collect.folder import SiteFolder
 from gateway.collect.progress import CollectProgress
 from gateway.storage import Retention
 from gateway.storage.readings import Pruning

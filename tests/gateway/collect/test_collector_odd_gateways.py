@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from gateway.collect import SiteFolder
+from gateway.collect.folder import SiteFolder
 from gateway.telemetry import StoredColumn, StoredRows, StoredTable
 from tests.benches.stored_site import StoredSite, catch_up, collector, expected, kept, rows, write
 

@@ -9,8 +9,9 @@ import psycopg
 import pytest
 from pyarrow import dataset
 
-from gateway.collect import CollectError, Collector, SiteFolder
+from gateway.collect import CollectError, Collector
 from gateway.collect.database import SiteDatabase
+from gateway.collect.folder import SiteFolder
 from gateway.storage import Retention
 from gateway.storage.readings import Pruning
 from gateway.storage.schema import connect

@@ -16,7 +16,8 @@ from pyarrow import dataset
 from drivers.base import SystemClock
 from gateway.answers import rows_of
 from gateway.cli import main
-from gateway.collect import Collector, SiteFolder, SiteNetwork
+from gateway.collect import Collector, SiteNetwork
+from gateway.collect.folder import SiteFolder
 from gateway.config import Telemetry, TelemetryTls
 from gateway.storage import Store
 from gateway.telemetry import TelemetryPublisher

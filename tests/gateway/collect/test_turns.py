@@ -5,7 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from gateway.collect import Collector, SiteFolder
+from gateway.collect import Collector
+from gateway.collect.folder import SiteFolder
 from gateway.telemetry import StoredRows
 from tests.benches.manual_clock import ManualClock
 

@@ -12,24 +12,18 @@ from drivers.mqtt import MqttServer
 from drivers.opcua import OpcUaServer
 from drivers.opcua.settings import with_port
 from drivers.sinumerik.settings import Handshake
-from gateway.config import (
-    AgentNc,
+from gateway.config import AgentNc, Compensation, LinuxCncNc, MtConnectNc, Nc, SinumerikNc, Storage
+from gateway.config.buses import (
     AgentSection,
     CanOpenSection,
     CanSection,
-    Compensation,
-    LinuxCncNc,
     MeEthernetSection,
     MeRs485Section,
     ModbusRtuSection,
     ModbusRtuTcpSection,
     ModbusTcpSection,
     MqttSection,
-    MtConnectNc,
-    Nc,
     OpcUaSection,
-    SinumerikNc,
-    Storage,
 )
 from gateway.outlets.influxdb import InfluxDbSettings
 from gateway.outlets.mqtt import MqttOutletSettings

@@ -5,7 +5,8 @@ from datetime import timedelta
 import pytest
 
 from gateway.config import Telemetry
-from gateway.heard import KEPT, SiteSeen, listened_to
+from gateway.heard import SiteSeen, listened_to
+from gateway.heard.machine import KEPT
 from gateway.telemetry import EventMessage, encode
 from tests.benches.heard import BEGAN, STEP, HeardMachine
 

@@ -4,7 +4,8 @@ import logging
 
 import pytest
 
-from gateway.outlets import Feed, OutletError, OutletMessage, Unacceptable
+from gateway.outlets import OutletError, OutletMessage, Unacceptable
+from gateway.outlets.feed import Feed
 from gateway.outlets.influxdb import InfluxDbSettings
 from gateway.outlets.mqtt import MqttOutletSettings
 from tests.benches.feed_talk import FailingOutlet, heard, reading

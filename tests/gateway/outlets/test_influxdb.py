@@ -5,7 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from gateway.outlets import Feed, OutletError, Unacceptable
+from gateway.outlets import OutletError, Unacceptable
+from gateway.outlets.feed import Feed
 from gateway.outlets.influxdb import InfluxDbOutlet, InfluxDbSettings
 from tests.benches.feed_talk import heard, reading
 from tests.benches.free_port import free_port

@@ -6,7 +6,8 @@ from contextlib import asynccontextmanager
 
 import pytest
 
-from gateway.outlets import Feed, OutletError, Unacceptable
+from gateway.outlets import OutletError, Unacceptable
+from gateway.outlets.feed import Feed
 from gateway.outlets.influxdb import InfluxDbOutlet, InfluxDbSettings
 from tests.benches.feed_talk import reading
 from tests.benches.stream_server import http_answer, stream_server

@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 
 from drivers.mqtt import MqttConnection, Publication
-from gateway.outlets import Feed, OutletError, OutletMessage
+from gateway.outlets import OutletError, OutletMessage
+from gateway.outlets.feed import Feed
 from gateway.outlets.mqtt import MqttOutlet, MqttOutletSettings
 from tests.benches.cut_wire import wire_to
 from tests.benches.feed_talk import heard, reading

@@ -15,7 +15,8 @@ from gateway.acquisition import lines_of
 from gateway.cli.emulated.play import play_bus, read_wire_recording
 from gateway.clock import RealClock
 from gateway.config import parse, wires_toml
-from gateway.recordings import WireLog, WireLogWriter, read_wire_log
+from gateway.recordings import WireLogWriter, read_wire_log
+from gateway.recordings.wire_log import WireLog
 from simulators.devices import M7015, Adam6015, Cia404Node, DeviceServer, MeSensor, RtuLine, SlcanAdapter, TcpHost
 from simulators.devices.me_controller import MeController
 from simulators.devices.source import SensorFault

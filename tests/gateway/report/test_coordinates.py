@@ -6,7 +6,8 @@ from typing import Literal
 import numpy as np
 import pytest
 
-from gateway.report import CoordinateRow, ReportData, build, by_coordinate
+from gateway.report import ReportData, build
+from gateway.report.coordinates import CoordinateRow, by_coordinate
 from talc.frame import Phase
 from talc.names import THERMAL_ERRORS
 from tests.benches.small_run import small_run

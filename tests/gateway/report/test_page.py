@@ -11,7 +11,8 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from gateway.report import AdoptedModels, CycleSeen, ReportData, Truth, build, by_shift, summary
+from gateway.report import AdoptedModels, CycleSeen, ReportData, Truth, build, summary
+from gateway.report.first_lines import by_shift
 from talc.frame import Event, EventKind, Phase
 from talc.models import ModelSet
 from talc.names import THERMAL_ERRORS

@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gateway.report import CycleSeen, ReportData, SummaryRow, losses, summary, verdict
+from gateway.report import CycleSeen, ReportData, SummaryRow, summary, verdict
+from gateway.report.first_lines import losses
 from tests.benches.small_run import STEP_S, small_run, with_gap
 
 

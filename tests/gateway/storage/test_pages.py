@@ -10,7 +10,8 @@ import pytest
 from drivers.base import Quality
 from gateway.acquisition import Sample
 from gateway.events import ReadingsTaken
-from gateway.storage import ReadingsPage, Retention, Store, StoreError, readings_page
+from gateway.storage import Retention, Store, StoreError, readings_page
+from gateway.storage.pages import ReadingsPage
 from gateway.storage.readings import Pruning
 from gateway.storage.schema import connect
 from tests.benches.stepped_clock import EPOCH, SteppedClock

@@ -16,7 +16,8 @@ from gateway.commands import Command, CommandName, CommandOutcome, Pause
 from gateway.config import Operator, Telemetry
 from gateway.events import Health, HealthChecked, StoreHealth
 from gateway.nc import NcState
-from gateway.telemetry import CommandSigner, TelemetryPublisher, decode_refusal
+from gateway.telemetry import CommandSigner, TelemetryPublisher
+from gateway.telemetry.codec import decode_refusal
 from tests.benches.free_port import free_port
 from tests.benches.telemetry_peer import ROOT
 from tests.benches.zenoh_sessions import client

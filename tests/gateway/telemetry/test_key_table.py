@@ -28,7 +28,8 @@ from gateway.events import (
 )
 from gateway.nc import NcState, Source, Step, Write
 from gateway.probing import Outcome, Outlook, Standing
-from gateway.telemetry import MESSAGE_TYPES, keys, schemas
+from gateway.telemetry import MESSAGE_TYPES, keys
+from gateway.telemetry.json_schema import schemas
 from talc.frame import Event, EventKind, Frame, Measurement, Why
 from talc.sensor_check import Judgement
 from tests.benches import telemetry_examples as example

@@ -30,17 +30,17 @@ from gateway.telemetry import (
     MESSAGE_TYPES,
     Composer,
     DecisionMessage,
-    Dropped,
     HistoryPage,
     ProbingMessage,
     ProbingStanding,
     ReadingMessage,
     decode,
     decode_answer,
-    decode_refusal,
     encode,
-    schemas,
 )
+from gateway.telemetry.codec import decode_refusal
+from gateway.telemetry.compose import Dropped
+from gateway.telemetry.json_schema import schemas
 from gateway.telemetry.messages import Message
 from talc.frame import Decision
 from talc.learner import Forecast, Misses, PlannedForecast

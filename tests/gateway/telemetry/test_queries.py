@@ -24,7 +24,6 @@ from gateway.telemetry import (
     PublishedCourse,
     ReportPage,
     ReportRequest,
-    ReportSource,
     StoredColumn,
     StoredRequest,
     StoredRows,
@@ -32,9 +31,10 @@ from gateway.telemetry import (
     StoredTable,
     TelemetryPublisher,
     decode_answer,
-    decode_refusal,
-    schemas,
 )
+from gateway.telemetry.codec import decode_refusal
+from gateway.telemetry.json_schema import schemas
+from gateway.telemetry.report_queries import ReportSource
 from talc.frame import Event, EventKind
 from tests.benches.free_port import free_port
 from tests.benches.telemetry_peer import ROOT, last_values

@@ -11,7 +11,8 @@ import pytest
 
 from gateway.heard import SiteSeen
 from gateway.passwords import make_hash
-from gateway.umati import MachineToolServer, OpcUaServing, ServerSecurity, ShownMachine
+from gateway.umati import MachineToolServer, ShownMachine
+from gateway.umati.settings import OpcUaServing, ServerSecurity
 from tests.benches.heard import BEGAN, STEP, HeardMachine
 from tests.benches.node_opcua_site import secured
 from tests.benches.npm_peer import PEERS, node_with

@@ -12,7 +12,8 @@ from drivers.base import SetupError
 from gateway.cli import main
 from gateway.config import ConfigError
 from gateway.passwords import make_hash
-from gateway.umati import OpcUaServing, check_serving, load_serving
+from gateway.umati import check_serving, load_serving
+from gateway.umati.settings import OpcUaServing
 from tests.benches.free_port import free_port
 from tests.benches.page_rig import ChildProgram
 

@@ -4,7 +4,7 @@ from datetime import timedelta
 
 import pytest
 
-from gateway.umati import NodeShown, shown_now
+from gateway.umati.values import NodeShown, shown_now
 from tests.benches.heard import BEGAN, STEP, HeardMachine
 
 ERROR = ("ThermalErrors", "EX0C")

@@ -6,8 +6,9 @@ from datetime import UTC, datetime
 import pytest
 
 from gateway.heard import SiteSeen
-from gateway.umati import OpcUaServing, ShownMachine
+from gateway.umati import ShownMachine
 from gateway.umati.server import MachineToolServer
+from gateway.umati.settings import OpcUaServing
 from tests.benches.stepped_clock import SteppedClock
 from tests.benches.waits import LIMIT_S
 

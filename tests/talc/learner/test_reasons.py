@@ -7,7 +7,8 @@ import pytest
 
 from talc.control import Controller
 from talc.frame import Decision, Frame, Measurement, Why
-from talc.learner import KINDS, make_prior
+from talc.learner import make_prior
+from talc.learner.reasons import KINDS
 from talc.settings import LearnerSettings, TalcSettings
 from tests.benches.thermal_series import ThermalSeries, series, without_ninth
 
