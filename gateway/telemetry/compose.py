@@ -1,10 +1,10 @@
 """Makes the published messages from events."""
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from datetime import datetime
 from importlib.metadata import version
 from itertools import zip_longest
-from types import MappingProxyType
 from typing import NamedTuple, assert_never
 
 import numpy as np
@@ -76,6 +76,30 @@ class Dropped(NamedTuple):
     others: int
 
 
+@dataclass
+class GatewayState:
+    """What the status says of the gateway, changed by each event that changes it."""
+
+    commands: bool = False
+    """Whether the configuration allows anybody to give commands."""
+    config: str | None = None
+    """The fingerprint of the configuration that really runs."""
+    unarmed: tuple[str, ...] = ()
+    """What the configuration leaves off, in words."""
+    certificates: Mapping[str, datetime] = field(default_factory=dict)
+    """When they end, by field of the configuration."""
+    planned_loads: tuple[str, ...] = ()
+    """Their names."""
+    decision: Decision | None = None
+    """The latest."""
+    outlook: Outlook | None = None
+    """How probing stands."""
+    storage: StoreHealth | None = None
+    """How storing stands."""
+    health: Health | None = None
+    """As it was looked at last; None: not yet."""
+
+
 class _Stamp(NamedTuple):
     """The fields of every message."""
 
@@ -138,30 +162,9 @@ class Composer:
             case _:
                 assert_never(event)
 
-    def status(
-        self,
-        decision: Decision | None,
-        dropped: Dropped,
-        periods_missed: Mapping[str, int],
-        config: str | None,
-        outlook: Outlook | None,
-        storage: StoreHealth | None = None,
-        unarmed: tuple[str, ...] = (),
-        health: Health | None = None,
-        *,
-        commands: bool = False,
-        certificates: Mapping[str, datetime] = MappingProxyType({}),
-        planned_loads: tuple[str, ...] = (),
-    ) -> Keyed:
-        """The latest decision, the fingerprint of the configuration that really runs, how probing and storing stand.
-
-        periods_missed: by bus
-        unarmed: what the configuration leaves off, in words
-        health: as it was looked at last; None: not yet
-        commands: whether the configuration allows anybody to give commands
-        certificates: when they end, by field of the configuration
-        planned_loads: their names
-        """
+    def status(self, state: GatewayState, dropped: Dropped, periods_missed: Mapping[str, int]) -> Keyed:
+        """The state as it is now. periods_missed: by bus."""
+        decision = state.decision
         message = StatusMessage(
             *self._stamp(),
             phase=None if decision is None else decision.phase.value,
@@ -169,17 +172,17 @@ class Composer:
             readings_dropped=dropped.readings,
             messages_dropped=dropped.others,
             periods_missed=dict(periods_missed),
-            config=config,
-            probing=None if outlook is None else _probing_state(outlook),
-            storage=None if storage is None else _storage(storage),
-            unarmed=unarmed,
-            certificates={field: ends.isoformat() for field, ends in certificates.items()},
-            commands=commands,
-            planned_loads=planned_loads,
+            config=state.config,
+            probing=None if state.outlook is None else _probing_state(state.outlook),
+            storage=None if state.storage is None else _storage(state.storage),
+            unarmed=state.unarmed,
+            certificates={name: ends.isoformat() for name, ends in state.certificates.items()},
+            commands=state.commands,
+            planned_loads=state.planned_loads,
             version=self._version,
             key_space=keys.VERSION,
         )
-        return keys.STATUS, message if health is None else _with_health(message, health)
+        return keys.STATUS, message if state.health is None else _with_health(message, state.health)
 
     def _stamp(self) -> _Stamp:
         return self._stamps(1)[0]

@@ -5,7 +5,6 @@ import logging
 import threading
 import time
 from collections.abc import Callable, Coroutine, Iterable, Mapping, Sequence
-from datetime import datetime
 from itertools import groupby
 from typing import Self
 
@@ -21,26 +20,22 @@ from gateway.events import (
     ConfigurationApplied,
     DecisionMade,
     GatewayEvent,
-    Health,
     HealthChecked,
     OutlookChanged,
     StorageChanged,
-    StoreHealth,
 )
 from gateway.polling import Problems
-from gateway.probing import Outlook
 from gateway.telemetry import keys
 from gateway.telemetry.backlog import Backlog
 from gateway.telemetry.codec import encode
 from gateway.telemetry.command_door import CommandDoor, Entitled
-from gateway.telemetry.compose import Composer, Dropped, Keyed
+from gateway.telemetry.compose import Composer, Dropped, GatewayState, Keyed
 from gateway.telemetry.history_queries import CourseSource, HistorySource, course_answer, history_answer
 from gateway.telemetry.json_schema import schemas
 from gateway.telemetry.queries import Queries
 from gateway.telemetry.report_queries import ReportSource, report_answer
 from gateway.telemetry.session import TelemetryError, session_config, without_path
 from gateway.telemetry.stored_queries import StoredSource, stored_answer
-from talc.frame import Decision
 
 log = logging.getLogger(__name__)
 
@@ -102,14 +97,7 @@ class TelemetryPublisher:
         self._settings, self._root = settings, keys.root(settings.prefix, machine)
         self._composer = Composer(boot, input_names, clock, simulated=simulated)
         self._backlog = Backlog(_MOST_LOOSE, _MOST_FIRM, _MOST_FIRM_BYTES, _GATHER_S)
-        self._outlook: Outlook | None = None
-        self._storage: StoreHealth | None = None
-        self._health: Health | None = None
-        self._decision: Decision | None = None
-        self._config: str | None = None
-        self._unarmed: tuple[str, ...] = ()
-        self._certificates: Mapping[str, datetime] = {}
-        self._planned_loads: tuple[str, ...] = ()
+        self._state = GatewayState(commands=bool(settings.operators))
         self._periods_missed: Callable[[], Mapping[str, int]] = dict
         self._last: dict[str, bytes] = {}
         self._last_lock = threading.Lock()
@@ -190,21 +178,22 @@ class TelemetryPublisher:
 
     def publish(self, event: GatewayEvent) -> None:
         """A gateway.events.Sink: puts the event's messages into the queue."""
+        state = self._state
         match event:
             case CompensationStepped(write) if write.mode == "monitor":
                 return
             case ConfigurationApplied(config):
-                self._config, self._unarmed = config.fingerprint(), unarmed(config)
-                self._certificates = certificate_ends(config)  # a few small files: as the programs use them from now on
-                self._planned_loads = tuple(planned.name for planned in config.planned_loads)
+                state.config, state.unarmed = config.fingerprint(), unarmed(config)
+                state.certificates = certificate_ends(config)  # a few small files: as the programs use them from now on
+                state.planned_loads = tuple(planned.name for planned in config.planned_loads)
             case DecisionMade(decision):
-                self._decision = decision
+                state.decision = decision
             case OutlookChanged(outlook):
-                self._outlook = outlook
+                state.outlook = outlook
             case StorageChanged(storage):
-                self._storage = storage
+                state.storage = storage
             case HealthChecked(health):
-                self._health, self._storage = health, health.store
+                state.health, state.storage = health, health.store
             case _:
                 pass
         self._put(self._composer.messages(event))
@@ -224,21 +213,8 @@ class TelemetryPublisher:
         self._obey = obey
 
     def _put_status(self) -> None:
-        missed = self._periods_missed()
-        status = self._composer.status(
-            self._decision,
-            Dropped(self._backlog.dropped_loose, self._backlog.dropped_firm),
-            missed,
-            self._config,
-            self._outlook,
-            self._storage,
-            self._unarmed,
-            self._health,
-            commands=bool(self._settings.operators),
-            certificates=self._certificates,
-            planned_loads=self._planned_loads,
-        )
-        self._put([status])
+        dropped = Dropped(self._backlog.dropped_loose, self._backlog.dropped_firm)
+        self._put([self._composer.status(self._state, dropped, self._periods_missed())])
 
     def _put(self, messages: Iterable[Keyed]) -> None:
         encoded = [(suffix, encode(message)) for suffix, message in messages]

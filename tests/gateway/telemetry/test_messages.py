@@ -39,7 +39,7 @@ from gateway.telemetry import (
     encode,
 )
 from gateway.telemetry.codec import decode_refusal
-from gateway.telemetry.compose import Dropped
+from gateway.telemetry.compose import Dropped, GatewayState
 from gateway.telemetry.json_schema import schemas
 from gateway.telemetry.messages import Message
 from talc.frame import Decision
@@ -72,7 +72,8 @@ def published() -> list[tuple[str, bytes]]:
         found.extend((key, encode(message)) for key, message in composer.messages(event))
 
     def status(decision: Decision, outlook: Outlook | None) -> None:
-        key, message = composer.status(decision, Dropped(0, 0), {"rtu1": 3}, "the hash", outlook)
+        state = GatewayState(config="the hash", decision=decision, outlook=outlook)
+        key, message = composer.status(state, Dropped(0, 0), {"rtu1": 3})
         found.append((key, encode(message)))
 
     take(ReadingsTaken([example.READING, example.BAD_READING]))
