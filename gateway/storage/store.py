@@ -42,6 +42,7 @@ from gateway.storage.mending import Known, begin_again, mend
 from gateway.storage.readings import MOST_BOOTS, Channels, Pruning, Retention, last_boot
 from gateway.storage.schema import UNREADABLE, connect, is_damage, make_schema, unusable
 from gateway.storage.snapshot import Snapshot
+from gateway.storage.timing import WriterTiming
 from gateway.storage.waiting import WaitingKind
 from gateway.storage.writer import DatabaseWriter
 
@@ -79,10 +80,10 @@ class Store:
         *,
         commit_s: float = 20.0,
         retention: Retention = _RETENTION,
-        retry_s: float = 5.0,
-        look_s: float = 10.0,
-        hangs_after_s: float = 30.0,
-        silent_s: float = 30.0,
+        retry_s: float = WriterTiming.retry_s,
+        look_s: float = WriterTiming.look_s,
+        hangs_after_s: float = WriterTiming.hangs_after_s,
+        silent_s: float = WriterTiming.silent_s,
         origin: str = "",
     ) -> None:
         self._boot, self._clock, self._origin = boot, clock, origin
@@ -111,10 +112,10 @@ class Store:
         except BaseException:
             self._lock.release()
             raise
-        self._writer = DatabaseWriter(
-            path, commit_s, self._prune, self._mark, self._mend_and_number, retry_s, mended, look_s, hangs_after_s,
-            silent_s,
-        )  # fmt: skip
+        timing = WriterTiming(
+            commit_s=commit_s, retry_s=retry_s, look_s=look_s, hangs_after_s=hangs_after_s, silent_s=silent_s
+        )
+        self._writer = DatabaseWriter(path, timing, self._prune, self._mark, self._mend_and_number, mended)
 
     def _open(self) -> None:
         self.migrated_from = make_schema(self._path) or self.migrated_from

@@ -21,12 +21,12 @@ from gateway.storage.faults import DamagedError, GoneError, StoreError
 from gateway.storage.place import PlaceWatch
 from gateway.storage.schema import connect, is_damage
 from gateway.storage.snapshot import put_snapshots
+from gateway.storage.timing import WriterTiming
 from gateway.storage.waiting import Item, Rows, Waiting, WaitingKind, tables_of
 
 log = logging.getLogger(__name__)
 
 _PRUNE_EVERY_S = 600.0
-_LOOK_EVERY_S = 10.0
 """Real seconds."""
 _HANGS = "the disk does not answer"
 _REPAIRS = "a damaged database is being repaired"
@@ -46,43 +46,33 @@ class DatabaseWriter:
     Parameters
     ----------
     path: the database; its tables exist
-    commit_s: commits at least this often, in real seconds
     prune: deletes what is too old; called in the thread, when it opens the file and each ten minutes
     end: called in the thread before the last commit
     mend: sets a damaged file aside for a reason, begins another, and says so; called in the thread, which then has no
         connection
-    retry_s: how long another program's lock is waited for, and how long between two attempts, real seconds
     mended: what became of a file that was damaged before
-    look_s: how often the disk's free space is read, and whether the file is still at its path, and uncut
-    hangs_after_s: a statement or commit that takes longer counts as failing, real seconds
-    silent_s: at the end, the longest that the disk may take for one statement or commit, real seconds
     """
 
     def __init__(
         self,
         path: Path,
-        commit_s: float,
+        timing: WriterTiming,
         prune: Callable[[sqlite3.Connection], None],
         end: Callable[[sqlite3.Connection], None],
         mend: Callable[[str], str],
-        retry_s: float = 5.0,
         mended: str = "",
-        look_s: float = _LOOK_EVERY_S,
-        hangs_after_s: float = 30.0,
-        silent_s: float = 30.0,
     ) -> None:
-        self._look_s, self._hangs_after_s, self._silent_s = look_s, hangs_after_s, silent_s
         self._abandoned = False
         """The end did not wait any longer for the disk; the thread may still be in a call."""
         self._asked_s: float | None = None
         """Since when the disk has been at work; None: it has nothing to do."""
-        self._path, self._prune, self._end, self._retry_s = path, prune, end, retry_s
+        self._path, self._timing, self._prune, self._end = path, timing, prune, end
         self._mend, self._mended, self._to_mend = mend, mended, ""
         self._mending, self._times_mended = threading.Lock(), 0
         self._changed = threading.Condition()
         self._waiting = Waiting()
-        self._gather_s = min(_GATHER_S, commit_s / 5)
-        self._every_s = commit_s - 2 * self._gather_s
+        self._gather_s = min(_GATHER_S, timing.commit_s / 5)
+        self._every_s = timing.commit_s - 2 * self._gather_s
         """From the first row to its commit; readings may wait for others before and after it; `commit_s` in all."""
         self._gathered = False
         """Whether anything waits that does not wait for more readings."""
@@ -105,7 +95,7 @@ class DatabaseWriter:
         """The state of storing; may be called from another thread."""
         with self._changed:
             now, asked_s = time.monotonic(), self._asked_s
-            hanging_s = 0.0 if asked_s is None or now - asked_s < self._hangs_after_s else now - asked_s
+            hanging_s = 0.0 if asked_s is None or now - asked_s < self._timing.hangs_after_s else now - asked_s
             return StoreHealth(
                 problem=self._problem or (_HANGS if hanging_s else self._refusal),
                 failing_s=now - self._failing_since if self._problem else hanging_s,
@@ -131,7 +121,7 @@ class DatabaseWriter:
             self._changed.notify_all()
             while not self._ended:
                 since_s = began_s if self._asked_s is None else self._asked_s
-                left_s = since_s + self._silent_s - time.monotonic()
+                left_s = since_s + self._timing.silent_s - time.monotonic()
                 if left_s <= 0.0:
                     self._abandoned = True
                     self._changed.notify_all()
@@ -149,7 +139,9 @@ class DatabaseWriter:
         which = ", ".join(f"{table} {rows}" for table, rows in lost.items())
         if self._abandoned:
             what = _REPAIRS if self._mending.locked() else _HANGS
-            silent = f"{self._path}: {what}; the gateway was stopped without waiting longer than {self._silent_s:g} s"
+            silent = (
+                f"{self._path}: {what}; the gateway was stopped without waiting longer than {self._timing.silent_s:g} s"
+            )
             if count:
                 raise StoreError(f"{silent}; {count} rows may be lost ({which})")
             log.warning("%s; everything is stored", silent)
@@ -160,7 +152,7 @@ class DatabaseWriter:
     def put(self, statement: str, rows: Rows, *, kind: WaitingKind = WaitingKind.KEPT, commit: bool = False) -> None:
         """Execute the statement for each row; commit: at once, as soon as nothing else waits. Never raises."""
         with self._changed:
-            works = self._asked_s is None or time.monotonic() - self._committed_s < _LOOK_EVERY_S
+            works = self._asked_s is None or time.monotonic() - self._committed_s < WriterTiming.look_s
             if self._waiting.full(kind) and not self._problem and works:
                 self._changed.wait_for(lambda: not self._waiting.full(kind) or self._problem, _YIELD_S)
             self._last += 1
@@ -239,7 +231,7 @@ class DatabaseWriter:
         last = self._closing
         self._asked_s = time.monotonic()
         try:
-            with closing(connect(self._path, self._retry_s)) as connection:
+            with closing(connect(self._path, self._timing.retry_s)) as connection:
                 connection.set_progress_handler(self._goes_on, _STEPS_A_LOOK)
                 if not self._kept:
                     self._keep_open(kept_open)
@@ -255,13 +247,13 @@ class DatabaseWriter:
         if last:
             return False
         with self._changed:
-            self._changed.wait_for(lambda: self._closing, self._retry_s)
+            self._changed.wait_for(lambda: self._closing, self._timing.retry_s)
         self._look()
         return True
 
     def _keep_open(self, kept_open: ExitStack) -> None:
         with ExitStack() as opened:
-            connection = opened.enter_context(closing(connect(self._path, self._retry_s)))
+            connection = opened.enter_context(closing(connect(self._path, self._timing.retry_s)))
             connection.execute("SELECT count(*) FROM sqlite_master").fetchone()  # opens the log
             kept_open.push(opened.pop_all())
         self._kept = True
@@ -275,7 +267,7 @@ class DatabaseWriter:
             self._failed(error)
             with self._changed:
                 self._to_mend = ""
-                self._changed.wait_for(lambda: self._closing, self._retry_s)
+                self._changed.wait_for(lambda: self._closing, self._timing.retry_s)
             return
         with self._changed:
             self._mended, self._to_mend = mended, ""
@@ -301,7 +293,7 @@ class DatabaseWriter:
         pruned = time.monotonic()
         due, wanted = pruned + self._every_s, False
         while True:
-            item = self._next(min(due, pruned + _PRUNE_EVERY_S, self._looked_s + self._look_s))
+            item = self._next(min(due, pruned + _PRUNE_EVERY_S, self._looked_s + self._timing.look_s))
             if item is None and self._closing and not len(self._waiting):
                 self._commit(connection)
                 self._end(connection)
@@ -321,7 +313,7 @@ class DatabaseWriter:
                 place.look()  # a commit may begin a checkpoint
                 self._commit(connection)
                 due, wanted = math.inf, False
-            if now - self._looked_s >= self._look_s:
+            if now - self._looked_s >= self._timing.look_s:
                 self._look()
                 place.look()
 
@@ -344,7 +336,7 @@ class DatabaseWriter:
     def _goes_on(self) -> bool:
         """A statement makes progress; called by SQLite. Whether it is interrupted."""
         now = self._asked_s = time.monotonic()
-        return self._pruning and self._closing_s is not None and now - self._closing_s > self._silent_s
+        return self._pruning and self._closing_s is not None and now - self._closing_s > self._timing.silent_s
 
     def _next(self, until_s: float) -> Item | None:
         """What is to be executed next; None: nothing came until then, or the writer is closed."""

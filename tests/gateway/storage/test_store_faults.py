@@ -17,6 +17,7 @@ from gateway.acquisition import Sample
 from gateway.events import DecisionMade, FrameMade, ProbingRequested, ReadingsTaken
 from gateway.storage import History, Store, StoreError
 from gateway.storage.schema import make_schema
+from gateway.storage.timing import WriterTiming
 from gateway.storage.waiting import Item, Waiting, WaitingKind
 from gateway.storage.writer import DatabaseWriter
 from tests.benches.failing_disk import store_process
@@ -140,7 +141,7 @@ def test_stopped_while_an_old_record_is_deleted_it_stores_the_rest_and_deletes_l
         connection.execute("INSERT INTO event (time, kind, text) VALUES ('', '', 'in the transaction')")
         connection.execute("WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n) SELECT max(i) FROM n")
 
-    writer = DatabaseWriter(path, 10.0, endless, lambda _: None, lambda _: "", silent_s=0.2)
+    writer = DatabaseWriter(path, WriterTiming(commit_s=10.0, silent_s=0.2), endless, lambda _: None, lambda _: "")
     writer.put("INSERT INTO event (time, kind, text) VALUES ('', '', ?)", [("waited",)])
     writer.start()
     assert begun.wait(LIMIT_S)
@@ -162,7 +163,7 @@ def test_a_disk_that_refuses_to_delete_old_rows_counts_as_failing_until_it_does(
             often.set()
         raise sqlite3.OperationalError("disk I/O error")
 
-    writer = DatabaseWriter(path, 10.0, refused, lambda _: None, lambda _: "", retry_s=0.01)
+    writer = DatabaseWriter(path, WriterTiming(commit_s=10.0, retry_s=0.01), refused, lambda _: None, lambda _: "")
     writer.start()
     assert often.wait(LIMIT_S)
     assert writer.close()
