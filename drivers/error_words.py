@@ -13,10 +13,7 @@ def error_number(error: BaseException) -> int | None:
 
 
 def in_words(error: BaseException) -> str:
-    """What the operating system says of the error, such as `Connection refused`; else the error's own text.
-
-    Not for an error of TLS: its number is not the operating system's.
-    """
+    """What the operating system says of the error, such as `Connection refused`; else the error's own text."""
     if numbers := _numbers(error):
         return ", ".join(dict.fromkeys(os.strerror(number) for number in numbers))
     own = error.strerror if isinstance(error, OSError) else None  # of a name that cannot be resolved
@@ -24,7 +21,9 @@ def in_words(error: BaseException) -> str:
 
 
 def _numbers(error: BaseException) -> list[int]:
-    """One number, or one for each address that was tried."""
+    """One number, or one for each address that was tried; none of an error of TLS, which are not the system's."""
+    if any(base.__module__ == "ssl" for base in type(error).__mro__):
+        return []
     number = getattr(error, "error_code", None) or getattr(error, "errno", None)  # error_code: python-can's
     if isinstance(number, int) and number > 0:
         return [number]

@@ -165,11 +165,11 @@ class Service:
 
         Raises ReloadError or SetupError when nothing was changed: the service continues unchanged.
         """
+        if prepared.old is not self._config:  # another one was applied meanwhile
+            prepared = await self.prepare(prepared.new)
         acquisition = self._acquisition
         if acquisition is None:
             raise ReloadError("the service is not running")
-        if prepared.old is not self._config:  # another one was applied meanwhile
-            prepared = await self.prepare(prepared.new)
         change = await apply(acquisition, prepared)
         self._config = prepared.new
         self._sink(ConfigurationApplied(prepared.new))

@@ -139,6 +139,24 @@ class OtherBus(Polled, AnyBus, ABC):
         bus = self.bus(tap)
         return bus, tuple(self.driver(device, bus, clock) for device in devices)
 
+    def check_answers(self, devices: Sequence[Device]) -> None:
+        """Whether what the rules and commands will ask has an answer of its type. Raises SetupError, also for a bug of
+        the package."""
+        asked(self.kind, lambda: self._check_answers(devices))
+
+    def _check_answers(self, devices: Sequence[Device]) -> None:
+        is_age = self.timeout_is_age(device.options for device in devices)
+        answers: list[tuple[str, object, type[Any]]] = [("place", self.place, str), ("timeout_is_age", is_age, bool)]
+        answers += [("unrecorded", self.unrecorded, str), ("only_listens", self.only_listens, bool)]
+        answers.append(("several_per_unit", self.several_per_unit, bool))
+        for name, pair, of in (("units", self.units, int), ("serial_path", self.serial_path, str)):
+            if pair is not None:
+                first, second = pair
+                answers += [(name, first, of), (name, second, of)]
+        for name, answer, of in answers:
+            if not isinstance(answer, of):
+                raise TypeError(f"{name} is or contains {answer!r}: expected {of.__name__}")
+
     @cached_property
     def _kept(self) -> "_Kept[tuple[Bus, tuple[Driver, ...]]]":
         return _Kept()
@@ -221,8 +239,11 @@ class Extension:
             missing = ", ".join(sorted(found.__abstractmethods__))
             raise self._unusable(f"{self.entry.value} does not define {missing}")
         for field in found.model_fields.keys() - base.model_fields.keys():
-            if hasattr(base, field) and not hasattr(BaseModel, field):  # Pydantic takes the member as its default
-                raise self._unusable(f"{self.entry.value} has a field {field}, which is a member of {base.__name__}")
+            # Pydantic would take a method or a property for the field's default. In the place of a value a field works.
+            if hasattr(base, field) and not hasattr(BaseModel, field) and field not in base.__class_vars__:
+                raise self._unusable(
+                    f"{self.entry.value} has a field {field}, which is a member of {base.__name__}; rename the field"
+                )
         kind = found.model_fields.get("kind")
         allowed = getattr(None if kind is None else kind.annotation, "__args__", ())
         if allowed != (self.kind,):

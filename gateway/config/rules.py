@@ -3,7 +3,6 @@
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator
-from functools import partial
 
 import numpy as np
 
@@ -32,8 +31,8 @@ _UNSTABLE_PORT = re.compile(r"/dev/tty(USB|ACM)\d+")
 
 
 def problems_between(config: GatewayConfig) -> list[Problem]:
-    """Every contradiction between sections."""
-    return [
+    """Every contradiction between sections; only what is wrong with buses of other packages, if that is anything."""
+    return list(_answers(config)) or [
         *_repeated("bus", (bus.name for bus in config.buses)),
         *_repeated("device", (device.name for device in config.devices)),
         *_inputs(config),
@@ -187,17 +186,21 @@ def _planned_loads(config: GatewayConfig) -> Iterator[Problem]:
         yield Problem("[[planned_load]]", 'works only with [talc] method = "learner": models make no forecast')
 
 
+def _answers(config: GatewayConfig) -> Iterator[Problem]:
+    for bus in config.buses:
+        if isinstance(bus, OtherBus):
+            try:
+                bus.check_answers(config.devices_of(bus.name))
+            except SetupError as error:
+                yield Problem(f"bus '{bus.name}'", error.advice)
+
+
 def _places(config: GatewayConfig) -> Iterator[Problem]:
     first: dict[str, BusSection] = {}
     for bus in config.buses:
-        try:
-            place, _ = asked(bus.kind, partial(_where, bus))
-        except SetupError as error:
-            yield Problem(f"bus '{bus.name}'", error.advice)
-            continue
-        port = place.rpartition("://")[2].rstrip("/")  # of a device server, however it is spoken to
+        port = bus.place.rpartition("://")[2].rstrip("/")  # of a device server, however it is spoken to
         if port in first:
-            yield Problem(f"bus '{bus.name}'", f"{place} is already {_what_to_do(bus, first[port])}")
+            yield Problem(f"bus '{bus.name}'", f"{bus.place} is already {_what_to_do(bus, first[port])}")
         first.setdefault(port, bus)
 
 
@@ -209,11 +212,6 @@ def _what_to_do(bus: BusSection, first: BusSection) -> str:
         f"bus '{first.name}' of kind '{first.kind}', and one wire carries one kind of bus; connect these devices to a "
         "port or interface of their own, or correct the kind or the address of one of the two"
     )
-
-
-def _where(bus: BusSection) -> tuple[str, tuple[str, str] | None]:
-    """What is asked again later, of a configuration without problems."""
-    return bus.place, bus.serial_path
 
 
 def _waits(config: GatewayConfig) -> Iterator[Problem]:

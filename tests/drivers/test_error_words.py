@@ -2,6 +2,7 @@
 
 import errno
 import socket
+import ssl
 import termios
 
 import can
@@ -30,6 +31,7 @@ BOTH = (
         (OSError(LOCKED), "Resource temporarily unavailable", errno.EAGAIN),
         (termios.error(22, "Invalid argument"), "Invalid argument", errno.EINVAL),
         (can.CanOperationError("Error receiving: [Errno 100] Network is down", 100), "Network is down", errno.ENETDOWN),
+        (ssl.SSLError(1, "[SSL: WRONG_VERSION_NUMBER]"), "[SSL: WRONG_VERSION_NUMBER]", None),
         (ValueError("Not a valid baudrate: 5"), "Not a valid baudrate: 5", None),
         (TimeoutError(), "TimeoutError", None),
     ],

@@ -4,6 +4,7 @@ import errno
 import os
 import pwd
 import re
+import shlex
 import subprocess
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -77,7 +78,7 @@ def spoilt_file(config: GatewayConfig, problem: Problem) -> tuple[str, str]:
     path, harm, page = next((path, harm, page) for field, path, harm, page in _named(config) if field == problem.where)
     line = re.search(r"line \d+", problem.what.removeprefix(f"'{path}'"))
     todo = {
-        "key_file": f"make a new key: openssl rand -hex 32 > {path}; its owner needs the same one",
+        "key_file": f"make a new key: openssl rand -hex 32 > {shlex.quote(str(path))}; its owner needs the same one",
         "users_file": f"correct {line[0] if line else 'the file'}: expected a line user:password for each user",
         "password_file": "write the password into the file",
         "key": "copy the key that belongs to the certificate, or make both again",

@@ -28,22 +28,31 @@ class Reloading:
         """None: the file is read when it is its turn."""
         self._asked = asyncio.Event()
         self._checking = self._applying = False
+        self._signals = 0
 
     def hang_up(self) -> None:
         """Read the file again and apply it; what is wrong with it goes to the log."""
+        self._signals += 1
         self._asked.set()
 
     async def ask(self, service: Service) -> str:
         """A gateway.control.AskReload: check the file, and begin to apply it."""
         if self._asked.is_set() or self._checking or self._applying:
             raise ReloadError("another reload is under way; give the command again")
-        self._checking = True
+        signals, self._checking = self._signals, True
         try:
             prepared = await self._prepared(service)
         except (ConfigError, DriverError) as error:
             raise ReloadError(str(error)[:_LONGEST_TEXT]) from error
+        except ReloadError:
+            raise
+        except Exception as error:
+            log.exception("not reloaded; the previous configuration stays in use")
+            raise ReloadError(f"unexpected {type(error).__name__}; please report what the log says") from error
         finally:
             self._checking = False
+        if self._signals != signals:  # the file may have been another one by then
+            raise ReloadError("another reload came meanwhile; give the command again")
         self._next = prepared
         self._asked.set()
         fingerprint = f"{self._path.name}, fingerprint {prepared.new.fingerprint()[:16]}"

@@ -110,11 +110,42 @@ def test_a_package_may_say_that_its_devices_need_no_address_of_their_own(
 def test_a_field_with_the_name_of_what_the_gateway_asks_is_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    section = with_bus(tmp_path, monkeypatch, SERIAL.replace("units = (1, 31)", "only_listens: bool"))
+    section = with_bus(tmp_path, monkeypatch, SERIAL.replace("units = (1, 31)", "timeout_is_age: bool"))
     with pytest.warns(UserWarning, match="shadows an attribute"):
         done = check(tmp_path, OWN + section)
     assert done.exit_code == 2
-    assert "other_package:It has a field only_listens, which is a member of OtherBus" in done.output
+    assert "other_package:It has a field timeout_is_age, which is a member of OtherBus; rename" in done.output
+
+
+def test_a_field_may_stand_in_the_place_of_a_value(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    section = with_bus(tmp_path, monkeypatch, SERIAL.replace("units = (1, 31)", "only_listens: bool"))
+    with pytest.warns(UserWarning, match="shadows an attribute"):
+        done = check(tmp_path, OWN + section + 'port = "/dev/line"\nonly_listens = true\n')
+    assert done.exit_code == 0, done.output
+
+
+@pytest.mark.parametrize(
+    ("code", "says"),
+    [
+        ("units = 7", "TypeError: cannot unpack non-iterable int object"),
+        ("units = ('1', '31')", "TypeError: units is or contains '1': expected int"),
+        ("only_listens = 'yes'", "TypeError: only_listens is or contains 'yes': expected bool"),
+        (
+            "def timeout_is_age(self, options):\n        raise KeyError('X')",
+            "KeyError: 'X'",
+        ),
+        ("place = None", "TypeError: place is or contains None: expected str"),
+    ],
+)  # fmt: skip
+def test_an_answer_of_another_type_is_one_line(
+    code: str, says: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    text = SERIAL.replace("units = (1, 31)", code)
+    if code.startswith("place"):
+        text = SERIAL.replace("return self.port", "return None")
+    done = check(tmp_path, OWN + with_bus(tmp_path, monkeypatch, text) + 'port = "/dev/line"\n')
+    assert done.exit_code == 2
+    assert f"bus 'odd': the package of kind 'strange' failed: {says}" in done.output
 
 
 def test_doctor_finds_a_second_program_on_a_package_s_serial_bus(

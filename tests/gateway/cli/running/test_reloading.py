@@ -62,6 +62,27 @@ async def test_a_good_file_is_applied_and_one_that_needs_a_restart_or_is_wrong_i
         await asyncio.gather(*tasks, return_exceptions=True)
 
 
+async def test_a_command_is_refused_if_a_signal_comes_while_its_file_is_read(tmp_path: Path) -> None:
+    """The file may have changed in between; what is applied last must be the file as it is."""
+    path, clock, kept, stop = tmp_path / "gateway.toml", SteppedClock(), KeptEvents(), asyncio.Event()
+    service, reloading = service_of(path, kept, clock), Reloading(path)
+    tasks = [asyncio.create_task(service.run(stop)), asyncio.create_task(reloading.run(service))]
+    try:
+        await clock.run_until(3.0)
+        path.write_text(OTHER, encoding="utf-8")
+        command = asyncio.create_task(reloading.ask(service))
+        await asyncio.sleep(0)
+        reloading.hang_up()
+        with pytest.raises(ReloadError, match="another reload came meanwhile; give the command again"):
+            await command
+        await until(lambda: len(kept.of(ConfigurationApplied)) > 1)
+        assert [event.config for event in kept.of(ConfigurationApplied)][1:] == [load(path)]
+    finally:
+        stop.set()
+        tasks[1].cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+
+
 async def test_what_fails_after_the_answer_is_an_event(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     path, kept = tmp_path / "gateway.toml", KeptEvents()
     service, reloading = service_of(path, kept, SteppedClock(), Unwilling), Reloading(path)
