@@ -2,10 +2,12 @@
 
 import ast
 import hashlib
+import io
 import json
 import os
 import sys
 import time
+import tokenize
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
@@ -69,8 +71,8 @@ def code_fingerprint(module: str, learner: bool = True) -> str:
     """SHA-256, hexadecimal, over the code that determines a study's results; not over how they are shown.
 
     That is talc with its kernel, the simulated physics, the module itself and the control's loop; without `learner`
-    all of this except what only the learner uses. Comments and docstrings of Python files do not count, nor does their
-    layout. In other files, such as the kernel's sources, every byte counts.
+    all of this except what only the learner uses. Comments, docstrings and empty lines of Python files do not count. In
+    other files, such as the kernel's sources, every byte counts.
     """
     digest = hashlib.sha256()
     science, physics = Path(str(talc.__file__)).parent, Path(str(simulators.__file__)).parent
@@ -86,18 +88,16 @@ def code_fingerprint(module: str, learner: bool = True) -> str:
 
 @cache
 def _without_prose(source: bytes) -> bytes:
-    """Python source without comments and docstrings, those of constants and fields included, in one layout.
-
-    Made from the syntax tree, written out again: unlike the text of `ast.dump`, it hardly depends on the version of
-    Python.
-    """
-    return ast.unparse(_NoDocstrings().visit(ast.parse(source))).encode()
-
-
-class _NoDocstrings(ast.NodeTransformer):
-    def visit_Expr(self, node: ast.Expr) -> ast.Expr | None:
-        """Leaves out a statement that is only a string: it has no effect."""
-        return None if isinstance(node.value, ast.Constant) and isinstance(node.value.value, str) else node
+    """The lines of Python source without comments and docstrings, those of constants and fields included, and without
+    empty lines. Not the syntax tree written out again: its text depends on the version of Python."""
+    text = source.decode()
+    statements = (node for node in ast.walk(ast.parse(text)) if isinstance(node, ast.Expr))
+    strings = [node for node in statements if isinstance(getattr(node.value, "value", None), str)]
+    prose = {number for node in strings for number in range(node.lineno, (node.end_lineno or node.lineno) + 1)}
+    tokens = tokenize.generate_tokens(io.StringIO(text).readline)
+    comments = dict(token.start for token in tokens if token.type == tokenize.COMMENT)
+    lines = (line[: comments.get(at)].rstrip() for at, line in enumerate(text.split("\n"), 1) if at not in prose)
+    return "\n".join(line for line in lines if line).encode()
 
 
 def key(study: Study, parameters: RunParameters) -> str:

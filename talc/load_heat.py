@@ -34,14 +34,36 @@ class LoadScale:
 
     def features(self, loads: FloatArray, known: BoolArray) -> FloatArray:
         """(T, 4 L) lagged r and r² of consecutive rows (T, L). Before the first row the loads were as in it."""
-        share = np.abs(_held(loads, known, steps_in(_HELD_S, self.step_s))) / self.largest
-        driving = np.hstack([share, share**2])
+        driving, kept = self._driving(loads, known), self._kept[:, None]
         found = np.empty((len(loads), len(LAGS_S), driving.shape[1]))
-        kept = np.exp(-self.step_s / np.array(LAGS_S))[:, None]
         level = np.repeat(driving[:1], len(LAGS_S), axis=0)
         for row, now in enumerate(driving):
             level = found[row] = kept * level + (1.0 - kept) * now
         return found.reshape(len(loads), -1)
+
+    def last_features(self, loads: FloatArray, known: BoolArray) -> FloatArray:
+        """(4 L,) the last row of `features`, without a loop over the rows."""
+        ages = np.arange(len(loads))[::-1]
+        weights = self._kept[:, None] ** ages
+        weights[:, 1:] *= 1.0 - self._kept[:, None]  # the first row stands for all before it, too
+        return np.asarray(weights @ self._driving(loads, known)).reshape(-1)
+
+    def coming_features(self, last: FloatArray, loads: FloatArray, steps: int) -> FloatArray:
+        """(steps, 4 L) what follows the features `last` (4 L,) if the loads are these (L,) from now on."""
+        share = np.abs(loads) / self.largest
+        driving = np.hstack([share, share**2])
+        kept = self._kept[:, None] ** np.arange(1, steps + 1)[:, None, None]
+        found = kept * last.reshape(len(LAGS_S), -1) + (1.0 - kept) * driving
+        return np.asarray(found).reshape(steps, -1)
+
+    @property
+    def _kept(self) -> FloatArray:
+        """Share of each lag's level that is left after a step."""
+        return np.exp(-self.step_s / np.array(LAGS_S))
+
+    def _driving(self, loads: FloatArray, known: BoolArray) -> FloatArray:
+        share = np.abs(_held(loads, known, steps_in(_HELD_S, self.step_s))) / self.largest
+        return np.hstack([share, share**2])
 
 
 def scale_of(names: Sequence[str], loads: FloatArray, known: BoolArray, step_s: float) -> LoadScale | None:

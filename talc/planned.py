@@ -54,10 +54,9 @@ class LoadResponse:
         loads, known = recent[:, own], valid[:, own]
         now = np.where(known[-1], loads[-1], 0.0)
         then = np.array([planned.get(name, value) for name, value in zip(self.scale.names, now.tolist(), strict=True)])
-        course = np.vstack([loads, np.tile(then, (steps, 1))])
-        features = self.scale.features(course, np.vstack([known, np.ones((steps, len(own)), dtype=np.bool_)]))
+        last = self.scale.last_features(loads, known)
         found = np.zeros((steps, len(names)))
-        followed = (features[len(recent) :] - features[len(recent) - 1]) @ self.weights
+        followed = (self.scale.coming_features(last, then, steps) - last) @ self.weights
         found[:, [names.index(name) for name in self.followers]] = followed
         found[:, own] = then - now
         return found

@@ -27,6 +27,8 @@ _MUCH_MEMORY = 300e6
 """Bytes of a learner; a snapshot and a start take as many again, and the Debian package's service may have 1 GB."""
 _FEW_INPUTS = 100
 """Their learner takes 0.1 GB."""
+_SHORTEST_PLANNED_S = 4.3
+"""Planned loads are learnt from two days or more, and the most steps that are kept are 40,320."""
 _UNSTABLE_PORT = re.compile(r"/dev/tty(USB|ACM)\d+")
 
 
@@ -80,6 +82,8 @@ def cautions(config: GatewayConfig) -> list[Problem]:
     if config.nc is not None:
         found += _cautions_of("[nc]", config.nc)
     found += _memory(config)
+    if config.planned_loads and config.grid.step_s < _SHORTEST_PLANNED_S:
+        found.append(Problem("[[planned_load]]", f"has no effect with [grid] step_s below {_SHORTEST_PLANNED_S:g}"))
     found += _manuals_addresses(config)
     found += _following(config)
     if config.storage.path.is_relative_to("/etc"):

@@ -122,6 +122,8 @@ class SensorWatch:
             seen = before.frames
             for k, inputs, valid in zip(seen.k.tolist(), seen.inputs, seen.valid, strict=True):
                 self._append(k, inputs, valid)
+            if len(seen.k) >= settings.learn_steps + settings.window_steps:  # no more are loaded of a longer record
+                self._first_k = int(seen.k[0]) - self._learn_first
 
     def frame(self, frame: Frame) -> None:
         """Take a frame; returns at once."""

@@ -5,15 +5,14 @@ import threading
 
 from drivers.base import Clock, SystemClock
 from gateway.polling import Problems
-from gateway.telemetry import keys
 
 _PERIOD_S = 1.0
 _MOST_SUBJECTS = 1000
-"""Machines and kinds of messages. Any program on the network can publish under new names without end."""
+"""Any program on the network can publish under new names without end."""
 
 
 class UnreadableMessages:
-    """What could not be read, by machine and kind of message. May be called from several threads.
+    """What could not be read, by machine and key. May be called from several threads.
 
     Parameters
     ----------
@@ -30,15 +29,18 @@ class UnreadableMessages:
 
     def invalid(self, machine: str, suffix: str, error: ValueError) -> None:
         """A message could not be read."""
-        subject = f"{machine}: {keys.kind_of(suffix)}"
+        subject = f"{machine}: {suffix}"
         with self._lock:
             if subject in self._seen or len(self._seen) < _MOST_SUBJECTS:
                 self._seen.add(subject)
                 self._problems.report(subject, "invalid", f"{machine}: {self._consequence}: {error}")
+            else:
+                text = f"more than {_MOST_SUBJECTS} keys had unreadable messages; those of others are not named"
+                self._problems.report("all", "many", text)
 
     def valid(self, machine: str, suffix: str) -> None:
         """A message was read."""
-        subject = f"{machine}: {keys.kind_of(suffix)}"
+        subject = f"{machine}: {suffix}"
         if subject in self._seen:
             with self._lock:
                 self._problems.clear(subject, f"{subject} can be read again")

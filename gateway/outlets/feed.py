@@ -1,6 +1,7 @@
 """The messages that wait for one outlet: a bounded queue with its policy, however long the outlet is away."""
 
 import logging
+import math
 import threading
 from collections import deque
 from collections.abc import Callable
@@ -38,8 +39,11 @@ class Feed:
         self._breaker = Breaker(_SHORTEST_PAUSE_S, _LONGEST_PAUSE_S)
         self._time = TurnTime()
         self._problems = Problems(self._time, _LONGEST_PAUSE_S, self._noticed, log)
-        self._began: dict[str, tuple[float, int]] = {}
-        """By subject of a problem that was reported: when it began, and how many messages were lost until then."""
+        self._began: dict[str, int] = {}
+        """By subject of a problem that was reported: how many messages were lost until it began."""
+        self._refused_s = -math.inf
+        self._gone_s = self._away_s = 0.0
+        """When it was away the last time, monotonic, and how long."""
         self.sent = 0
         self.dropped = 0
         """Because too many were waiting."""
@@ -149,18 +153,19 @@ class Feed:
         if notice.ended:
             self._began.pop(notice.subject, None)
         elif notice.subject not in self._began:
-            lost = self.dropped if notice.subject == self.name else self.unacceptable
-            self._began[notice.subject] = self._time.now_s, lost
+            self._began[notice.subject] = self.dropped if notice.subject == self.name else self.unacceptable
 
     def _accepted(self, messages: int) -> None:
         self.sent += messages
-        _, before = self._began.get(self._acceptance, (0.0, self.unacceptable))
-        lost = self.unacceptable - before
+        if self._time.now_s - self._refused_s < self._problems.window_s:
+            return  # other messages may be refused again and again, between those that are accepted
+        lost = self.unacceptable - self._began.get(self._acceptance, self.unacceptable)
         self._problems.clear(self._acceptance, f"{self.name}: messages are accepted again; {lost} were dropped")
 
     def _refused(self, messages: int, error: Unacceptable) -> None:
         text = f"{self.name}: {messages} messages are not accepted and were dropped: {error}"
         self._problems.report(self._acceptance, str(error), text)
+        self._refused_s = self._time.now_s
         self.unacceptable += messages
 
     @property
@@ -192,6 +197,8 @@ class Feed:
         told = why if bug is None else f"{why}; please report this"
         most = self._settings.most_waiting
         self._problems.report(self.name, kind, f"{self.name}: {told}; messages wait, at most {most}", bug=bug)
+        if not self._breaker.failing:
+            self._gone_s = now_s
         with self._news:
             self._waiting.extendleft(reversed(batch))
             self._bound()
@@ -200,10 +207,10 @@ class Feed:
         return self._breaker.retry_at
 
     def _back(self, now_s: float) -> None:
+        if self._breaker.failing:
+            self._away_s = now_s - self._gone_s
         self._problem = ""
         self._breaker.succeeded()
-        since_s, before = self._began.get(self.name, (now_s, self.dropped))
-        lost = self.dropped - before
-        self._problems.clear(
-            self.name, f"{self.name}: is back after {now_s - since_s:.0f} s; {lost} messages were dropped meanwhile"
-        )
+        lost = self.dropped - self._began.get(self.name, self.dropped)
+        text = f"{self.name}: is back after {self._away_s:.0f} s; {lost} messages were dropped meanwhile"
+        self._problems.clear(self.name, text)

@@ -108,7 +108,11 @@ class Problems:
         history = self._subjects.setdefault(subject, _SubjectHistory())
         if history.failing:
             history.muted &= now_s - history.changed_s < self._window_s
-            if history.muted or kind in history.kinds or len(history.kinds) >= _MOST_KINDS:
+            if history.muted or kind in history.kinds:
+                return
+            if len(history.kinds) >= _MOST_KINDS:
+                if (other := self._first_of(bug)) is not None:
+                    self._log.warning("%s", text, exc_info=other)
                 return
             history.kinds.add(kind)
             if len(history.kinds) == _MOST_KINDS:

@@ -233,9 +233,9 @@ class TelemetryPublisher:
                     session.put(f"{self._root}/{suffix}", payload, encoding=_JSON, congestion_control=control)
                 except zenoh.ZError as error:
                     text = f"telemetry: {suffix} was not published: {error}"
-                    self._problems.report("telemetry", "refused", text)
+                    self._problems.report(suffix, "refused", text)
                 else:
-                    self._problems.clear("telemetry", "telemetry: messages are published again")
+                    self._problems.clear(suffix, f"telemetry: {suffix} is published again")
 
     def _answer(self, query: zenoh.Query) -> None:
         """Reply with the last value of every requested key, or with schemas; called in one of Zenoh's threads."""

@@ -50,6 +50,22 @@ def test_lagged_loads_are_the_digital_filter_they_stand_for() -> None:
             np.testing.assert_allclose(features[:, 2 * i + j], expected, atol=1e-12)
 
 
+@pytest.mark.parametrize("step_s", [300.0, 10.0])
+def test_the_last_and_the_coming_features_are_those_of_the_digital_filter(step_s: float) -> None:
+    speed, planned, steps = work(3, 2)[:, None], 900.0, 400
+    scale = scale_of(("speed",), speed, np.ones(speed.shape, np.bool_), step_s)
+    assert scale is not None
+    last = scale.last_features(speed, np.ones(speed.shape, np.bool_))
+    coming = scale.coming_features(last, np.array([planned]), steps)
+    course = np.concatenate([speed[:, 0], np.full(steps, planned)]) / speed.max()
+    for i, lag_s in enumerate(LAGS_S):
+        for j, driving in enumerate((course, course**2)):
+            kept = np.exp(-step_s / lag_s)
+            expected = lfilter([1.0 - kept], [1.0, -kept], driving, zi=[kept * driving[0]])[0]
+            np.testing.assert_allclose(last[2 * i + j], expected[len(speed) - 1], atol=1e-12)
+            np.testing.assert_allclose(coming[:, 2 * i + j], expected[len(speed) :], atol=1e-12)
+
+
 def test_an_unknown_load_is_held_for_an_hour_and_then_none() -> None:
     speed, known = np.full((40, 1), 500.0), np.ones((40, 1), np.bool_)
     known[10:30] = False

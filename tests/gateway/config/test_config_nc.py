@@ -13,6 +13,8 @@ from cryptography.x509.oid import NameOID
 from drivers.sinumerik import OffsetRoute, SinumerikSettings, StateNode
 from drivers.sinumerik.settings import Handshake, LeaseParameters
 from gateway.config import ConfigError, GatewayConfig, LinuxCncNc, SinumerikNc, cautions, parse
+from gateway.control import rows_remembered
+from talc.steps import DAY_S, steps_in
 
 HEAD = """
 [machine]
@@ -284,3 +286,14 @@ def test_planned_loads_are_of_inputs_that_there_are(tmp_path: Path) -> None:
     ):
         with pytest.raises(ConfigError, match=said):
             config(states + text + nc, tmp_path)
+
+
+@pytest.mark.parametrize("step_s", [4.3, 4.2])
+def test_check_says_when_the_grid_step_is_too_short_for_planned_loads(step_s: float, tmp_path: Path) -> None:
+    (tmp_path / "talc.key").write_text("k" * 64)
+    nc = '[nc]\nkind = "linuxcnc"\nhost = "127.0.0.1"\nport = 7700\nkey_file = "talc.key"\n'
+    planned = '[[planned_load]]\nname = "warm-up"\nloads = {spindle_speed = 6000.0}\n'
+    made = config(f'[[state]]\nname = "spindle_speed"\n[grid]\nstep_s = {step_s}\n' + planned + nc, tmp_path)
+    short = "[[planned_load]]: has no effect with [grid] step_s below 4.3" in map(str, cautions(made))
+    assert short == (step_s < 4.3)
+    assert short == (rows_remembered(step_s) < steps_in(2.0 * DAY_S, step_s)), "less than learning needs is kept"

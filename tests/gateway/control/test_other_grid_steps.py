@@ -7,9 +7,9 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 
-from gateway.control import PlannedLoads, SensorWatch, rows_remembered
+from gateway.control import PlannedLoads, SeenBefore, SensorWatch, rows_remembered
 from gateway.events import GatewayEvent, SensorsJudged
-from talc.frame import BoolArray, FloatArray, Frame
+from talc.frame import BoolArray, FloatArray, Frame, Frames
 from talc.sensor_model import SensorModel, learn
 from talc.settings import SensorCheckSettings
 from tests.benches.hot_bearing import BODIES, DAY, NAMES, bodies, work
@@ -92,6 +92,19 @@ async def test_a_day_is_waited_for_where_fewer_rows_are_learnt_from(step_s: floa
         watching.frame(Frame(k, np.full(len(NAMES), 20.0), KNOWN))
     await watching.look()
     assert teacher.given == [(36, step_s)]
+
+
+async def test_after_a_restart_a_long_record_of_which_a_part_is_kept_needs_no_other_day() -> None:
+    teacher, settings = RowNotes(learns=False), SensorCheckSettings(window_steps=12, learn_steps=36)
+    for rows in (47, 48):
+        k = np.arange(1000, 1000 + rows)
+        inputs, valid = np.full((rows, len(NAMES)), 20.0), np.ones((rows, len(NAMES)), np.bool_)
+        seen = Frames(k, inputs, valid, np.full((rows, 9), np.nan))
+        watching = SensorWatch(
+            NAMES, settings, 5.0, is_temperature, lambda _: None, SteppedClock(), SeenBefore(seen, None), teacher
+        )
+        await watching.look()
+        assert teacher.given == ([] if rows < 48 else [(36, 5.0)]), "48 rows are all that is loaded"
 
 
 async def test_no_row_goes_unjudged_where_a_window_is_shorter_than_an_hour() -> None:

@@ -27,6 +27,18 @@ def test_it_is_reported_once_for_each_machine_and_kind_and_when_it_ends(caplog: 
     assert caplog.messages[2:] == ["mill: event can be read again"]
 
 
+def test_a_key_of_which_no_message_can_be_read_stays_reported_beside_good_ones(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    clock = ManualClock()
+    unreadable = UnreadableMessages(LOG, "not shown", clock)
+    for minute in range(30):
+        clock.move_to(60.0 * minute)
+        unreadable.invalid("mill", "reading/odd", ERROR)
+        unreadable.valid("mill", "reading/bed")
+    assert len(caplog.messages) == 1
+
+
 def test_a_gateway_of_which_some_messages_can_be_read_is_intermittent(caplog: pytest.LogCaptureFixture) -> None:
     clock = ManualClock()
     unreadable = UnreadableMessages(LOG, "not shown", clock)
@@ -46,6 +58,7 @@ def test_names_without_end_take_no_memory_and_fill_no_log(caplog: pytest.LogCapt
     for number in range(3000):
         unreadable.invalid(f"m{number}", "event", ERROR)
     unreadable.valid("m2000", "event")
-    assert len(caplog.messages) == 1000
+    assert len(caplog.messages) == 1001
+    assert caplog.messages[1000] == "more than 1000 keys had unreadable messages; those of others are not named"
     unreadable.valid("m0", "event")
-    assert caplog.messages[1000:] == ["m0: event can be read again"]
+    assert caplog.messages[1001:] == ["m0: event can be read again"]

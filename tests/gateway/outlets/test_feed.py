@@ -97,10 +97,11 @@ def test_what_the_other_side_will_never_take_does_not_stop_the_rest(caplog: pyte
         outlet.failing = Unacceptable("unparsable")
         feed.turn(0.0)
     outlet.failing = None
-    feed.put(reading(3), 0.0)
-    feed.turn(0.0)
-    assert [numbers(batch) for batch in outlet.sent] == [[3]]
-    assert (feed.sent, feed.unacceptable) == (1, 2)
+    for number, now_s in ((3, 0.0), (4, 600.0)):
+        feed.put(reading(number), now_s)
+        feed.turn(now_s)
+    assert [numbers(batch) for batch in outlet.sent] == [[3], [4]]
+    assert (feed.sent, feed.unacceptable) == (2, 2)
     assert [r.message for r in caplog.records] == [
         "plant: 1 messages are not accepted and were dropped: unparsable",
         "plant: messages are accepted again; 2 were dropped",
@@ -112,10 +113,10 @@ def test_a_refusal_is_reported_again_after_it_ended_and_when_its_reason_changes(
 ) -> None:
     outlet, refused = FailingOutlet(), Unacceptable("of another type")
     feed = Feed(settings(), outlet)
-    for now_s, failing in enumerate((refused, refused, None, refused, Unacceptable("too large"), refused, None)):
+    for number, failing in enumerate((refused, refused, None, refused, Unacceptable("too large"), refused, None)):
         outlet.failing = failing
-        feed.put(reading(now_s), float(now_s))
-        feed.turn(float(now_s))
+        feed.put(reading(number), 1000.0 * number)
+        feed.turn(1000.0 * number)
     assert caplog.messages == [
         "plant: 1 messages are not accepted and were dropped: of another type",
         "plant: messages are accepted again; 2 were dropped",
@@ -136,10 +137,27 @@ def test_a_turn_without_messages_ends_no_refusal(caplog: pytest.LogCaptureFixtur
     assert len(caplog.messages) == 1
 
 
-@pytest.mark.parametrize("failing", [OutletError("reset"), Unacceptable("of another type")], ids=["away", "refusing"])
-def test_an_intermittent_outlet_is_reported_so_and_then_not_until_it_was_steady_for_ten_minutes(
-    failing: OutletError, caplog: pytest.LogCaptureFixture
+def test_a_refusal_between_accepted_messages_lasts_until_ten_minutes_without_one(
+    caplog: pytest.LogCaptureFixture,
 ) -> None:
+    outlet, refused = FailingOutlet(), Unacceptable("of another type")
+    feed = Feed(settings(), outlet)
+    for number in range(100):
+        outlet.failing = None if number % 10 else refused
+        feed.put(reading(number), 30.0 * number)
+        feed.turn(30.0 * number)
+    assert caplog.messages == ["plant: 1 messages are not accepted and were dropped: of another type"]
+    for now_s in (3290.0, 3310.0):
+        feed.put(reading(1), now_s)
+        feed.turn(now_s)
+        assert len(caplog.messages) == (1 if now_s < 3300.0 else 2), "the last one was refused at 2700 s"
+    assert caplog.messages[1:] == ["plant: messages are accepted again; 10 were dropped"]
+
+
+def test_an_intermittent_outlet_is_reported_so_and_then_not_until_it_was_steady_for_ten_minutes(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    failing = OutletError("reset")
     outlet = FailingOutlet()
     feed = Feed(settings(most_waiting=100), outlet)
     for number in range(400):
@@ -152,8 +170,7 @@ def test_an_intermittent_outlet_is_reported_so_and_then_not_until_it_was_steady_
     for second in range(4000, 4700, 10):
         feed.put(reading(second), float(second))
         feed.turn(float(second))
-    lost = "0 messages were dropped meanwhile" if feed.dropped == feed.unacceptable else "197 were dropped"
-    assert [message.rpartition("; ")[2] for message in caplog.messages[7:]] == [lost]
+    assert caplog.messages[7:] == ["plant: is back after 10 s; 0 messages were dropped meanwhile"]
 
 
 def test_what_goes_wrong_while_it_is_away_is_not_another_line(caplog: pytest.LogCaptureFixture) -> None:
