@@ -44,7 +44,7 @@ _CHANGES = (
     SourceChange(clock, "Problems(clock, _PERIOD_S, notify, log)", f"Problems(clock, {_LOOK_S}, notify, log)"),
     SourceChange(clock, "Periodic(self._clock, _PERIOD_S)", f"Periodic(self._clock, {_LOOK_S})"),
     SourceChange(service, "max(_SHORTEST_LOOK_S, ", f"max({_LOOK_S}, "),
-    SourceChange(store, "mended, look_s, hangs_after_s", f"mended, {_LOOK_S}, hangs_after_s"),
+    SourceChange(store, "look_s=look_s", f"look_s={_LOOK_S}"),
     SourceChange(client, "await asyncio.sleep(self._stale_check_interval)", _FOR_EVER),
     SourceChange(uaprocessor, "await asyncio.sleep(timeout)", _FOR_EVER),
     SourceChange(internal_session, "await asyncio.sleep(min(remaining, max(timeout / 4, 0.1)))", _FOR_EVER),
