@@ -27,12 +27,13 @@ class BreakableSite(SiteSeen):
         return 0.0
 
     async def some_looks(self, clock: SteppedClock) -> None:
-        enough = self.looks + 10
+        enough = self.looks + 3
         async with asyncio.timeout(LIMIT_S):
             while self.looks < enough:
                 await clock.run_until(clock.monotonic() + 1.0)
 
 
+@pytest.mark.slow  # the nodes of the standard take three seconds to make, in a process of low priority
 async def test_values_that_cannot_be_shown_are_reported_once_with_the_traceback_and_when_they_are_shown_again(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
