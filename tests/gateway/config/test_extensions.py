@@ -19,7 +19,7 @@ from gateway.cli import main
 from gateway.clock import RealClock
 from gateway.config import ConfigError, GatewayConfig, parse, stored_configuration
 from gateway.nc import control_of
-from tests.benches.extension_package import example_wheel, files_of, install
+from tests.benches.extension_package import OWN, example_wheel, files_of, install
 from tests.benches.stream_server import stream_server
 
 pytestmark = pytest.mark.usefixtures("no_package_stays_loaded")
@@ -47,20 +47,6 @@ name = "spindle_speed"
 kind = "text_axes"
 host = "127.0.0.1"
 port = 5000
-"""
-OWN = """
-[machine]
-name = "mill"
-[[bus]]
-name = "tcp1"
-kind = "modbus_tcp"
-host = "192.168.0.10"
-[[device]]
-name = "adam"
-bus = "tcp1"
-profile = "advantech_adam6015"
-[device.channels]
-ambient = 0
 """
 
 

@@ -9,24 +9,10 @@ from gateway.cli import main
 from gateway.cli.condition.doctor import ailments
 from gateway.cli.running.record import not_recorded
 from gateway.config import cautions, parse
-from tests.benches.extension_package import files_of, install
+from tests.benches.extension_package import OWN, files_of, install
 
 pytestmark = pytest.mark.usefixtures("no_package_stays_loaded")
 
-OWN = """
-[machine]
-name = "mill"
-[[bus]]
-name = "tcp1"
-kind = "modbus_tcp"
-host = "192.168.0.10"
-[[device]]
-name = "adam"
-bus = "tcp1"
-profile = "advantech_adam6015"
-[device.channels]
-ambient = 0
-"""
 SERIAL = """from typing import Literal
 from gateway.config import OtherBus
 
