@@ -1,7 +1,7 @@
 """The sensor watch and the planned loads at other grid steps than the default: a day and an hour are what they last."""
 
 import asyncio
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 
 import numpy as np
@@ -9,34 +9,14 @@ import pytest
 
 from gateway.control import PlannedLoads, SeenBefore, SensorWatch, rows_remembered
 from gateway.events import GatewayEvent, SensorsJudged
-from talc.frame import BoolArray, FloatArray, Frame, Frames
-from talc.sensor_model import SensorModel, learn
+from talc.frame import Frame, Frames
 from talc.settings import SensorCheckSettings
 from tests.benches.hot_bearing import BODIES, DAY, NAMES, bodies, work
+from tests.benches.sensor_teacher import SensorTeacher, nothing_learnt
 from tests.benches.stepped_clock import SteppedClock
 from tests.benches.waits import until
 
 KNOWN = np.ones(len(NAMES), np.bool_)
-
-
-class RowNotes:
-    """Notes the rows and the grid step that it is given."""
-
-    def __init__(self, *, learns: bool = True) -> None:
-        self.given: list[tuple[int, float]] = []
-        self._learns = learns
-
-    async def __call__(
-        self,
-        names: Sequence[str],
-        inputs: FloatArray,
-        valid: BoolArray,
-        settings: SensorCheckSettings,
-        loads: Sequence[str],
-        step_s: float,
-    ) -> SensorModel | None:
-        self.given.append((len(inputs), step_s))
-        return learn(names, inputs, valid, settings, loads, step_s) if self._learns else None
 
 
 class CountingClock(SteppedClock):
@@ -63,7 +43,7 @@ def is_temperature(name: str) -> bool:
 
 
 async def test_sensors_are_learnt_each_day_and_judged_each_hour_at_ten_minutes() -> None:
-    x, teacher, judged = bodies(work(3, 3), 3)[::2], RowNotes(), list[int]()
+    x, teacher, judged = bodies(work(3, 3), 3)[::2], SensorTeacher(), list[int]()
 
     def hear(event: GatewayEvent) -> None:
         if isinstance(event, SensorsJudged):
@@ -77,25 +57,26 @@ async def test_sensors_are_learnt_each_day_and_judged_each_hour_at_ten_minutes()
         watching.frame(Frame(k, row, KNOWN))
         assert await clock.looked() == (k - first_k) // 6 + 1, "each hour"
     running.cancel()
-    assert teacher.given == [(145, 600.0), (145 + 144 - 48, 600.0)], "after a day, from all that was judged"
+    assert teacher.rows == [145, 145 + 144 - 48], "after a day, from all that was judged"
+    assert set(teacher.steps_s) == {600.0}
     assert judged == list(range(first_k + 150, first_k + len(x), 6))
 
 
 @pytest.mark.parametrize(("step_s", "a_day"), [(60.0, 1440), (300.0, 288)])
 async def test_a_day_is_waited_for_where_fewer_rows_are_learnt_from(step_s: float, a_day: int) -> None:
-    teacher = RowNotes(learns=False)
+    teacher = SensorTeacher(nothing_learnt)
     settings = SensorCheckSettings(window_steps=12, learn_steps=36)
     watching = SensorWatch(NAMES, settings, step_s, is_temperature, lambda _: None, SteppedClock(), None, teacher)
     for k in range(a_day):
         await watching.look()
-        assert teacher.given == []
+        assert teacher.rows == []
         watching.frame(Frame(k, np.full(len(NAMES), 20.0), KNOWN))
     await watching.look()
-    assert teacher.given == [(36, step_s)]
+    assert (teacher.rows, teacher.steps_s) == ([36], [step_s])
 
 
 async def test_after_a_restart_a_long_record_of_which_a_part_is_kept_needs_no_other_day() -> None:
-    teacher, settings = RowNotes(learns=False), SensorCheckSettings(window_steps=12, learn_steps=36)
+    teacher, settings = SensorTeacher(nothing_learnt), SensorCheckSettings(window_steps=12, learn_steps=36)
     for rows in (47, 48):
         k = np.arange(1000, 1000 + rows)
         inputs, valid = np.full((rows, len(NAMES)), 20.0), np.ones((rows, len(NAMES)), np.bool_)
@@ -104,13 +85,14 @@ async def test_after_a_restart_a_long_record_of_which_a_part_is_kept_needs_no_ot
             NAMES, settings, 5.0, is_temperature, lambda _: None, SteppedClock(), SeenBefore(seen, None), teacher
         )
         await watching.look()
-        assert teacher.given == ([] if rows < 48 else [(36, 5.0)]), "48 rows are all that is loaded"
+        assert teacher.rows == ([] if rows < 48 else [36]), "48 rows are all that is loaded"
+    assert teacher.steps_s == [5.0]
 
 
 async def test_no_row_goes_unjudged_where_a_window_is_shorter_than_an_hour() -> None:
     clock = CountingClock()
     settings = SensorCheckSettings(window_steps=96, learn_steps=288)
-    watching = SensorWatch(NAMES, settings, 10.0, is_temperature, lambda _: None, clock, None, RowNotes())
+    watching = SensorWatch(NAMES, settings, 10.0, is_temperature, lambda _: None, clock, None, SensorTeacher())
     running = asyncio.create_task(watching.run())
     for k in range(400):
         watching.frame(Frame(k, np.full(len(NAMES), 20.0), KNOWN))

@@ -2,8 +2,8 @@
 
 import asyncio
 import logging
-from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,12 +15,13 @@ from gateway.cli.beside.view import ViewState, render
 from gateway.control import SeenBefore, SensorWatch
 from gateway.events import EventReported, GatewayEvent, SensorsJudged
 from gateway.telemetry import Composer, SensorsMessage, decode, encode
-from talc.frame import BoolArray, EventKind, FloatArray, Frame, Frames
+from talc.frame import EventKind, FloatArray, Frame, Frames
 from talc.sensor_check import Judgement
 from talc.sensor_model import SensorModel, learn
 from talc.settings import SensorCheckSettings
 from tests.benches import hot_bearing
 from tests.benches.plant_days import DAY, NAMES, plant_days
+from tests.benches.sensor_teacher import SensorTeacher
 from tests.benches.stepped_clock import SteppedClock
 
 SETTINGS = SensorCheckSettings()
@@ -47,26 +48,6 @@ class Ear:
                 raise AssertionError(event)
 
 
-class Teacher:
-    """Learns in this process and notes from how many rows."""
-
-    def __init__(self) -> None:
-        self.rows: list[int] = []
-
-    async def __call__(
-        self,
-        names: Sequence[str],
-        inputs: FloatArray,
-        valid: BoolArray,
-        settings: SensorCheckSettings,
-        loads: Sequence[str],
-        step_s: float,
-    ) -> SensorModel | None:
-        assert tuple(names) == NAMES, "only temperatures"
-        self.rows.append(len(inputs))
-        return learn(names, inputs, valid, settings, loads, step_s)
-
-
 def days(seed: int = 12) -> NDArray[np.float64]:
     temperatures = plant_days(seed)
     return np.column_stack([temperatures, np.zeros(len(temperatures))])
@@ -84,7 +65,7 @@ def before(inputs: FloatArray, since: int | None = None) -> SeenBefore:
     return SeenBefore(frames, since)
 
 
-def watch(ear: Ear, teacher: Teacher, before: SeenBefore | None = None) -> SensorWatch:
+def watch(ear: Ear, teacher: SensorTeacher, before: SeenBefore | None = None) -> SensorWatch:
     return SensorWatch(INPUTS, SETTINGS, 300.0, NAMES.__contains__, ear, SteppedClock(), before, teacher)
 
 
@@ -96,7 +77,7 @@ async def run(watching: SensorWatch, x: NDArray[np.float64], first_k: int) -> No
 
 
 async def test_an_exchange_is_reported_once_and_so_is_its_end(caplog: pytest.LogCaptureFixture) -> None:
-    ear, teacher, x = Ear(), Teacher(), days()
+    ear, teacher, x = Ear(), SensorTeacher(), days()
     watching = watch(ear, teacher)
     await run(watching, x[: 3 * DAY], K0)
     assert ear.events == []
@@ -132,7 +113,7 @@ async def test_an_exchange_is_reported_once_and_so_is_its_end(caplog: pytest.Log
 async def test_a_finding_is_published_and_shown() -> None:
     ear, x = Ear(), exchanged(days())
     seen = before(days()[: 2 * DAY])
-    await run(watch(ear, Teacher(), seen), x[2 * DAY : 2 * DAY + 150], K0 + 2 * DAY)
+    await run(watch(ear, SensorTeacher(), seen), x[2 * DAY : 2 * DAY + 150], K0 + 2 * DAY)
     judgement, k = ear.judgements[-1]
     composer = Composer("boot", INPUTS, SteppedClock(), simulated=False)
     ((key, message),) = composer.messages(SensorsJudged(judgement, k, ear.since[-1]))
@@ -150,18 +131,20 @@ async def test_a_finding_is_published_and_shown() -> None:
 
 
 async def test_nothing_is_learnt_from_a_window_that_is_not_judged_yet() -> None:
-    teacher, x = Teacher(), days()
+    teacher, x = SensorTeacher(), days()
     await run(watch(Ear(), teacher), x[: 3 * DAY], K0)
+    assert set(teacher.names) == {NAMES}, "only temperatures"
     assert teacher.rows[0] <= DAY + 12
     assert teacher.rows[1] <= 2 * DAY + 12 - SETTINGS.window_steps
 
 
 async def test_a_restart_finds_the_fault_again_and_does_not_learn_it() -> None:
-    ear, teacher, x = Ear(), Teacher(), days()
+    ear, teacher, x = Ear(), SensorTeacher(), days()
     faulty = np.concatenate([x[: 3 * DAY], exchanged(x[3 * DAY : 4 * DAY])])
     since = K0 + 3 * DAY + 120
     earlier = before(faulty, since)
     await run(watch(ear, teacher, earlier), exchanged(x[4 * DAY : 4 * DAY + 80]), K0 + 4 * DAY)
+    assert teacher.names == [NAMES], "only temperatures"
     assert len(teacher.rows) == 1
     assert teacher.rows[0] < 3 * DAY
     assert [kind for kind, _, _ in ear.events] == [EventKind.SENSOR_SUSPECT]
@@ -172,42 +155,20 @@ async def test_a_weekend_at_rest_ends_no_finding() -> None:
     ear, x = Ear(), days()
     faulty = exchanged(x[3 * DAY : 4 * DAY])
     rest = np.tile(faulty[-1], (2 * DAY, 1))
-    watching = watch(ear, Teacher())
+    watching = watch(ear, SensorTeacher())
     await run(watching, np.concatenate([x[: 3 * DAY], faulty, rest]), K0)
     assert [kind for kind, _, _ in ear.events] == [EventKind.SENSOR_SUSPECT]
     assert ear.judgements[-1][0] == Judgement()
 
 
 async def test_a_gap_is_not_a_window() -> None:
-    ear, teacher, x = Ear(), Teacher(), days()
+    ear, teacher, x = Ear(), SensorTeacher(), days()
     watching = watch(ear, teacher)
     await run(watching, x[: 2 * DAY], K0)
     known = len(ear.judgements)
     await run(watching, x[2 * DAY : 2 * DAY + 13], K0 + 2 * DAY + 600)
     assert all(j.smallest_offset_K == {} for j, _ in ear.judgements[known:])
     assert ear.events == []
-
-
-class FailingTeacher(Teacher):
-    """Learns once it has raised as often as was asked for."""
-
-    def __init__(self, *errors: Exception) -> None:
-        super().__init__()
-        self.errors = list(errors)
-
-    async def __call__(
-        self,
-        names: Sequence[str],
-        inputs: FloatArray,
-        valid: BoolArray,
-        settings: SensorCheckSettings,
-        loads: Sequence[str],
-        step_s: float,
-    ) -> SensorModel | None:
-        if self.errors:
-            self.rows.append(len(inputs))
-            raise self.errors.pop(0)
-        return await super().__call__(names, inputs, valid, settings, loads, step_s)
 
 
 @pytest.mark.parametrize(
@@ -217,7 +178,14 @@ class FailingTeacher(Teacher):
 async def test_a_learning_that_fails_is_reported_once_and_tried_each_hour(
     caplog: pytest.LogCaptureFixture, error: Exception, said: str
 ) -> None:
-    ear, teacher = Ear(), FailingTeacher(*[error] * 3)
+    errors = [error] * 3
+
+    def learning(*given: Any) -> SensorModel | None:
+        if errors:
+            raise errors.pop()
+        return learn(*given)
+
+    ear, teacher = Ear(), SensorTeacher(learning)
     with caplog.at_level(logging.WARNING, logger="gateway.control.sensor_watch"):
         await run(watch(ear, teacher), days()[: DAY + 48], K0)
     text = "their model could not be learnt"
@@ -232,20 +200,11 @@ async def test_a_learning_that_fails_is_reported_once_and_tried_each_hour(
 async def test_a_judgement_that_raises_ends_nothing_and_is_reported_once(caplog: pytest.LogCaptureFixture) -> None:
     """A model with the statistics of too few sensors: no caller expects the error that the thread raises."""
 
-    class Wrong(Teacher):
-        async def __call__(
-            self,
-            names: Sequence[str],
-            inputs: FloatArray,
-            valid: BoolArray,
-            settings: SensorCheckSettings,
-            loads: Sequence[str],
-            step_s: float,
-        ) -> SensorModel | None:
-            model = await super().__call__(names, inputs, valid, settings, loads, step_s)
-            return model and replace(model, offset_std=model.offset_std[:3])
+    def wrong(*given: Any) -> SensorModel | None:
+        model = learn(*given)
+        return model and replace(model, offset_std=model.offset_std[:3])
 
-    ear, teacher, x = Ear(), Wrong(), days()
+    ear, teacher, x = Ear(), SensorTeacher(wrong), days()
     with caplog.at_level(logging.WARNING, logger="gateway.control.sensor_watch"):
         await run(watch(ear, teacher), x[: 2 * DAY + 240], K0)
     assert len(teacher.rows) == 2, "learning goes on"
