@@ -242,7 +242,7 @@ class ProbingSchedule:
         return ""
 
     def _blocked_by_rejects(self) -> str:
-        return f"pause after {self._rejected} rejected results: {self._refused}"
+        return f"pause after {self._rejected} rejected result{'' if self._rejected == 1 else 's'}: {self._refused}"
 
     def _outlook(self, standing: Standing, reason: str = "") -> Outlook:
         why = Why.RETRY if self._rejected and self._reason is not None else self._reason

@@ -250,7 +250,7 @@ def test_the_pause_after_rejected_results_outlasts_the_reason_to_measure() -> No
     plan.want(Why.INTERVAL, 600.0)
     paused = plan.look(IDLE, 600.0)
     assert (paused.standing, paused.rejected) == (Standing.BLOCKED, 1)
-    assert paused.reason == "pause after 1 rejected results: dirt"
+    assert paused.reason == "pause after 1 rejected result: dirt"
     assert plan.look(IDLE, 3720.0) == Outlook(Standing.DUE, Why.INTERVAL)
 
 

@@ -68,6 +68,8 @@ def test_what_a_configuration_leaves_off_is_known() -> None:
         ("channel bed_1: good again", "Kanal bed_1: wieder gut"),
         ("probing: the control cannot be reached", "Messen: die Steuerung ist nicht zu erreichen"),
         ("probing: alarm 700123, 21612", "Messen: Alarm 700123, 21612"),
+        ("probing: pause after 1 rejected result: dirt", "Messen: Pause nach einem verworfenen Ergebnis: dirt"),
+        ("probing: pause after 2 rejected results: dirt", "Messen: Pause nach 2 verworfenen Ergebnissen: dirt"),
         (
             "a measurement (uncertainty): blocked: the control is in JOG, not in AUTO",
             "eine Messung (die Schätzung ist unsicher geworden): gewünscht, aber blockiert: die Steuerung ist in JOG,"
