@@ -8,6 +8,8 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import ParamSpec, TypeVar
 
+from drivers.error_words import in_words
+
 Arguments = ParamSpec("Arguments")
 Returned = TypeVar("Returned")
 
@@ -33,7 +35,8 @@ async def apart(work: Callable[Arguments, Returned], *given: Arguments.args, **n
             start_new_session=True,  # Ctrl-C goes to the gateway, which ends the work itself
         )
     except OSError as error:  # no memory or descriptor at this moment: not a fault in the gateway
-        raise WorkError(f"no process could be started: {error}") from error
+        what = f"{error.filename}: " if error.filename else ""
+        raise WorkError(f"no process could be started: {what}{in_words(error)}") from error
     if process.stdin is None or process.stdout is None or process.stderr is None:
         raise RuntimeError("the process has no pipes")
     try:

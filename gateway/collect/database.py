@@ -15,6 +15,7 @@ import psycopg
 from psycopg.conninfo import conninfo_to_dict
 
 from drivers.bus_settings import is_loopback
+from drivers.error_words import in_words
 from gateway.collect.folder import CollectError, Commit
 from gateway.collect.progress import CollectProgress, TablePlace, checked_machine
 from gateway.collect.relations import SiteRelations
@@ -189,7 +190,7 @@ def _password(file: Path) -> str:
     try:
         return file.read_text(encoding="utf-8").strip()
     except (OSError, UnicodeDecodeError) as error:
-        raise CollectError(f"{file}: the password cannot be read: {error}") from error
+        raise CollectError(f"{file}: the password cannot be read: {in_words(error)}") from error
 
 
 def _prepare(connection: DatabaseConnection, lock_wait_s: float) -> None:

@@ -13,6 +13,7 @@ import pyarrow as pa
 from pyarrow import parquet
 from pydantic import TypeAdapter
 
+from drivers.error_words import in_words
 from gateway.collect.folder import CollectError
 from gateway.collect.progress import TablePlace, load_progress
 from gateway.storage import columns
@@ -133,7 +134,7 @@ def _read(part: Path, names: Sequence[str]) -> pa.Table:
             there = [name for name in names if name in file.schema_arrow.names]
             table = file.read(columns=there)
     except (OSError, pa.ArrowException) as error:
-        raise CollectError(f"{part}: cannot be read: {error}") from error
+        raise CollectError(f"{part}: cannot be read: {in_words(error)}") from error
     for name in names:
         if name not in there:
             table = table.append_column(name, pa.nulls(table.num_rows, pa.float64()))

@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from drivers.error_words import in_words
 from gateway.config import Problem
 from gateway.recordings.chunks import CHUNK_ROWS, Chunk, FileTable
 from gateway.recordings.layout import TextLayout
@@ -50,7 +51,7 @@ class _Parquet:
             self._table: pyarrow.Table = parquet.read_table(path)
             self.head: list[str] = self._table.column_names
         except (ArrowException, OSError, UnicodeDecodeError) as error:
-            raise RecordingError(path, [Problem("", f"is not a readable Parquet file: {error}")]) from None
+            raise RecordingError(path, [Problem("", f"is not a readable Parquet file: {in_words(error)}")]) from None
         if not any(self.head):
             raise RecordingError(path, [Problem("", "has no column with a name")])
 

@@ -15,6 +15,7 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse
 
 from drivers.base import SetupError
+from drivers.error_words import in_words
 from gateway.commands import CommandName
 from gateway.telemetry import CommandAnswer, CommandSigner
 from gateway.web.settings import WebSettings
@@ -48,7 +49,8 @@ class PageCommands:
             try:
                 self._signers[user] = CommandSigner.of_file(user, path)
             except (OSError, ValueError) as error:
-                raise SetupError(f"[operators] {user}: {error}") from error
+                why = f"{path}: {in_words(error)}" if isinstance(error, OSError) else str(error)
+                raise SetupError(f"[operators] {user}: {why}") from error
 
     def token(self, request: Request) -> str | None:
         """What a page of this user must send with a command; None: this user may give none."""

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import click
 
+from drivers.error_words import in_words
 from gateway.config import GatewayConfig
 from gateway.past import continued, past_of, stored_config
 from gateway.storage import History, Learnt, Reference, StoreError, answered, import_learnt, learnt_text, parse_learnt
@@ -43,7 +44,9 @@ def take(config: GatewayConfig, file: Path, *, replace: bool) -> Iterator[str]:
         text = file.read_text(encoding="utf-8")
         learnt = parse_learnt(text)
         continued(learnt, config)
-    except (OSError, ValueError) as error:
+    except OSError as error:
+        raise StoreError(f"{file}: {in_words(error)}") from None
+    except ValueError as error:
         raise StoreError(f"{file}: {error}") from None
     path, now = config.storage.path, datetime.now(UTC)
     aside = answered(path, lambda: import_learnt(path, learnt, text, now, replace=replace))

@@ -357,7 +357,7 @@ def test_by_tls_and_with_a_password(server: Postgres, database: str, stored_site
     for url, file, said in (
         (trusted, wrong, "password authentication failed"),
         (trusted, None, "no password supplied"),
-        (trusted, tmp_path / "none", "none: the password cannot be read"),
+        (trusted, tmp_path / "none", "none: the password cannot be read: No such file or directory$"),
         (other, password, "certificate verify failed"),
         (f"{plain}&sslmode=disable", password, "pg_hba.conf rejects connection"),
     ):

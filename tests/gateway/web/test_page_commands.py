@@ -130,7 +130,7 @@ def test_on_this_computer_without_users_there_are_no_commands(tmp_path: Path) ->
 
 
 def test_a_key_that_cannot_be_used_is_named(tmp_path: Path) -> None:
-    with pytest.raises(SetupError, match=r"\[operators\] anna: .*No such file"):
+    with pytest.raises(SetupError, match=r"\[operators\] anna: .*absent\.key: No such file or directory$"):
         build_app(
             SiteSeen("talc", (), lambda: BEGAN, lambda: 0.0),
             WebSettings(users={"anna": HASHED}, operators={"anna": tmp_path / "absent.key"}),
