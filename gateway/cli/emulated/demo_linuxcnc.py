@@ -32,7 +32,7 @@ from talc.names import ERROR_UNITS, THERMAL_ERRORS
 
 HOURS = 4.0
 """Thermal time of the machine between reference and measurement."""
-SILENCE_S, SLEW_UM_PER_S = 4.0, 100.0
+SILENCE_S, SLEW_UM_PER_S = 6.0, 100.0
 _IDLE_S = 12 * 3600.0
 _LOADS = MachineDrive(
     speed_x=6000.0, speed_y=6000.0, speed_a=15.0, speed_c=400.0, spindle_speed=6000.0, coolant_on=True
@@ -66,7 +66,7 @@ class Shown:
     """(6, 3) with compensation. The ball does not grow with the table: where it is touched on one side only, the growth
     over its radius remains, ER0T * ball / radius."""
     silent_um: FloatArray
-    """(n, 4) after the last heartbeat: seconds, offsets in force X, Y, Z."""
+    """(n, 4) after the last heartbeat: seconds by LinuxCNC's own clock, offsets in force X, Y, Z, µm."""
 
 
 def run_linuxcnc_demo(folder: Path) -> None:
@@ -122,7 +122,7 @@ async def _scene(operator: LinuxCncMachine, key_file: Path, port: int, say: Anno
             say("cycle 1, the reference: A and C to six poses, nine to eleven touches at each")
             reference = (await _measured(link)).centres_mm
             say(f"the machine works for {HOURS:g} hours")
-            true = _work()
+            true = await asyncio.to_thread(_work)  # meanwhile the link has to send its heartbeats
             await operator.ask("deform", true.tolist())
             say("cycle 2, without compensation")
             outcome = await _measured(link)
@@ -182,10 +182,10 @@ async def _running(link: NcLink) -> AsyncIterator[None]:
 
 
 async def _silent(operator: LinuxCncMachine) -> FloatArray:
-    began = time.monotonic()
+    began = await operator.number("gets", "talc-seconds")
     rows: list[list[float]] = []
     while not rows or any(rows[-1][1:]):
-        now = time.monotonic() - began
+        now = await operator.number("gets", "talc-seconds") - began
         offsets = [await operator.number("gets", f"talc-{axis}-in-force") * 1e3 for axis in "xyz"]
         rows.append([now, *offsets])
         if now > _CYCLE_LIMIT_S:
