@@ -28,9 +28,9 @@ from tests.benches.command import here
 from tests.benches.free_port import free_port
 from tests.benches.zenoh_sessions import listening
 
-pytestmark = pytest.mark.slow(minutes=6)
+pytestmark = pytest.mark.slow(minutes=4)
 
-HOURS = 20.0
+HOURS = 12.0
 LIMIT_S = 300.0
 """For one answer, or for the next row of the database; a whole demo takes as long as the computer needs."""
 GATEWAY = (sys.executable, "-m", "gateway")
@@ -291,7 +291,7 @@ def test_a_system_of_models_calibrates_adopts_them_and_is_replayed(
     ("more", "said"),
     [
         (("--calibration-hours", "4"), "the learner has none"),
-        (("--preset", "zimmermann-2022"), "the calibration of 24 h leaves no time in --hours 20"),
+        (("--preset", "zimmermann-2022"), "the calibration of 24 h leaves no time in --hours 12"),
         (("--preset", "blaser-2019", "--method", "learner"), "is a system of models"),
     ],
 )
