@@ -161,8 +161,8 @@ def table(s: Summary) -> Table:
     """For a terminal."""
     caption = (
         f"Basis: {s.basis}; from {s.begin_hours:.1f} h on, when corrections began; {s.hours:.1f} h in all.\n"
-        f"Productivity Pd {s.productivity:.1f} % since then ({s.measurements} measurements of {CYCLE_S:.0f} s), "
-        f"{s.model_updates} model updates, {s.state_updates} state updates, {s.rejected_cycles} cycles rejected."
+        f"Productivity Pd {s.productivity:.1f} % since then. Measurements of {CYCLE_S:.0f} s: {s.measurements}; "
+        f"model updates: {s.model_updates}; state updates: {s.state_updates}; cycles rejected: {s.rejected_cycles}."
     )
     grid = Table(title="Thermal errors without and with compensation", caption=caption, caption_justify="left")
     for name in ("error", "unit", "E_PV", "comp.", "change", "E_RMS", "comp.", "change"):
