@@ -173,8 +173,7 @@ class ReportData:
 
     @property
     def truth_ran(self) -> BoolArray:
-        """(S,) the truth's instants before the last decision: with it a demo's gateway stops, and its machine goes on.
-        The machine notes each instant a little later, and then the last one without the offsets."""
+        """(S,) the truth's instants before the last decision: a demo's gateway stops then, and its machine goes on."""
         if self.truth is None:
             raise ValueError("data.truth is None")
         return np.asarray(self.truth.time_s < self.time_s[-1])

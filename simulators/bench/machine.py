@@ -67,6 +67,7 @@ class BenchMachine:
         self.plant.zero()
         cycle = CycleSettings(radius_mm=RADIUS_MM)
         self.control = EmulatedControl(self, clock, program, cycle=cycle, seed=seed, errors=errors)
+        self.control.nck.advanced = self.advance  # what has passed is noted with the offsets that were in force
 
     def advance(self, time_s: float) -> None:
         """Advance the plant to a past or present time, with the drives of each inner step from the control."""

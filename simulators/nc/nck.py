@@ -127,6 +127,8 @@ class Nck:
         )
         self.watched: Callable[[float], None] | None = None
         """Called at the end of each interpolation cycle, and whenever SD43900 is written, with the time."""
+        self.advanced: Callable[[float], None] | None = None
+        """Called when everything that was due has been processed, and so before what is written, with the time."""
         self.log: list[Logged] = []
         """Every change of SD43900 with its time."""
         self.mode = AUTO
@@ -161,6 +163,8 @@ class Nck:
         self._run(now_s)
         self.cycle.advance(now_s)
         self._show_answer(now_s)
+        if self.advanced is not None:
+            self.advanced(now_s)
 
     def _run(self, until_s: float) -> None:
         """What the control works out in each of its cycles, until then."""
@@ -331,8 +335,6 @@ class Nck:
         x, y, z = self.k0_mm
         if (x, y, z) != (self.log[-1].values_mm if self.log else (0.0, 0.0, 0.0)):
             self.log.append(Logged(now_s, (x, y, z), ramped))
-
-    # Inside ----------------------------------------------------------------------------------------------------------
 
     def _inhibit(self, now_s: float) -> None:
         if self.alarms:
