@@ -9,23 +9,6 @@ EXAMPLE = Path(__file__).parents[2] / "examples" / "extension"
 _WHEEL = "Wheel-Version: 1.0\nGenerator: test\nRoot-Is-Purelib: true\nTag: py3-none-any\n"
 
 
-OWN = """
-[machine]
-name = "mill"
-[[bus]]
-name = "tcp1"
-kind = "modbus_tcp"
-host = "192.168.0.10"
-[[device]]
-name = "adam"
-bus = "tcp1"
-profile = "advantech_adam6015"
-[device.channels]
-ambient = 0
-"""
-"""A configuration without anything of a package."""
-
-
 def files_of(
     name: str, entry_points: Mapping[str, Mapping[str, str]], modules: Mapping[str, str], version: str = "0.1.0"
 ) -> dict[str, str]:

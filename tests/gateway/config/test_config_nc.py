@@ -15,21 +15,8 @@ from drivers.sinumerik.settings import Handshake, LeaseParameters
 from gateway.config import ConfigError, GatewayConfig, LinuxCncNc, SinumerikNc, cautions, parse
 from gateway.control import rows_remembered
 from talc.steps import DAY_S, steps_in
+from tests.benches.one_device import ONE_DEVICE
 
-HEAD = """
-[machine]
-name = "mill"
-[[bus]]
-name = "tcp1"
-kind = "modbus_tcp"
-host = "192.168.0.10"
-[[device]]
-name = "adam"
-bus = "tcp1"
-profile = "advantech_adam6015"
-[device.channels]
-ambient = 0
-"""
 SECURE = """
 [nc]
 kind = "sinumerik"
@@ -101,7 +88,7 @@ largest_um = 80.0
 
 
 def config(text: str, folder: Path = Path("/srv/talc")) -> GatewayConfig:
-    return parse(HEAD + text, folder / "gateway.toml")
+    return parse(ONE_DEVICE + text, folder / "gateway.toml")
 
 
 def driver_settings(config: GatewayConfig) -> SinumerikSettings:

@@ -19,7 +19,8 @@ from gateway.cli import main
 from gateway.clock import RealClock
 from gateway.config import ConfigError, GatewayConfig, parse, stored_configuration
 from gateway.nc import control_of
-from tests.benches.extension_package import OWN, example_wheel, files_of, install
+from tests.benches.extension_package import example_wheel, files_of, install
+from tests.benches.one_device import ONE_DEVICE
 from tests.benches.stream_server import stream_server
 
 pytestmark = pytest.mark.usefixtures("no_package_stays_loaded")
@@ -139,11 +140,11 @@ def test_a_broken_package_is_one_clear_line(
     rows = {"talc_gateway.controls": {"strange": "other_package:It"}}
     install(files_of("other", rows, {"other_package.py": code}, "2.3"), tmp_path / "site")
     monkeypatch.syspath_prepend(str(tmp_path / "site"))
-    wanted = check(tmp_path, OWN + '[nc]\nkind = "strange"\n')
+    wanted = check(tmp_path, ONE_DEVICE + '[nc]\nkind = "strange"\n')
     assert wanted.exit_code == 2
     assert f"gateway.toml: [nc], kind: kind 'strange' of the package other 2.3 cannot be used: {says}" in wanted.output
     assert len(wanted.output.strip().splitlines()) == 1
-    idle = check(tmp_path, OWN)
+    idle = check(tmp_path, ONE_DEVICE)
     assert idle.exit_code == 0, "a package that is not used prevents nothing"
     assert f"warning: kind 'strange' of the package other 2.3 cannot be used: {says}" in idle.stderr
 
@@ -152,7 +153,7 @@ def test_a_bug_of_the_package_is_reported_at_its_place(tmp_path: Path, monkeypat
     rows = {"talc_gateway.controls": {"strange": "other_package:It"}}
     install(files_of("other", rows, {"other_package.py": WHOLE}), tmp_path / "site")
     monkeypatch.syspath_prepend(str(tmp_path / "site"))
-    done = check(tmp_path, OWN + '[nc]\nkind = "strange"\n')
+    done = check(tmp_path, ONE_DEVICE + '[nc]\nkind = "strange"\n')
     assert done.exit_code == 2
     assert "[nc]: the package of kind 'strange' failed: RuntimeError: no licence" in done.output
 
@@ -183,7 +184,7 @@ def test_a_bug_in_what_the_gateway_asks_before_the_driver_is_reported_too(
     rows = {f"talc_gateway.{group}": {"strange": "other_package:It"}}
     install(files_of("other", rows, {"other_package.py": code}), tmp_path / "site")
     monkeypatch.syspath_prepend(str(tmp_path / "site"))
-    done = check(tmp_path, OWN + section)
+    done = check(tmp_path, ONE_DEVICE + section)
     assert done.exit_code == 2, done.output
     assert f"{says} of kind 'strange' failed: KeyError: 'X'" in done.output
 
@@ -194,7 +195,7 @@ def test_states_may_come_from_a_generator(tmp_path: Path, monkeypatch: pytest.Mo
     install(files_of("other", rows, {"other_package.py": code}), tmp_path / "site")
     monkeypatch.syspath_prepend(str(tmp_path / "site"))
     states = "".join(f'[[state]]\nname = "{name}"\n' for name in ("lamp", "door"))
-    done = check(tmp_path, OWN + states + '[nc]\nkind = "strange"\n')
+    done = check(tmp_path, ONE_DEVICE + states + '[nc]\nkind = "strange"\n')
     assert done.exit_code == 0, done.output
 
 
@@ -208,10 +209,10 @@ def test_two_packages_of_one_kind_and_a_kind_of_the_gateway_s_own(
     for name in ("first", "second"):
         install(files_of(name, rows, {"other_package.py": WHOLE}), tmp_path / "site")
     monkeypatch.syspath_prepend(str(tmp_path / "site"))
-    done = check(tmp_path, OWN + '[nc]\nkind = "strange"\n')
+    done = check(tmp_path, ONE_DEVICE + '[nc]\nkind = "strange"\n')
     assert done.exit_code == 2
     assert "kind 'strange' is offered by " in done.output
-    own = check(tmp_path, OWN)
+    own = check(tmp_path, ONE_DEVICE)
     assert own.exit_code == 0
     assert "kind 'modbus_tcp' of the package" in own.stderr
     assert "is not used: the gateway has that kind itself" in own.stderr
@@ -296,6 +297,6 @@ def test_without_such_kinds_no_package_is_looked_for(tmp_path: Path, monkeypatch
         raise AssertionError("looked for")
 
     monkeypatch.setattr("gateway.config.extensions.entry_points", never)
-    assert parse(OWN, tmp_path / "gateway.toml").machine.name == "mill"
+    assert parse(ONE_DEVICE, tmp_path / "gateway.toml").machine.name == "mill"
     with pytest.raises(ConfigError, match="unknown key"):
-        parse(OWN + "[nothing]\n", tmp_path / "gateway.toml")
+        parse(ONE_DEVICE + "[nothing]\n", tmp_path / "gateway.toml")

@@ -9,7 +9,8 @@ from gateway.cli import main
 from gateway.cli.condition.doctor import ailments
 from gateway.cli.running.record import not_recorded
 from gateway.config import cautions, parse
-from tests.benches.extension_package import OWN, files_of, install
+from tests.benches.extension_package import files_of, install
+from tests.benches.one_device import ONE_DEVICE
 
 pytestmark = pytest.mark.usefixtures("no_package_stays_loaded")
 
@@ -56,7 +57,7 @@ def test_a_serial_bus_of_a_package_is_warned_about_as_the_gateway_s_own(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     section = with_bus(tmp_path, monkeypatch, SERIAL) + 'port = "/dev/ttyUSB0"\n'
-    config = parse(OWN + section, tmp_path / "gateway.toml")
+    config = parse(ONE_DEVICE + section, tmp_path / "gateway.toml")
     assert [str(caution) for caution in cautions(config)] == [
         "bus 'odd', port: '/dev/ttyUSB0' may be another adapter after a reboot; use its name in /dev/serial/by-id",
         "bus 'odd', port: is old",
@@ -68,7 +69,7 @@ def test_a_bug_in_what_a_bus_says_of_itself_is_one_line(
     line: str, wrong: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     code = SERIAL.replace(f"def {line}(self):", f"def {line}(self):\n        raise KeyError('X')")
-    done = check(tmp_path, OWN + with_bus(tmp_path, monkeypatch, code) + 'port = "/dev/ttyUSB0"\n')
+    done = check(tmp_path, ONE_DEVICE + with_bus(tmp_path, monkeypatch, code) + 'port = "/dev/ttyUSB0"\n')
     assert done.exit_code == (2 if wrong else 0), done.output
     assert "bus 'odd': the package of kind 'strange' failed: KeyError: 'X'" in done.output
 
@@ -79,7 +80,7 @@ def test_two_devices_of_a_package_s_bus_need_two_addresses(
 ) -> None:
     """Whatever the kind is called: only the package knows whether one address may be several devices."""
     section = with_bus(tmp_path, monkeypatch, SERIAL, kind) + 'port = "/dev/line"\n'
-    done = check(tmp_path, OWN + section + TWO_ON_IT)
+    done = check(tmp_path, ONE_DEVICE + section + TWO_ON_IT)
     assert done.exit_code == 2
     assert "device 'd2', unit: 3 on bus 'odd' is already device 'd1'\n" in done.output
 
@@ -89,7 +90,7 @@ def test_a_package_may_say_that_its_devices_need_no_address_of_their_own(
     answer: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     section = with_bus(tmp_path, monkeypatch, SERIAL.replace("units = (1, 31)", answer)) + 'port = "/dev/line"\n'
-    done = check(tmp_path, OWN + section + TWO_ON_IT)
+    done = check(tmp_path, ONE_DEVICE + section + TWO_ON_IT)
     assert done.exit_code == 0, done.output
 
 
@@ -98,7 +99,7 @@ def test_a_field_with_the_name_of_what_the_gateway_asks_is_refused(
 ) -> None:
     section = with_bus(tmp_path, monkeypatch, SERIAL.replace("units = (1, 31)", "timeout_is_age: bool"))
     with pytest.warns(UserWarning, match="shadows an attribute"):
-        done = check(tmp_path, OWN + section)
+        done = check(tmp_path, ONE_DEVICE + section)
     assert done.exit_code == 2
     assert "other_package:It has a field timeout_is_age, which is a member of OtherBus; rename" in done.output
 
@@ -106,7 +107,7 @@ def test_a_field_with_the_name_of_what_the_gateway_asks_is_refused(
 def test_a_field_may_stand_in_the_place_of_a_value(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     section = with_bus(tmp_path, monkeypatch, SERIAL.replace("units = (1, 31)", "only_listens: bool"))
     with pytest.warns(UserWarning, match="shadows an attribute"):
-        done = check(tmp_path, OWN + section + 'port = "/dev/line"\nonly_listens = true\n')
+        done = check(tmp_path, ONE_DEVICE + section + 'port = "/dev/line"\nonly_listens = true\n')
     assert done.exit_code == 0, done.output
 
 
@@ -129,7 +130,7 @@ def test_an_answer_of_another_type_is_one_line(
     text = SERIAL.replace("units = (1, 31)", code)
     if code.startswith("place"):
         text = SERIAL.replace("return self.port", "return None")
-    done = check(tmp_path, OWN + with_bus(tmp_path, monkeypatch, text) + 'port = "/dev/line"\n')
+    done = check(tmp_path, ONE_DEVICE + with_bus(tmp_path, monkeypatch, text) + 'port = "/dev/line"\n')
     assert done.exit_code == 2
     assert f"bus 'odd': the package of kind 'strange' failed: {says}" in done.output
 
@@ -138,7 +139,7 @@ def test_doctor_finds_a_second_program_on_a_package_s_serial_bus(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     section = with_bus(tmp_path, monkeypatch, SERIAL) + f'port = "{tmp_path}/line"\n'
-    config = parse(OWN + section + f'[storage]\npath = "{tmp_path}/db"\n', tmp_path / "gateway.toml")
+    config = parse(ONE_DEVICE + section + f'[storage]\npath = "{tmp_path}/db"\n', tmp_path / "gateway.toml")
     for process in ("17", "23"):
         (tmp_path / "proc" / process / "fd").mkdir(parents=True)
         (tmp_path / "proc" / process / "fd" / "5").symlink_to(tmp_path / "line")
@@ -149,5 +150,5 @@ def test_doctor_finds_a_second_program_on_a_package_s_serial_bus(
 def test_record_says_what_a_package_s_bus_never_shows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     code = SERIAL.replace("units = (1, 31)", 'unrecorded = "a sealed line"')
     section = with_bus(tmp_path, monkeypatch, code) + 'port = "/dev/line"\n'
-    (said,) = not_recorded(parse(OWN + section, tmp_path / "gateway.toml"))
+    (said,) = not_recorded(parse(ONE_DEVICE + section, tmp_path / "gateway.toml"))
     assert said.startswith("bus 'odd' (strange): the traffic of a sealed line is not recorded; ")

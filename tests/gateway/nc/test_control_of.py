@@ -10,23 +10,13 @@ from gateway.config import SinumerikNc, parse
 from gateway.nc import control_of
 from simulators.nc import Activity, DayPart, EmulatedControl, LoadCase, MeanLoads
 from tests.benches.emulated_bench import Rigid
+from tests.benches.one_device import ONE_DEVICE
 
 pytestmark = pytest.mark.simulated_time
 
-TEXT = """
-[machine]
-name = "mill"
-[[bus]]
-name = "tcp1"
-kind = "modbus_tcp"
-host = "192.168.0.10"
-[[device]]
-name = "adam"
-bus = "tcp1"
-profile = "advantech_adam6015"
-[device.channels]
-ambient = 0
-[nc]
+TEXT = (
+    ONE_DEVICE
+    + """[nc]
 kind = "sinumerik"
 url = "{url}"
 security = "none"
@@ -39,6 +29,7 @@ armed = {armed}
 [compensation]
 mode = "{mode}"
 """
+)
 
 
 @pytest.mark.parametrize(
