@@ -167,7 +167,7 @@ def test_the_recording_on_the_page_leaves_what_the_page_says(tmp_path: Path, mon
         for row in ran.output.splitlines()
         if row.startswith("│ spindle Z")
     )
-    assert f"({said[1]} measurements" in ran.output
+    assert re.search(rf"\bMeasurements of \d+ s: {said[1]};", " ".join(ran.output.split()))
     for text, figure in zip(said.groups()[1:], (left[3], left[2], held[3]), strict=True):
         assert float(text) == pytest.approx(figure, abs=0.051)
 
