@@ -4,6 +4,7 @@ names the rest."""
 import ast
 import re
 from collections.abc import Iterable
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -25,7 +26,8 @@ def room_of(module: str) -> str:
     return PROGRAM if module.startswith(f"{PROGRAM}.") else module.rpartition(".")[0]
 
 
-def named(file: Path) -> set[str]:
+@cache
+def named(file: Path) -> frozenset[str]:
     """What a file imports, as `module.name`, and the modules that its texts name, as those of commands."""
     found = set[str]()
     for node in ast.walk(ast.parse(file.read_text("utf-8"))):
@@ -36,7 +38,7 @@ def named(file: Path) -> set[str]:
                 found |= {alias.name for alias in names}
             case ast.Constant(value=str(text)) if text in MODULES:
                 found.add(text)
-    return found
+    return frozenset(found)
 
 
 def shown_by_rooms() -> dict[str, str]:

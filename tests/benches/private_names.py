@@ -17,15 +17,15 @@ _OWN = ("self", "cls", "super()")
 def private_of_others(source: str) -> list[str]:
     """Its imports of a private module or name; in its classes, the private names that it has of a base class of another
     module, used or overridden; and the objects that it makes objects of another class."""
-    tree = ast.parse(source)
-    found = [name for node in ast.walk(tree) for name in _imported(node)]
+    nodes = list(ast.walk(ast.parse(source)))
+    found = [name for node in nodes for name in _imported(node)]
     found += [
         f"{ast.unparse(node)} ="
-        for node in ast.walk(tree)
+        for node in nodes
         if isinstance(node, ast.Attribute) and isinstance(node.ctx, ast.Store) and node.attr == "__class__"
     ]
-    classes = {node.name: node for node in ast.walk(tree) if isinstance(node, ast.ClassDef)}
-    places = dict(place for node in ast.walk(tree) for place in _places(node))
+    classes = {node.name: node for node in nodes if isinstance(node, ast.ClassDef)}
+    places = dict(place for node in nodes for place in _places(node))
     for node in classes.values():
         own, outer = _family(node, classes)
         of_file = {name for one in own for name in _defined(one)}
