@@ -82,8 +82,7 @@ imports: $(VENV)/.ready
 # Tests against third-party programs (libmodbus; node-opcua, modbus-serial, canopen) need Debian and npm packages;
 # .ci/run installs them, and runs the slow ones too. Tests about the computer's own time (realtime) run alone, after the
 # others. Two more workers than cores, because many tests wait; each takes five seconds of a core to import and collect
-# all tests, twice that the first time. The tests start many Python programs: without byte code on disk, each would
-# compile every module again.
+# all tests. The tests start many Python programs: without byte code on disk, each would compile every module again.
 TESTS ?= not peer and not slow
 WORKERS ?= $(shell expr $$(nproc) + 2)
 PYTEST := env -u PYTHONDONTWRITEBYTECODE $(BIN)/python -m pytest --durations=15
@@ -93,7 +92,12 @@ test: $(VENV)/.ready
 	$(MAKE) --no-print-directory --jobs=4 lint types imports beside
 	$(PYTEST) -m "realtime and ($(TESTS))" $$(grep -rl --include='test_*.py' 'mark\.realtime' tests)
 
-beside: $(VENV)/.ready
+# Otherwise each worker would compile all tests.
+$(VENV)/.compiled: $(VENV)/.ready
+	-$(PYTEST) --collect-only -qq >/dev/null
+	touch $@
+
+beside: $(VENV)/.compiled
 	$(PYTEST) -n $(WORKERS) --dist worksteal -m "not realtime and ($(TESTS))"
 
 format: $(VENV)/.ready
