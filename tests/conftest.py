@@ -13,6 +13,7 @@ from hypothesis import HealthCheck, settings
 
 from tests.benches import asked_again
 from tests.benches.dealing import dealt
+from tests.benches.idle_loop import IdleLoop
 from tests.benches.processes import open_links
 from tests.benches.simulated_time import real_monotonic_s, simulated_time
 
@@ -42,6 +43,10 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     """Called after the choice of tests."""
     workers = int(getattr(config, "workerinput", {}).get("workercount", 1))
     items[:] = dealt(items, lambda item: item.path, _minutes, workers)
+
+
+def pytest_asyncio_loop_factories() -> dict[str, type[IdleLoop]]:
+    return {"idle": IdleLoop}
 
 
 def pytest_configure(config: pytest.Config) -> None:

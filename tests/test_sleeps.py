@@ -67,19 +67,15 @@ POLLS = {
 CONTROLS_TIME = "the control's time, which the test sets"
 OF_THE_LOOP = "what it waits for needs only turns of the loop, no other thread or wire"
 PAUSES = {
-    "benches/manual_clock.py ManualClock.pass_to": OF_THE_LOOP,
     "benches/nc_benches.py in_process": CONTROLS_TIME,
     "benches/nc_benches.py sinumerik.opened": CONTROLS_TIME,
     "benches/npm_peer.py running": "afterwards the peer is killed",
     "benches/played_telemetry.py PlayedGateway.keep_saying": "the pace of what it says, until it is stopped",
     "benches/site_parts.py _until_told": "a process that its test ends",
-    "benches/stepped_clock.py SteppedClock.rest": OF_THE_LOOP,
     "benches/stream_server.py stream_server": OF_THE_LOOP,
     "drivers/test_serial_server.py test_a_port_that_opens_when_nobody_waits_any_more_is_closed": "the thread is at "
     "work from the first turn on; how far it has come must not matter",
     "gateway/cli/running/test_alive.py signs": OF_THE_LOOP,
-    "gateway/control/test_other_grid_steps.py CountingClock.looked": OF_THE_LOOP,
-    "gateway/probing/test_prober.py test_a_write_under_way_ends_before_the_offsets_stand_still": OF_THE_LOOP,
     "simulators/devices/test_loopback.py test_a_client_that_connects_while_the_server_stops_is_disconnected."
     "connect_and_stop": "each of these numbers of turns is right",
 }

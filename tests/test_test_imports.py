@@ -19,7 +19,7 @@ PRIVATE = re.compile(r"(?:\w*\.)*_(?!_)\w+")
 """A private attribute's name, with the names before it or without."""
 KERNEL = "talc._kernel"
 """A module that is loaded by this name, because it is compiled."""
-CLOCK = "from tests.benches.loop_clock import LoopClock\n"
+CLOCK = "from tests.benches.wire_clock import WireClock\n"
 """A class with private names, its own and those of another module."""
 OVERRIDES = "A: _now overrides another's"
 PROGRAM = re.compile(r"\b(?:from|import) tests\.[\w.]*\btest_\w+")
@@ -121,10 +121,10 @@ def test_no_file_imports_inherits_or_overrides_what_is_private() -> None:
         ("one.__class__ = Other", "one.__class__ ="),
         ("class A(B):\n def f(self): return self.X", "A: X is not defined here"),
         ("class A(B):\n async def f(self): await super().X()", "A: X is not defined here"),
-        (f"{CLOCK}class A(LoopClock):\n def _idle(self): pass", "A: _idle overrides another's"),
-        (f"{CLOCK}class B(LoopClock): pass\nclass A(B):\n def f(self): self._now = 1", OVERRIDES),
-        ("import tests.benches.loop_clock\nclass A(tests.benches.loop_clock.LoopClock):\n _now = 1", OVERRIDES),
-        ("import tests.benches.loop_clock as c\nclass A(c.LoopClock):\n _now: int", OVERRIDES),
+        (f"{CLOCK}class A(WireClock):\n def _sleepers(self): pass", "A: _sleepers overrides another's"),
+        (f"{CLOCK}class B(WireClock): pass\nclass A(B):\n def f(self): self._now = 1", OVERRIDES),
+        ("import tests.benches.wire_clock\nclass A(tests.benches.wire_clock.WireClock):\n _now = 1", OVERRIDES),
+        ("import tests.benches.wire_clock as c\nclass A(c.WireClock):\n _now: int", OVERRIDES),
     ],
 )
 def test_what_is_private_and_another_file_s_is_found(source: str, said: str) -> None:
@@ -138,7 +138,7 @@ def test_what_is_private_and_another_file_s_is_found(source: str, said: str) -> 
         "from talc.training import Progress",
         "class A(B):\n def _x(self): return self._y()\nclass B:\n def _y(self): pass",
         "class A(B[int]):\n def __init__(self): self._x = self._y\n _y: int = 1",
-        f"{CLOCK}class A(LoopClock):\n def rest(self): self._mine = super().__init__()",
+        f"{CLOCK}class A(WireClock):\n def rest(self): self._mine = super().__init__()",
     ],
 )
 def test_private_names_of_the_file_itself_are_allowed(source: str) -> None:

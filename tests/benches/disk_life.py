@@ -23,13 +23,14 @@ from gateway.service import Service
 from gateway.storage import History, Retention, Store, StoreError, damage_found
 from simulators.nc import Activity, CycleSettings, DayPart, LoadCase, MeanLoads, Nck
 from talc.names import THERMAL_ERRORS
+from tests.benches import idle_loop
 from tests.benches.disk_faults import HANGS_ONCE, DiskFault, LifeVerdict
 from tests.benches.emulated_bench import DayPlant
 from tests.benches.in_process_nc import InProcess
-from tests.benches.loop_clock import LoopClock
 from tests.benches.spoilt_stores import reading
 from tests.benches.waits import until
 from tests.benches.wire_bench import assert_never_stepped
+from tests.benches.wire_clock import WireClock
 
 _STEP_S, _PERIOD_S = 300.0, 10.0
 _SWING_UM, _SWING_S = 20.0, 1500.0
@@ -84,7 +85,7 @@ class Life:
         self._healed = False
         self._config = config_in(folder, continues=at % 2 == 1)
         self._path = self._config.storage.path
-        self._clock, self._plant = LoopClock(), DayPlant()
+        self._clock, self._plant = WireClock(), DayPlant()
         self._corrected_um = 0.0
         """EZ0A by the last decision."""
         rest = LoadCase([DayPart(0.0, 1e12, Activity.PAUSE, MeanLoads())])
@@ -104,7 +105,7 @@ class Life:
 
     def live(self) -> LifeVerdict:
         """All runs; never raises but for mistakes of the bench."""
-        return self._clock.run(self._live())
+        return idle_loop.run(self._live())
 
     async def _live(self) -> LifeVerdict:
         for number in range(_RUNS):

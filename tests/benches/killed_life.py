@@ -22,13 +22,14 @@ from gateway.storage import Store
 from simulators.nc import Nck
 from talc.control import Controller
 from talc.frame import Decision, Frame
+from tests.benches import idle_loop
 from tests.benches.death import PROBING, Death
 from tests.benches.disk_life import config_in
 from tests.benches.emulated_bench import expected_deviation_um
 from tests.benches.in_process_nc import InProcess
-from tests.benches.loop_clock import LoopClock
 from tests.benches.outlives import KeptNck, SharedMemory
 from tests.benches.spoilt_stores import reading
+from tests.benches.wire_clock import WireClock
 
 LIMIT_S = 600.0  # real time for one life; it takes a tenth of a second
 PERIOD_S = 10.0
@@ -51,7 +52,7 @@ class SwingingPlant:
 class KeptControl(InProcess):
     """The control as the gateway sees it; a cycle is the phase `probing`."""
 
-    def __init__(self, nck: Nck, clock: LoopClock, requests: list[int], death: Death) -> None:
+    def __init__(self, nck: Nck, clock: WireClock, requests: list[int], death: Death) -> None:
         super().__init__(nck, clock)
         self._requests, self._death = requests, death
 
@@ -81,7 +82,7 @@ class GatewayLife:
     def __init__(self, folder: Path, memory: SharedMemory, number: int, death: Death, draw: random.Random) -> None:
         self._config, self._name = config_in(folder, continues=True), f"life {number}"
         self._memory, self._death, self._draw = memory, death, draw
-        self._left, self._clock = memory.kept(), LoopClock()
+        self._left, self._clock = memory.kept(), WireClock()
         self._first = len(self._left.decided)
         """The first step that it decides itself; what an earlier gateway decided may have died with it."""
         self._clock.spend(self._left.now_s)
@@ -94,7 +95,7 @@ class GatewayLife:
 
     def live(self) -> None:
         """Start, do some steps, stop."""
-        self._clock.run(self._live())
+        idle_loop.run(self._live())
 
     async def _live(self) -> None:
         death, step = self._death, Controller.step

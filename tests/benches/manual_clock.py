@@ -3,8 +3,7 @@
 import asyncio
 from datetime import UTC, datetime, timedelta
 
-_IDLE_TURNS = 10
-"""Rounds of the event loop in which tasks that slept until now wake and work."""
+from tests.benches.idle_loop import idle
 
 
 class ManualClock:
@@ -32,5 +31,4 @@ class ManualClock:
     async def pass_to(self, now: float) -> None:
         """Move to this time, and let everything that slept until then run."""
         self.move_to(now)
-        for _ in range(_IDLE_TURNS):
-            await asyncio.sleep(0)
+        await idle()

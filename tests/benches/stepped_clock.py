@@ -8,9 +8,9 @@ from datetime import UTC, datetime, timedelta
 from itertools import count
 from uuid import uuid4
 
+from tests.benches.idle_loop import idle
+
 EPOCH = datetime(2026, 3, 2, 6, 0, tzinfo=UTC)
-_IDLE_TURNS = 50
-"""Turns of the event loop after which tasks that only await each other have come to rest."""
 
 
 class SteppedClock:
@@ -74,5 +74,4 @@ class SteppedClock:
 
     async def rest(self) -> None:
         """Return when nothing more happens unless time advances; overridden where something else counts too."""
-        for _ in range(_IDLE_TURNS):
-            await asyncio.sleep(0)
+        await idle()

@@ -54,12 +54,12 @@ from gateway.watches import HealthWatch
 from simulators.bench import gateway_toml
 from talc.frame import BoolArray, FloatArray, Frame, Measurement
 from talc.sensor_model import learn
+from tests.benches import idle_loop
 from tests.benches.changed_source import SourceChange, changed
 from tests.benches.free_port import free_port
-from tests.benches.loop_clock import LoopClock
 from tests.benches.service_memory import memory_mb
 from tests.benches.stepped_clock import EPOCH
-from tests.benches.waits import until
+from tests.benches.wire_clock import WireClock
 
 _PRUNES_OFTEN = (
     SourceChange(writer, "pruned + _PRUNE_EVERY_S", "pruned + 2.0"),
@@ -145,7 +145,7 @@ def _looks(days: int) -> Iterator[float]:
     yield from (quarter * _YEAR / 4 // 1 + 0.5 for quarter in range(1, 4 * days // _YEAR))
 
 
-async def lived(config: GatewayConfig, days: int, process: Executor, clock: LoopClock) -> None:
+async def lived(config: GatewayConfig, days: int, process: Executor, clock: WireClock) -> None:
     """Take the steps of these days, and print the table. process: for what a gateway leaves to another process"""
     names, database = config.input_names, config.storage.path
     channels = {channel.name for channel in config.channels}
@@ -216,7 +216,7 @@ async def lived(config: GatewayConfig, days: int, process: Executor, clock: Loop
                 if n % _EXPLAIN_EVERY == 0:
                     explanations.follow(frame, decision)
                 health.report()
-                await until(lambda: not clock.holds, 300.0, pause_s=0.0005)
+                await clock.rest()
                 if n % a_day == 0:
                     store.flush()
                 if looks and n >= looks[0] * a_day:
@@ -239,8 +239,8 @@ def main() -> None:
         changed(_PRUNES_OFTEN),
         ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as process,
     ):
-        clock = LoopClock()
-        clock.run(lived(_config(Path(folder), given.step_s), round(given.years * _YEAR), process, clock))
+        clock = WireClock()
+        idle_loop.run(lived(_config(Path(folder), given.step_s), round(given.years * _YEAR), process, clock))
 
 
 if __name__ == "__main__":

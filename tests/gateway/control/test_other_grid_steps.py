@@ -14,12 +14,12 @@ from talc.settings import SensorCheckSettings
 from tests.benches.hot_bearing import BODIES, DAY, NAMES, bodies, work
 from tests.benches.sensor_teacher import SensorTeacher, nothing_learnt
 from tests.benches.stepped_clock import SteppedClock
-from tests.benches.waits import until
+from tests.benches.wire_clock import WireClock
 
 KNOWN = np.ones(len(NAMES), np.bool_)
 
 
-class CountingClock(SteppedClock):
+class CountingClock(WireClock):
     """Counts how often it stood still for what follows the frames."""
 
     looks = 0
@@ -32,9 +32,7 @@ class CountingClock(SteppedClock):
 
     async def looked(self) -> int:
         """How often, once they are done."""
-        for _ in range(3):
-            await asyncio.sleep(0)
-        await until(lambda: not self.holds)
+        await self.rest()
         return self.looks
 
 

@@ -10,8 +10,8 @@ import pytest
 from drivers.nc import ProbingState, RequestStatus
 from gateway.probing.cycle import End
 from talc.frame import Why
+from tests.benches.idle_loop import idle
 from tests.benches.nc_link_bench import LinkBench, decision
-from tests.benches.waits import until
 
 
 async def test_offsets_stand_still_while_the_nc_probes_and_are_taken_out_of_the_result() -> None:
@@ -157,14 +157,13 @@ async def test_a_write_under_way_ends_before_the_offsets_stand_still() -> None:
         bench.link.follow(decision(20.0))
         await bench.clock.run_until(5.0)
         bench.control.slow = asyncio.Event()
-        running = asyncio.create_task(bench.clock.run_until(6.0))
-        await until(lambda: bench.control.in_write, pause_s=0.0)
+        await bench.clock.run_until(6.0)
+        assert bench.control.in_write
         cycle = asyncio.create_task(bench.link.measure(Why.INTERVAL))
-        for _ in range(20):
-            await asyncio.sleep(0)
+        await idle()
         meanwhile = list(bench.control.requests)
         bench.control.slow.set()
-        await running
+        await idle()
         standing = bench.control.in_force
         await bench.clock.run_until(30.0)
         assert (await cycle).in_force_um == standing

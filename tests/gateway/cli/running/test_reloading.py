@@ -113,6 +113,7 @@ class Importers(MetaPathFinder):
 
 from gateway.cli.running.reloading import Reloading
 from gateway.service import Service
+from tests.benches.idle_loop import run
 from tests.benches.kept_events import KeptEvents
 from tests.benches.stepped_clock import SteppedClock
 from tests.benches.reloaded_service import OF_A_NEW_KIND, service_of
@@ -146,7 +147,7 @@ async def main(path, by_signal):
     libraries = {"can", "canopen"}
     print(libraries & Importers.by_the_loop, libraries & Importers.by_a_thread)
 
-asyncio.run(main(Path(sys.argv[1]), sys.argv[2] == "signal"))
+run(main(Path(sys.argv[1]), sys.argv[2] == "signal"))
 """
 
 
