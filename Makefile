@@ -2,6 +2,8 @@
 PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
+# Without byte code on disk, each Python program would compile every module again; the tests start many.
+unexport PYTHONDONTWRITEBYTECODE
 KERNEL := CMakeLists.txt $(wildcard talc/kernel/*)
 
 # Speed and errors beside others, in the same run on one thread; renews the tables in docs/results.md.
@@ -36,9 +38,10 @@ site: $(VENV)/.ready
 
 .PHONY: bench study pictures site demo deb wheels audit mutation test beside lint format types imports clean
 
+# --no-compile: most modules of the libraries are never imported, the others are compiled when they are.
 $(VENV)/.ready: pyproject.toml requirements/dev.lock $(KERNEL)
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements/dev.lock
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile --require-hashes -r requirements/dev.lock
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --editable .
 	touch $@
 
@@ -82,17 +85,17 @@ imports: $(VENV)/.ready
 # Tests against third-party programs (libmodbus; node-opcua, modbus-serial, canopen) need Debian and npm packages;
 # .ci/run installs them, and runs the slow ones too. Tests about the computer's own time (realtime) run alone, after the
 # others. Two more workers than cores, because many tests wait; each takes five seconds of a core to import and collect
-# all tests. The tests start many Python programs: without byte code on disk, each would compile every module again.
+# all tests.
 TESTS ?= not peer and not slow
 WORKERS ?= $(shell expr $$(nproc) + 2)
-PYTEST := env -u PYTHONDONTWRITEBYTECODE $(BIN)/python -m pytest --durations=15
+PYTEST := $(BIN)/python -m pytest --durations=15
 
 # The checks run beside the tests; if one of them fails, the tests still run to their end, and make fails.
 test: $(VENV)/.ready
 	$(MAKE) --no-print-directory --jobs=4 lint types imports beside
 	$(PYTEST) -m "realtime and ($(TESTS))" $$(grep -rl --include='test_*.py' 'mark\.realtime' tests)
 
-# Otherwise each worker would compile all tests.
+# Otherwise each worker would compile all tests, and the libraries that they import.
 $(VENV)/.compiled: $(VENV)/.ready
 	-$(PYTEST) --collect-only -qq >/dev/null
 	touch $@

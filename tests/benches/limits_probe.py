@@ -11,8 +11,8 @@ from pathlib import Path
 from gateway.apart import WorkError, apart, divide
 
 LEARNING = 3
-READY_S, LASTS_S = 30.0, 15.0
-"""Every interpreter has started before this time."""
+READY_S, LASTS_S = 30.0, 10.0
+"""When the measurement begins, after every interpreter has started, and how long it lasts."""
 
 
 def used_s(begin_s: float, end_s: float) -> float:
