@@ -1,20 +1,31 @@
-"""Starts gateways quickly: everything is imported once, each gateway is a fork of this process.
+"""Starts gateways quickly: each is a fork of this process, which has loaded the drivers' libraries already.
 
 `python -m tests.benches.gateways_to_kill CONFIG`: each line on standard input starts one gateway; its process id is
 printed. When standard input ends the last one is killed.
 """
 
+import gc
 import os
 import signal
 import sys
 from pathlib import Path
 
+from gateway.acquisition import lines_of
 from gateway.cli.running.run import run_service
+from gateway.clock import RealClock
 from gateway.config import load
+from gateway.nc import control_of
 
 
 def main() -> None:
     path, pid = Path(sys.argv[1]), 0
+    config, clock = load(path), RealClock()
+    assert config.nc is not None
+    # Drivers that nobody uses: making them loads their modules, which happens on first use.
+    lines_of(config, clock)
+    control_of(config.nc, config, clock)
+    gc.collect()
+    gc.freeze()
     for _ in sys.stdin:
         if pid:
             os.waitpid(pid, 0)  # the previous one was killed

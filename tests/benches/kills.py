@@ -6,7 +6,7 @@ more that is not killed; between two of them the control goes on alone. Each lif
 whole life has passed already, so that no time goes into loading libraries.
 
 `python -m tests.benches.kills --writing 200 --phase 20` prints a table. Exit code 1: something is wrong. With
-`--planted` the gateway has a defect, which is to be found.
+`--planted` the gateway has a defect, and the bench ends with the first database that shows something wrong.
 """
 
 import ctypes
@@ -184,12 +184,17 @@ def _lived(
     return wrong + ([last.wrong] if last.wrong else []) + machine.judged()
 
 
-def kill_gateways(wanted: dict[str, int], seed: int, folder: Path) -> tuple[dict[str, KillCount], int]:
-    """Kill this many in each phase; returns the counts and how many things were wrong, and prints those."""
+def kill_gateways(
+    wanted: dict[str, int], seed: int, folder: Path, *, until_wrong: bool = False
+) -> tuple[dict[str, KillCount], int]:
+    """Kill this many in each phase; returns the counts and how many things were wrong, and prints those.
+
+    until_wrong: end with the first database that shows something wrong
+    """
     counts, databases, moved, wrong = {phase: KillCount(count) for phase, count in wanted.items()}, 0, 0, 0
     moments = _moments(folder / "first")
     click.echo(f"moments of death: {', '.join(f'{name} {count}' for name, count in moments.items())}")
-    while any(count.killed < count.wanted for count in counts.values()):
+    while any(count.killed < count.wanted for count in counts.values()) and not (until_wrong and wrong):
         draw = random.Random(1_000_003 * seed + databases)
         with tempfile.TemporaryDirectory(dir=folder) as name:
             machine = KilledMachine(Path(name), draw)
@@ -221,7 +226,8 @@ def main(writing: int, phase: int, only: Sequence[str], defect: str | None, seed
             sys.exit(subprocess.run(command, env=on_failing_disk(Path(name)), check=False).returncode)
     folder, wanted = Path(os.environ["FAILING_DISK"]), {WRITING: writing, **dict.fromkeys(PHASES, phase)}
     with changed(PLANTED[defect][1] if defect else ()):
-        counts, wrong = kill_gateways({name: wanted[name] for name in only or wanted}, seed, folder)
+        chosen = {name: wanted[name] for name in only or wanted}
+        counts, wrong = kill_gateways(chosen, seed, folder, until_wrong=defect is not None)
     click.echo("| phase | killed | ended by itself before |\n|---|---|---|")
     for name, count in counts.items():
         click.echo(f"| {name} | {count.killed} | {count.not_reached} |")
