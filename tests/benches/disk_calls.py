@@ -13,7 +13,6 @@ gateway has a defect, which is to be found.
 """
 
 import faulthandler
-import gc
 import json
 import os
 import subprocess
@@ -27,6 +26,7 @@ from pathlib import Path
 
 import click
 
+from gateway.cli.running.memory import spare_what_is_there
 from tests.benches.changed_source import changed
 from tests.benches.disk_faults import FAULTS, HANGS_ONCE, DiskFault, LifeVerdict
 from tests.benches.disk_life import LIMIT_S, Life
@@ -49,8 +49,7 @@ def lives(folder: Path) -> None:
     rehearsal = folder / "rehearsal"
     rehearsal.mkdir()
     Life(rehearsal, None, 0).live()
-    gc.collect()
-    gc.freeze()
+    spare_what_is_there()
     for number, line in enumerate(sys.stdin):
         which, at, hang_ms = map(int, line.split())
         read, write = os.pipe()

@@ -4,13 +4,13 @@
 printed. When standard input ends the last one is killed.
 """
 
-import gc
 import os
 import signal
 import sys
 from pathlib import Path
 
 from gateway.acquisition import lines_of
+from gateway.cli.running.memory import spare_what_is_there
 from gateway.cli.running.run import run_service
 from gateway.clock import RealClock
 from gateway.config import load
@@ -24,8 +24,7 @@ def main() -> None:
     # Drivers that nobody uses: making them loads their modules, which happens on first use.
     lines_of(config, clock)
     control_of(config.nc, config, clock)
-    gc.collect()
-    gc.freeze()
+    spare_what_is_there()
     for _ in sys.stdin:
         if pid:
             os.waitpid(pid, 0)  # the previous one was killed

@@ -10,7 +10,6 @@ whole life has passed already, so that no time goes into loading libraries.
 """
 
 import ctypes
-import gc
 import json
 import os
 import random
@@ -27,6 +26,7 @@ from pathlib import Path
 
 import click
 
+from gateway.cli.running.memory import spare_what_is_there
 from gateway.replay import replay
 from gateway.storage import History, damage_found
 from simulators.nc import Activity, CycleSettings, DayPart, LoadCase, MeanLoads
@@ -100,8 +100,7 @@ class KilledMachine:
         self._disk.fail_from(0, 0, 0, 0)
         GatewayLife(self._folder, self._memory, self._lives, Death(WRITING, 0), self._draw).live()
         assert threading.active_count() == 1, threading.enumerate()
-        gc.collect()
-        gc.freeze()
+        spare_what_is_there()
 
     def _child(self, phase: str | None, at: int, write: int) -> None:
         """Does not return."""

@@ -259,6 +259,8 @@ async def test_a_gateway_killed_at_any_moment_makes_no_step(kills: int, tmp_path
     judged(control.nck.log)
     print(f"{kills} kills, {moved} of them while offsets moved, {len(control.nck.log)} changes")
     assert moved >= kills // 3
+    reached_mm = np.ptp([entry.values_mm[2] for entry in control.nck.log])
+    assert reached_mm > 1e-3 * RATE_UM_PER_S * PERIOD_S, "some lived for more than one step of Z"
     assert any(entry.ramped for entry in control.nck.log)
     with sqlite3.connect(config.storage.path) as connection:
         assert connection.execute("PRAGMA integrity_check").fetchone() == ("ok",)
