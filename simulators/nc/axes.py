@@ -95,8 +95,10 @@ class Axes:
     """$AA_MM: positions when the probe switched last."""
     before: Callable[[int], None] = _no_hook
     """Called before each move with its number: what happens at the machine meanwhile."""
+    after: Callable[[int], None] = _no_hook
+    """Called after it."""
     jogged: dict[int, Mapping[str, float]] = field(default_factory=dict)
-    """By number of a move: it is stopped half way, and the axes are moved by hand by this much."""
+    """By number of a move: it is stopped on its first quarter, and the axes are moved by hand by this much."""
     _from_rest: bool = True
 
     @property
@@ -112,9 +114,9 @@ class Axes:
         self.before(len(self.moves))
         start, end = self._row()[0], self._end(path)
         points = [start, end]
-        if half := self.jogged.get(len(self.moves)):
-            by = np.array([half.get(axis, 0.0) for axis in AXES])
-            points = [start, (start + end) / 2, (start + end) / 2 + by, end]
+        if by_hand := self.jogged.get(len(self.moves)):
+            stopped = start + (end - start) / 4
+            points = [start, stopped, stopped + [by_hand.get(axis, 0.0) for axis in AXES], end]
         if not np.any(end != start):
             if path.measures:
                 raise ProgramAlarm("a measuring block without a motion")
@@ -131,6 +133,7 @@ class Axes:
         self.moves.append(Move(samples, path.measures, met, path.feed, rest, self.tool, path.modal, self.spindle))
         self.position = dict(zip(AXES, map(float, samples[-1]), strict=True))
         self._from_rest = path.exact
+        self.after(len(self.moves) - 1)
 
     def _row(self) -> Floats:
         return np.array([[self.position[axis] for axis in AXES]])

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from simulators.nc import blocks as b
 from simulators.nc.axes import Axes, Path, Reset
 from simulators.nc.expressions import Value, converted
-from simulators.nc.modal import MM_PER_INCH, Modal
+from simulators.nc.modal import MM_PER_INCH, Modal, group_of
 from simulators.nc.synchronised import ProgramAlarm, SystemVariable
 from simulators.nc.tools import Tools
 from simulators.nc.words import AXES
@@ -171,7 +171,8 @@ class Channel:
             pass
         self._stack.pop()
         if program.saves:
-            self.modal.codes, self.frames.shift, self.frames.turned = kept
+            self._switch(kept[0])
+            _, self.frames.shift, self.frames.turned = kept
 
     def _call(self, name: str, arguments: list[Value]) -> None:
         if name in self._hooks:
@@ -252,8 +253,7 @@ class Channel:
     # Blocks ---------------------------------------------------------------------------------------------------------
 
     def _words(self, block: b.Words) -> None:
-        for code in block.modal:
-            self.modal.switch(code)
+        self._switch({group_of(code): code for code in block.modal})
         values = {name: value(self) for name, value in block.values}
         if "F" in values:
             self.feed = float(converted(values["F"], "REAL"))
@@ -273,6 +273,13 @@ class Channel:
             self._move(block, measures="MEAS" in values)
         elif "MEAS" in values:
             raise ProgramAlarm("a measuring block without a motion")
+
+    def _switch(self, codes: Mapping[int, str]) -> None:
+        """G functions come into force; another kind of feed deletes F (V1, 6FC5397-0BP10-0BA0, 2.1)."""
+        kind = self.modal.codes[15]
+        self.modal.codes.update(codes)
+        if self.modal.codes[15] != kind:
+            self.feed = 0.0
 
     def _positioned(self) -> None:
         self.axes.spindle = "in position"

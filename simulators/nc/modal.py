@@ -27,9 +27,16 @@ GROUPS: Final[dict[int, tuple[str, ...]]] = {
     55: ("RTLION", "RTLIOF"),
 }
 """The first ones of each group, in their order."""
-PROGRAMMABLE: Final = frozenset("G1 G17 G40 G60 G90 G94 G500 G601 G710 DIAMOF".split())
+PROGRAMMABLE: Final = frozenset(("G1", "G17", "G40", "G60", "G90", "G93", "G94", "G500", "G601", "G710", "DIAMOF"))
 """What a program here may switch."""
 _GROUP_OF: Final = {code: group for group, codes in GROUPS.items() for code in codes}
+
+
+def group_of(code: str) -> int:
+    """Raises ProgramAlarm for a function that is not known here."""
+    if code not in _GROUP_OF:
+        raise ProgramAlarm(f"{code}: not known here")
+    return _GROUP_OF[code]
 
 
 @dataclass(slots=True)
@@ -40,11 +47,11 @@ class Modal:
 
     def __post_init__(self) -> None:
         for group, code in self.codes.items():
-            if _GROUP_OF.get(code) != group:
+            if group_of(code) != group:
                 raise ProgramAlarm(f"{code}: not in group {group}")
 
     def switch(self, code: str) -> None:
-        self.codes[_GROUP_OF[code]] = code
+        self.codes[group_of(code)] = code
 
     def number(self, group: int) -> int:
         """$P_GG: place in the group, from 1 on. Raises ProgramAlarm for a group that is not known here."""

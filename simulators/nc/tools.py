@@ -49,6 +49,10 @@ class Tools:
         self._loaded = tool
         self.edge, self.sum, self.programmed_now = edge, total, preselected
 
+    def keep_offset_of(self, tool: int) -> None:
+        """The old tool's offset is still in force: MD20270 is -2, and no D has been programmed since the change."""
+        self._active = tool
+
     @property
     def number(self) -> int:
         """$P_TOOLNO: tool of the active D. With MD20270 0 it says nothing of a tool without D, with -2 the old one."""

@@ -1,4 +1,4 @@
-"""A machine with a table, a sphere on its stem and a touch probe: what the probe meets, and what it must keep away from.
+"""A machine with a table, a sphere on its stem and a touch probe: what the probe meets, and must keep away from.
 
 Lengths in mm from where A and C meet; the positions are those of the axes, the probe's ball is its length below them.
 """
@@ -32,6 +32,8 @@ class Workshop:
 
     sphere_mm: tuple[float, float, float]
     present: bool = True
+    post_mm: tuple[float, float, float] | None = None
+    """Something else on the table: a post there, this high."""
 
     def gap(self, positions: Floats) -> Floats:
         """(n,) from the ball to the nearest thing; 0 or less: contact."""
@@ -47,6 +49,9 @@ class Workshop:
         x, y, z = point.T
         flat, below = np.hypot(x, y) - TABLE_MM, np.maximum(z, -TABLE_THICK_MM - z)
         table = np.where(np.minimum(flat, below) > 0, np.hypot(flat, below), np.maximum(flat, below))
+        if self.post_mm is not None:
+            beside, over = np.hypot(x - self.post_mm[0], y - self.post_mm[1]) - STEM_MM, z - self.post_mm[2]
+            table = np.minimum(table, np.where(over > 0, np.hypot(np.maximum(beside, 0.0), over), beside))
         if not self.present:
             return table - radius
         along = np.clip(z, 0.0, self.sphere_mm[2])

@@ -100,7 +100,7 @@ class Cell:
 
 @dataclass(frozen=True)
 class Place:
-    """Where a move is to end. kind: "way", "touch", "slow" or "back"."""
+    """Where a move is to end. kind: "way", "turn", "touch", "slow" or "back"."""
 
     kind: str
     end: Floats
@@ -136,7 +136,7 @@ class Intended:
         x, y, _ = IDEAL.taught(a, c)
         safe = SAFE_Z + self._raised
         yield from self._go(Z=max(safe, self._at[2]))
-        yield from self._go(A=a, C=c)
+        yield from self._go("turn", A=a, C=c)
         yield from self._go(X=x, Y=y)
         yield from self._go(Z=safe)
 
@@ -189,7 +189,7 @@ def off_the_way(cell: Cell, start: Floats, raised: float = 0.0) -> list[str]:
 
 def _unlike(move: Move, place: Place, raised: float) -> Iterator[str]:
     touches = place.kind in ("touch", "slow")
-    feed = FEEDS[place.kind] if touches else FEEDS["dry" if raised else "way"]
+    feed = FEEDS[place.kind] if touches else FEEDS["dry" if raised else "way"] / (2.0 if place.kind == "turn" else 1.0)
     if abs(move.feed - feed) > 1e-6:
         yield f"{place.kind} at {move.feed:g}, intended {feed:g}"
     if move.measures != (place.kind != "back"):
