@@ -173,4 +173,3 @@ class Axes:
 def _sampled(start: Floats, end: Floats) -> Floats:
     count = max(1, math.ceil(float(np.max(np.abs(end - start))) / DENSITY))
     return start + (end - start) * (np.arange(count + 1) / count)[:, None]
-

@@ -4,134 +4,35 @@ A block that is not known, a word in the wrong place and a name that Siemens rul
 """
 
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from typing import Final
 
 from simulators.nc.expressions import Source, Used, expression, variable
 from simulators.nc.modal import PROGRAMMABLE
+from simulators.nc.statements import (
+    Action,
+    Ask,
+    Assign,
+    Call,
+    Data,
+    For,
+    Goto,
+    If,
+    Label,
+    Message,
+    Program,
+    Statement,
+    Word,
+    Words,
+)
 from simulators.nc.synchronised import ProgramAlarm
 from simulators.nc.words import AXES, LONGEST_PROGRAM_NAME, PROCEDURES, TYPES, Tokens, check_name
 
 _NUMBERED = re.compile(r"([GMD])(\d+)")
-M_CODES = {5: "spindle stop", 6: "tool change", 9: "cutting fluid off"}
-
-
-@dataclass(frozen=True, slots=True)
-class Statement:
-    """One block. line: of its text, from 1 on."""
-
-    line: int
-
-
-@dataclass(frozen=True, slots=True)
-class Assign(Statement):
-    """Several assignments of one block: name, index, value."""
-
-    parts: tuple[tuple[str, Source | None, Source], ...]
-
-
-@dataclass(frozen=True, slots=True)
-class Words(Statement):
-    """A block of addresses: what it switches, where it goes."""
-
-    modal: tuple[str, ...] = ()
-    m: tuple[int, ...] = ()
-    values: tuple[tuple[str, Source], ...] = ()
-    """Addresses with their values: T, D, DL, F, SPOS, MEAS."""
-    axes: tuple[tuple[str, Source, bool], ...] = ()
-    """Axis, end point, and whether the shortest way there (DC)."""
-    machine: bool = False
-    """SUPA: in machine coordinates."""
-
-
-@dataclass(frozen=True, slots=True)
-class If(Statement):
-    condition: Source
-    then: tuple[Statement, ...]
-    otherwise: tuple[Statement, ...]
-    last: int
-    """Line of its ENDIF."""
-
-
-@dataclass(frozen=True, slots=True)
-class For(Statement):
-    name: str
-    first: Source
-    to: Source
-    body: tuple[Statement, ...]
-    last: int
-
-
-@dataclass(frozen=True, slots=True)
-class Goto(Statement):
-    label: str
-
-
-@dataclass(frozen=True, slots=True)
-class Label(Statement):
-    name: str
-
-
-@dataclass(frozen=True, slots=True)
-class Word(Statement):
-    """STOPRE, RET, M17, M0."""
-
-    word: str
-
-
-@dataclass(frozen=True, slots=True)
-class Call(Statement):
-    name: str
-    arguments: tuple[Source, ...]
-
-
-@dataclass(frozen=True, slots=True)
-class Ask(Statement):
-    """GETEXET, GETSELT: a procedure that sets a variable."""
-
-    procedure: str
-    variable: str
-
-
-@dataclass(frozen=True, slots=True)
-class Message(Statement):
-    text: str
-
-
-@dataclass(frozen=True, slots=True)
-class Action(Statement):
-    """A static synchronised action, as it is written."""
-
-    text: str
-
-
-@dataclass(frozen=True, slots=True)
-class Data:
-    """A variable: its type, how many, and its first values; count 0: no array."""
-
-    kind: str
-    count: int = 0
-    first: tuple[Source, ...] = ()
-
-
-@dataclass(slots=True)
-class Program:
-    """A program that a control has read."""
-
-    name: str
-    parameters: tuple[tuple[str, str], ...] = ()
-    """Type and name."""
-    saves: bool = False
-    external: dict[str, tuple[str, ...]] = field(default_factory=dict)
-    """Types of the parameters of each program that it may call with some."""
-    local: dict[str, Data] = field(default_factory=dict)
-    body: tuple[Statement, ...] = ()
-    used: Used = field(default_factory=Used)
-
-    @property
-    def own(self) -> set[str]:
-        return {*self.local, *(name for _, name in self.parameters)}
+M_CODES: Final = frozenset({5, 6, 9})
+"""Spindle stop, tool change, cutting fluid off."""
+_VALUED: Final = ("T", "D", "DL", "F", "MEAS", "SPOS")
 
 
 def read_program(text: str) -> Program:
@@ -246,30 +147,14 @@ class _Reader:
     def _statement(self, number: int, block: str) -> Statement:
         tokens, used = Tokens(block), self._program.used
         word = tokens.peek()
-        if word in ("STOPRE", "RET", "M17", "M0"):
-            found: Statement = Word(number, tokens.next())
-        elif word == "IF":
-            return self._if(number, tokens)
-        elif word == "FOR":
-            return self._for(number, tokens)
-        elif word == "GOTOF":
-            tokens.next()
-            found = Goto(number, tokens.next())
-        elif word == "IDS":
-            return Action(number, block)
-        elif word == "MSG":
-            found = Message(number, _text(tokens))
+        if word in _READ:
+            found = _READ[word](self, number, tokens)
         elif tokens.peek(1) == ":":
             check_name(tokens.next())
             tokens.next()
             found = Label(number, word)
-        elif word in PROCEDURES:
-            tokens.next()
-            tokens.expect("(")
-            name = tokens.next()
-            used.variables.add(name)
-            tokens.expect(")")
-            found = Ask(number, word, name)
+        elif word == "IDS":
+            return Action(number, block)
         elif _is_address(tokens):
             return _words(number, tokens, used)
         elif _is_call(tokens):
@@ -278,6 +163,30 @@ class _Reader:
             return _assign(number, tokens, used)
         tokens.end()
         return found
+
+    def _word(self, number: int, tokens: Tokens) -> Word:
+        return Word(number, tokens.next())
+
+    def _goto(self, number: int, tokens: Tokens) -> Goto:
+        tokens.next()
+        return Goto(number, tokens.next())
+
+    def _message(self, number: int, tokens: Tokens) -> Message:
+        tokens.next()
+        tokens.expect("(")
+        text = tokens.next()
+        if not text.startswith('"'):
+            raise ProgramAlarm(f"{text}: expected a text")
+        tokens.expect(")")
+        return Message(number, text[1:-1])
+
+    def _ask(self, number: int, tokens: Tokens) -> Ask:
+        procedure = tokens.next()
+        tokens.expect("(")
+        name = tokens.next()
+        self._program.used.variables.add(name)
+        tokens.expect(")")
+        return Ask(number, procedure, name)
 
     def _if(self, number: int, tokens: Tokens) -> If:
         tokens.next()
@@ -354,19 +263,9 @@ def _definitions(tokens: Tokens, used: Used) -> Iterator[tuple[str, Data]]:
     tokens.end()
 
 
-def _text(tokens: Tokens) -> str:
-    tokens.next()
-    tokens.expect("(")
-    text = tokens.next()
-    if not text.startswith('"'):
-        raise ProgramAlarm(f"{text}: expected a text")
-    tokens.expect(")")
-    return text[1:-1]
-
-
 def _is_address(tokens: Tokens) -> bool:
     word = tokens.peek()
-    with_value = tokens.peek(1) == "=" and word in (*AXES, "T", "D", "DL", "F", "MEAS", "SPOS")
+    with_value = tokens.peek(1) == "=" and word in (*AXES, *_VALUED)
     return with_value or word in ("SUPA", "DIAMOF") or _NUMBERED.fullmatch(word) is not None
 
 
@@ -375,29 +274,25 @@ def _is_call(tokens: Tokens) -> bool:
 
 
 def _words(number: int, tokens: Tokens, used: Used) -> Words:
-    modal, m, values, axes, machine = list[str](), list[int](), list[tuple[str, Source]](), [], False
-    while word := tokens.peek():
-        tokens.next()
+    modal, m, machine = list[str](), list[int](), False
+    values, axes = list[tuple[str, Source]](), list[tuple[str, Source, bool]]()
+    while tokens.peek():
+        word = tokens.next()
+        numbered = _NUMBERED.fullmatch(word)
         if word == "SUPA":
             machine = True
-        elif numbered := _NUMBERED.fullmatch(word):
-            letter, value = numbered[1], int(numbered[2])
-            if letter == "G":
-                modal.append(_programmable(f"G{value}"))
-            elif letter == "M":
-                if value not in M_CODES:
-                    raise ProgramAlarm(f"{word}: not known here")
-                m.append(value)
-            else:
-                values.append((letter, _fixed(value)))
-        elif word == "DIAMOF":
+        elif word == "DIAMOF" or (numbered and numbered[1] == "G"):
             modal.append(_programmable(word))
-        elif tokens.peek() == "=" and word in AXES:
-            tokens.next()
-            shortest = tokens.peek() == "DC" and tokens.next() == "DC"
+        elif numbered and numbered[1] == "M":
+            m.append(_m_code(int(numbered[2])))
+        elif numbered:
+            values.append((numbered[1], _fixed(int(numbered[2]))))
+        elif word in AXES:
+            tokens.expect("=")
+            shortest = tokens.accept("DC")
             axes.append((word, expression(tokens, used), shortest))
-        elif tokens.peek() == "=" and word in ("T", "D", "DL", "F", "MEAS", "SPOS"):
-            tokens.next()
+        elif word in _VALUED:
+            tokens.expect("=")
             values.append((word, expression(tokens, used)))
         else:
             raise ProgramAlarm(f"{word}: not known here")
@@ -405,6 +300,12 @@ def _words(number: int, tokens: Tokens, used: Used) -> Words:
     if len(set(named)) < len(named):
         raise ProgramAlarm("an address twice in one block")
     return Words(number, tuple(modal), tuple(m), tuple(values), tuple(axes), machine)
+
+
+def _m_code(value: int) -> int:
+    if value not in M_CODES:
+        raise ProgramAlarm(f"M{value}: not known here")
+    return value
 
 
 def _programmable(code: str) -> str:
@@ -424,3 +325,13 @@ def _assign(number: int, tokens: Tokens, used: Used) -> Assign:
         tokens.expect("=")
         parts.append((name, index, expression(tokens, used)))
     return Assign(number, tuple(parts))
+
+
+_READ: Final[dict[str, Callable[[_Reader, int, Tokens], Statement]]] = {
+    "IF": _Reader._if,
+    "FOR": _Reader._for,
+    "GOTOF": _Reader._goto,
+    "MSG": _Reader._message,
+    **dict.fromkeys(PROCEDURES, _Reader._ask),
+    **dict.fromkeys(("STOPRE", "RET", "M17", "M0"), _Reader._word),
+}

@@ -1,62 +1,29 @@
 """One channel that runs part programs: blocks are interpreted ahead of the axes, which follow at a preprocessing stop.
 
-Variables of programs, R-parameters and G functions belong to the interpretation; positions, probe, spindle and tool in the
-spindle to the main run. What a program reads of those before its STOPRE is what was there before its last blocks.
+Variables of programs, R-parameters and G functions belong to the interpretation; positions, probe, spindle and its tool
+to the main run. What a program reads of those before its STOPRE is what was there before its last blocks.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Any, Final
 
-from simulators.nc import blocks as b
+from simulators.nc import statements as b
 from simulators.nc.axes import Axes, Path, Reset
+from simulators.nc.blocks import read_global_data, read_program
 from simulators.nc.expressions import Value, converted
 from simulators.nc.modal import MM_PER_INCH, Modal, group_of
+from simulators.nc.motion import path_of
+from simulators.nc.operating import Frames, Told
+from simulators.nc.readings import reading
 from simulators.nc.synchronised import ProgramAlarm, SystemVariable
 from simulators.nc.tools import Tools
 from simulators.nc.words import AXES
 
-LINEAR = AXES[:3]
-_ROTARY = AXES[3:]
-DRY_RUN_FEED = 5000.0
-"""SD42100, mm/min: what dry run makes of every feed."""
-_LENGTHS = frozenset({"SA_TEMP_COMP_ABS_VALUE"})
+_LENGTHS: Final = frozenset({"SA_TEMP_COMP_ABS_VALUE"})
 """Setting data that is a length: a program sees it in its own unit."""
-_R_COUNT = 130
-
-
-@dataclass(slots=True)
-class Told:
-    """What the operator and the machine data say. mirror of BOOL variables of the same meaning."""
-
-    search: bool = False
-    test: bool = False
-    simulation: bool = False
-    dry_run: bool = False
-    transformation: int = 0
-    """$P_TRAFO: code of the active transformation; 0 none."""
-    carrier: int = 0
-    """$P_TC: active tool carrier."""
-    metric: bool = True
-    """MD10240: its basic system."""
-    start_lock: bool = True
-    """MD20700: no program starts while an axis is not referenced."""
-    length_stays: bool = True
-    """MD10760 bit 0 = 0: SUPA leaves the tool's length in force."""
-    event: int = 0
-    """$P_PROG_EVENT."""
-    alarm: int = 0
-    """$AC_ALARM_STAT."""
-
-
-@dataclass(slots=True)
-class Frames:
-    """Offsets of the settable and the programmable frame, mm; the latter is also turned about Z."""
-
-    settable: dict[str, tuple[float, float, float]] = field(default_factory=dict)
-    """By G function."""
-    shift: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    turned: bool = False
-    """ROT Z90."""
+_R_COUNT: Final = 130
 
 
 class _Return(Exception):
@@ -111,8 +78,8 @@ class Channel:
         """Each R-parameter that was written, its value, where the axes were then, and how many moves there had been."""
         self.messages: list[str] = []
         self._variables, self._actions, self._hooks = dict(variables or {}), actions, dict(hooks or {})
-        self._global = {name: self._made(entry) for name, entry in b.read_global_data(data).items()}
-        self.programs = {program.name: program for program in map(b.read_program, programs)}
+        self._global = {name: self._made(entry) for name, entry in read_global_data(data).items()}
+        self.programs = {program.name: program for program in map(read_program, programs)}
         for program in self.programs.values():
             self._check(program)
         self._stack: list[tuple[b.Program, dict[str, _Variable]]] = []
@@ -165,22 +132,12 @@ class Channel:
         own = {name: _Variable(kind, [converted(value, kind)], False) for (kind, name), value in given}
         self._stack.append((program, own))
         own.update({name: self._made(entry) for name, entry in program.local.items()})
-        try:
+        with suppress(_Return):
             self._body(program.body)
-        except _Return:
-            pass
         self._stack.pop()
         if program.saves:
             self._switch(kept[0])
             _, self.frames.shift, self.frames.turned = kept
-
-    def _call(self, name: str, arguments: list[Value]) -> None:
-        if name in self._hooks:
-            self._put(lambda: self._hooks[name](*arguments))
-        elif name in self.programs:
-            self._run(self.programs[name], arguments)
-        else:
-            raise ProgramAlarm(f"{name}: no such program")
 
     def _body(self, statements: Sequence[b.Statement]) -> None:
         """At the top of a program: jumps end here."""
@@ -197,7 +154,7 @@ class Channel:
 
     def _statement(self, statement: b.Statement) -> None:
         try:
-            self._do(statement)
+            _DO[type(statement)](self, statement)
         except ProgramAlarm as alarm:
             raise self._alarm(statement, str(alarm)) from None
 
@@ -205,50 +162,61 @@ class Channel:
         place = f"{self._stack[-1][0].name} line {statement.line}" if self._stack else ""
         return ProgramAlarm(cause if " line " in cause else f"{place}: {cause}")
 
-    def _do(self, statement: b.Statement) -> None:
-        match statement:
-            case b.Assign(parts=parts):
-                for name, index, value in parts:
-                    self._write(name, None if index is None else index(self), value(self))
-            case b.Words():
-                self._words(statement)
-            case b.Word(word=word):
-                self._word(word)
-            case b.If(condition=condition, then=then, otherwise=otherwise):
-                truth = condition(self)
-                if not isinstance(truth, bool):
-                    raise ProgramAlarm("the condition is a number")
-                for inner in then if truth else otherwise:
-                    self._statement(inner)
-            case b.For(name=name, first=first, to=to, body=body):
-                self._write(name, None, first(self))
-                while (now := self.read(name, None)) <= to(self):  # type: ignore[operator]
-                    for inner in body:
-                        self._statement(inner)
-                    self._write(name, None, now + 1)  # type: ignore[operator]
-            case b.Goto(label=label):
-                raise _Jump(label)
-            case b.Call(name=name, arguments=arguments):
-                self._call(name, [argument(self) for argument in arguments])
-            case b.Ask(procedure=procedure, variable=variable):
-                self._write(variable, None, self.tools.asked(procedure))
-            case b.Message(text=text):
-                self.messages.append(text)
-            case b.Action(text=text):
-                if self._actions is None:
-                    raise ProgramAlarm("no synchronised actions here")
-                self._actions(text)
+    def _assign(self, statement: b.Assign) -> None:
+        for name, index, value in statement.parts:
+            self._write(name, None if index is None else index(self), value(self))
 
-    def _word(self, word: str) -> None:
-        if word == "STOPRE":
+    def _word(self, statement: b.Word) -> None:
+        if statement.word == "STOPRE":
             if self.modal.codes[7] != "G40":
                 raise ProgramAlarm("STOPRE within a contour with radius compensation")
             self._stop()
-        elif word == "M0":
+        elif statement.word == "M0":
             self._stop()
             raise Reset("M0: only RESET ends it here")
         else:
             raise _Return
+
+    def _if(self, statement: b.If) -> None:
+        truth = statement.condition(self)
+        if not isinstance(truth, bool):
+            raise ProgramAlarm("the condition is a number")
+        for inner in statement.then if truth else statement.otherwise:
+            self._statement(inner)
+
+    def _for(self, statement: b.For) -> None:
+        now = int(converted(statement.first(self), "INT"))
+        self._write(statement.name, None, now)
+        while now <= int(converted(statement.to(self), "INT")):
+            for inner in statement.body:
+                self._statement(inner)
+            now = int(converted(self.read(statement.name, None), "INT")) + 1
+            self._write(statement.name, None, now)
+
+    def _goto(self, statement: b.Goto) -> None:
+        raise _Jump(statement.label)
+
+    def _label(self, _: b.Label) -> None: ...
+
+    def _call(self, statement: b.Call) -> None:
+        arguments = [argument(self) for argument in statement.arguments]
+        if hook := self._hooks.get(statement.name):
+            self._put(lambda: hook(*arguments))
+        elif statement.name in self.programs:
+            self._run(self.programs[statement.name], arguments)
+        else:
+            raise ProgramAlarm(f"{statement.name}: no such program")
+
+    def _ask(self, statement: b.Ask) -> None:
+        self._write(statement.variable, None, self.tools.asked(statement.procedure))
+
+    def _message(self, statement: b.Message) -> None:
+        self.messages.append(statement.text)
+
+    def _action(self, statement: b.Action) -> None:
+        if self._actions is None:
+            raise ProgramAlarm("no synchronised actions here")
+        self._actions(statement.text)
 
     # Blocks ---------------------------------------------------------------------------------------------------------
 
@@ -291,55 +259,9 @@ class Channel:
         self.axes.coolant = False
 
     def _move(self, block: b.Words, *, measures: bool) -> None:
-        if self.told.transformation or self.told.carrier or self.modal.has("G291") or self.modal.codes[7] != "G40":
-            raise ProgramAlarm("a motion with a transformation, in ISO language or in a compensated contour")
-        if self.modal.codes[1] != "G1":
-            raise ProgramAlarm(f"a motion with {self.modal.codes[1]}: not known here")
-        end, shortest = dict[str, float](), set[str]()
-        for axis, source, direct in block.axes:
-            value = float(converted(source(self), "REAL"))
-            if axis in LINEAR:
-                value *= self.modal.length_mm(self.told.metric)
-                if axis == "X" and self.modal.has("DIAMON"):
-                    value /= 2.0
-            if direct:
-                if axis != "C":
-                    raise ProgramAlarm(f"{axis}: DC is for modulo axes")
-                shortest.add(axis)
-            elif self.modal.has("G91"):
-                end[axis] = self._end[axis] + value
-                continue
-            end[axis] = value
-        if not self.modal.has("G91"):
-            self._from_workpiece(end, machine=block.machine)
-        feed = self._feed(end)
-        exact = self.modal.has("G60") and self.modal.has("G601")
-        self._end.update(end)
-        self._put(Path(end, frozenset(shortest), feed, measures, exact, dict(self.modal.codes)))
-
-    def _from_workpiece(self, end: dict[str, float], *, machine: bool) -> None:
-        """Frames, and the length of the tool whose edge is in force: from programmed end points to the axes'."""
-        if not machine:
-            if self.frames.turned and {"X", "Y"} <= end.keys():
-                end["X"], end["Y"] = -end["Y"], end["X"]
-            settable = self.frames.settable.get(self.modal.codes[8], (0.0, 0.0, 0.0))
-            for axis, one, two in zip(LINEAR, settable, self.frames.shift, strict=True):
-                if axis in end:
-                    end[axis] += one + two
-        axis = {"G17": "Z", "G18": "Y", "G19": "X"}[self.modal.codes[6]]
-        if axis in end and (self.told.length_stays or not machine):
-            end[axis] += self.tools.length_mm
-
-    def _feed(self, end: Mapping[str, float]) -> float:
-        """mm/min, or degrees/min. Raises ProgramAlarm without one."""
-        if not self.feed:
-            raise ProgramAlarm("10860: no feed is programmed")
-        if self.told.dry_run:
-            return DRY_RUN_FEED
-        scale = self.modal.system_mm(self.told.metric) if set(end) & set(LINEAR) else 1.0
-        if not self.modal.has("G94"):
-            raise ProgramAlarm(f"a feed with {self.modal.codes[15]}: not known here")
-        return self.feed * scale
+        path = path_of(block, self, self._end, measures=measures)
+        self._end.update(path.end)
+        self._put(path)
 
     # Main run -------------------------------------------------------------------------------------------------------
 
@@ -386,7 +308,7 @@ class Channel:
         if name[0] == "$":
             return self._system(name, index)
         variable = self._found(name)
-        return variable.values[self._place(name, index, len(variable.values)) if variable.array else _single(name, index)]
+        return variable.values[self._element(name, variable, index)]
 
     def _write(self, name: str, index: Value | None, value: Value) -> None:
         if name == "R":
@@ -400,8 +322,14 @@ class Channel:
             entry.values[at] = float(converted(value, "REAL")) * self._unit(name)
         else:
             variable = self._found(name)
-            at = self._place(name, index, len(variable.values)) if variable.array else _single(name, index)
-            variable.values[at] = converted(value, variable.kind)
+            variable.values[self._element(name, variable, index)] = converted(value, variable.kind)
+
+    def _element(self, name: str, variable: _Variable, index: Value | None) -> int:
+        if variable.array:
+            return self._place(name, index, len(variable.values))
+        if index is not None:
+            raise ProgramAlarm(f"{name} has no index")
+        return 0
 
     @staticmethod
     def _place(name: str, index: Value | None, count: int) -> int:
@@ -410,15 +338,9 @@ class Channel:
         return at
 
     def _system(self, name: str, index: Value | None) -> Value:
-        if name in _AXIS_VALUES:
-            if index not in AXES:
-                raise ProgramAlarm(f"{name}[{index}]: expected an axis")
-            return _AXIS_VALUES[name](self, str(index))
-        if name in _NUMBERED_VALUES:
-            return _NUMBERED_VALUES[name](self, int(converted(index if index is not None else 0, "INT")))
-        if name in _VALUES:
-            _single(name, index)
-            return _VALUES[name](self)
+        found = reading(self, name, index)
+        if found is not None:
+            return found
         entry, at = self._setting(name, index)
         return entry.values[at] / self._unit(name)
 
@@ -437,47 +359,19 @@ class Channel:
         if name[1:] not in _LENGTHS:
             return 1.0
         basic = 1.0 if self.told.metric else MM_PER_INCH
-        return self.modal.system_mm(self.told.metric) / basic
-
-    def place(self, axis: str, position: Mapping[str, float]) -> float:
-        """A position as a system variable shows it: C within a turn, lengths in the program's unit."""
-        value = position[axis]
-        if axis == "C":
-            return value % 360.0
-        return value / self.modal.system_mm(self.told.metric) if axis in LINEAR else value
+        return self.modal.system_mm(metric=self.told.metric) / basic
 
 
-def _single(name: str, index: Value | None) -> int:
-    if index is not None:
-        raise ProgramAlarm(f"{name} has no index")
-    return 0
-
-
-_AXIS_VALUES: dict[str, Callable[[Channel, str], Value]] = {
-    "$AA_IM": lambda c, axis: c.place(axis, c.axes.position),
-    "$AA_MM": lambda c, axis: c.place(axis, c.axes.latched),
-    "$AA_REF": lambda c, axis: int(c.axes.homed[axis]),
-}
-_NUMBERED_VALUES: dict[str, Callable[[Channel, int], Value]] = {
-    "$P_GG": lambda c, group: c.modal.number(group),
-    "$A_PROBE": lambda c, _: int(c.axes.deflected),
-    "$AC_MEA": lambda c, _: c.axes.triggered,
-}
-_VALUES: dict[str, Callable[[Channel], Value]] = {
-    "$P_SIM": lambda c: c.told.simulation,
-    "$P_SEARCH": lambda c: c.told.search,
-    "$P_ISTEST": lambda c: c.told.test,
-    "$P_DRYRUN": lambda c: c.told.dry_run,
-    "$P_TRAFO": lambda c: c.told.transformation,
-    "$P_TC": lambda c: c.told.carrier,
-    "$P_PROG_EVENT": lambda c: c.told.event,
-    "$AC_ALARM_STAT": lambda c: c.told.alarm,
-    "$P_F": lambda c: c.feed,
-    "$P_TOOL": lambda c: c.tools.edge,
-    "$P_DLNO": lambda c: c.tools.sum,
-    "$P_TOOLNO": lambda c: c.tools.number,
-    "$P_TOOLP": lambda c: c.tools.programmed,
-    "$MC_TOOL_CHANGE_MODE": lambda c: c.tools.mode,
-    "$MC_CUTTING_EDGE_DEFAULT": lambda c: c.tools.default,
-    "$MC_TOOL_MANAGEMENT_MASK": lambda c: int(c.tools.managed),
+_DO: Final[dict[type[b.Statement], Callable[[Channel, Any], None]]] = {
+    b.Assign: Channel._assign,
+    b.Words: Channel._words,
+    b.Word: Channel._word,
+    b.If: Channel._if,
+    b.For: Channel._for,
+    b.Goto: Channel._goto,
+    b.Label: Channel._label,
+    b.Call: Channel._call,
+    b.Ask: Channel._ask,
+    b.Message: Channel._message,
+    b.Action: Channel._action,
 }

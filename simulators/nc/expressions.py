@@ -1,8 +1,8 @@
 """Expressions of a part program, with the types and priorities of the language.
 
 Programming Manual 12/2019 (6FC5398-2EP40-0BA0), page 444: NOT; * and /; + and -; B_AND; AND; OR; a comparison binds
-weakest, and numbers that were computed are equal if they differ by rounding only. Strict: truth values and numbers do not
-stand for one another within an expression. Assigning converts: REAL to INT rounds, a number that is not 0 is TRUE.
+weakest, and numbers are equal if they differ by rounding only. Strict: truth values and numbers do not stand for one
+another within an expression. Assigning converts: REAL to INT rounds, a number that is not 0 is TRUE.
 """
 
 import math

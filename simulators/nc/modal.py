@@ -62,12 +62,12 @@ class Modal:
     def has(self, code: str) -> bool:
         return code in self.codes.values()
 
-    def length_mm(self, metric: bool) -> float:
-        """Length of 1 in a programmed end point, mm. metric: the basic system (MD10240)."""
-        del metric
+    @property
+    def length_mm(self) -> float:
+        """Length of 1 in a programmed end point, mm."""
         return MM_PER_INCH if self.codes[13] in ("G70", "G700") else 1.0
 
-    def system_mm(self, metric: bool) -> float:
-        """The same for feeds and system variables: G70 and G71 leave them in the basic system."""
+    def system_mm(self, *, metric: bool) -> float:
+        """The same for feeds and system variables, which G70 and G71 leave in the basic system (MD10240 metric)."""
         inch = self.codes[13] == "G700" or (self.codes[13] in ("G70", "G71") and not metric)
         return MM_PER_INCH if inch else 1.0

@@ -1,7 +1,7 @@
 """Tool, edge and preselection of a channel, as machine data has the control keep them.
 
-MD22550 (T prepares, or changes at once), MD20270 (edge after a change), MD20310 bit 0 (magazine management): Siemens' list
-of machine data, and its list of system variables 05/2017 for what `$P_TOOLNO` and GETEXET say.
+MD22550 (T prepares, or changes at once), MD20270 (edge after a change), MD20310 bit 0 (magazine management): Siemens'
+list of machine data, and its list of system variables 05/2017 for what `$P_TOOLNO` and GETEXET say.
 """
 
 from collections.abc import Callable, Mapping
@@ -76,7 +76,7 @@ class Tools:
         return self.lengths.get(self._active, 0.0) if self.edge else 0.0
 
     def select(self, tool: int) -> Callable[[], None]:
-        """T: preparation, or the change itself; what the main run does for it. Raises ProgramAlarm for an unknown tool."""
+        """T: preparation, or the change itself; what the main run does. Raises ProgramAlarm for one not known."""
         if tool and tool not in self.lengths:
             raise ProgramAlarm(f"T{tool}: not known")
         self.programmed_now = tool

@@ -1,7 +1,7 @@
 """What can happen at a machine while it is probed: each case says what was not as it has to be.
 
-`python -m tests.benches.nc_cases` runs all of them, and RESET, a stop with the axes moved by hand and a probe that sticks
-at every move of a cycle.
+`python -m tests.benches.nc_cases` runs all of them, and RESET, a stop with the axes moved by hand and a probe that
+sticks at every move of a cycle.
 """
 
 import sys
@@ -14,7 +14,7 @@ from simulators.nc.axes import Reset
 from simulators.nc.synchronised import ProgramAlarm
 from tests.benches import nc_starts
 from tests.benches.probed_workshop import Workshop
-from tests.benches.probing_programs import SAFE_Z, Cell, program_texts, reported, started_at, unsafe
+from tests.benches.probing_programs import SAFE_Z, Cell, program_texts, reported, unsafe
 
 Texts = Mapping[str, str]
 _SPHERE = Cell().workshop.sphere_mm
@@ -24,13 +24,21 @@ _ODD = nc_starts.USUAL | {
     "magazine management": True, "Z": SAFE_Z - 200.0, "C": 7310.0,
 }  # fmt: skip
 """Everything is otherwise than the programs need it."""
-_BARE = nc_starts.USUAL | {"edge": 0, "edge after a change": -1, "sum offset by default": 1, "preselected": 7, "Z": SAFE_Z}
+_BARE = nc_starts.USUAL | {
+    "edge": 0,
+    "edge after a change": -1,
+    "sum offset by default": 1,
+    "preselected": 7,
+    "Z": SAFE_Z,
+}
 _STATES: dict[str, nc_starts.State] = {
     "a usual machine": nc_starts.USUAL,
     "another state in every respect": _ODD,
     "no edge in force": _BARE,
-    "an offset that the edge brings": nc_starts.USUAL | {"sum offset by default": 1, "sum offset": 0, "edge after a change": 0},
-    "a tool that changes with T": _ODD | {"tool change mode": 0, "magazine management": False, "the change moves Z": False},
+    "an offset that the edge brings": nc_starts.USUAL
+    | {"sum offset by default": 1, "sum offset": 0, "edge after a change": 0},
+    "a tool that changes with T": _ODD
+    | {"tool change mode": 0, "magazine management": False, "the change moves Z": False},
     "a tool that changes with T, with a magazine": _ODD | {"tool change mode": 0},
     "the probe in the spindle": nc_starts.USUAL | {"tool": 99, "preselected": 3},
     "no feed": nc_starts.USUAL | {"F": 0.0},

@@ -1,8 +1,8 @@
 """Runs the probing programs from many states of the control: `python -m tests.benches.nc_starts --states 600`.
 
 Each value of each state alone first, then seeded mixtures. What has to happen in a state is decided here by docs/nc.md:
-nothing at all, a refusal with its reason before anything moves, or the intended way, with the state as before at its end.
-Prints how many there were of each, and what was otherwise.
+nothing at all, a refusal with its reason before anything moves, or the intended way, with the state as before at its
+end. Prints how many there were of each, and what was otherwise.
 """
 
 import argparse
@@ -47,7 +47,7 @@ CHOICES: dict[str, tuple[Any, ...]] = {
     "the change moves Z": (True, False),
     "SUPA leaves the length": (True, False),
     "Z": (SAFE_Z + 100.0, SAFE_Z - 200.0),
-    "A": (10.0, -100.0),
+    "A": (10.0, -30.0),
     "C": (0.0, 350.0, 7310.0),
     "not referenced": ("", "Z", "C"),
     "start lock": (True, False),
@@ -73,9 +73,7 @@ def states(count: int) -> Iterator[dict[str, Any]]:
     draw = random.Random(1)
     for _ in range(count - 1 - len(one)):
         yield {
-            name: draw.choice(values)
-            if draw.random() < (_MIXED / 3.0 if name in _EARLY else _MIXED)
-            else USUAL[name]
+            name: draw.choice(values) if draw.random() < (_MIXED / 3.0 if name in _EARLY else _MIXED) else USUAL[name]
             for name, values in CHOICES.items()
         }
 
@@ -176,7 +174,9 @@ def run(state: State, texts: Mapping[str, str] | None = None) -> tuple[str, list
 
 
 def _not_only_up(cell: Cell) -> bool:
-    return any((move.path[-1] - move.path[0] < -1e-9).any() or move.path[-1, 2] <= move.path[0, 2] for move in cell.moves)
+    return any(
+        (move.path[-1] - move.path[0] < -1e-9).any() or move.path[-1, 2] <= move.path[0, 2] for move in cell.moves
+    )
 
 
 def main() -> None:

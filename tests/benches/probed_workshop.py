@@ -52,13 +52,14 @@ class Workshop:
         if self.post_mm is not None:
             beside, over = np.hypot(x - self.post_mm[0], y - self.post_mm[1]) - STEM_MM, z - self.post_mm[2]
             table = np.minimum(table, np.where(over > 0, np.hypot(np.maximum(beside, 0.0), over), beside))
+        table = np.asarray(table - radius)
         if not self.present:
-            return table - radius
+            return table
         along = np.clip(z, 0.0, self.sphere_mm[2])
         foot = np.stack([np.full_like(x, self.sphere_mm[0]), np.full_like(x, self.sphere_mm[1]), along], axis=1)
         stem = np.linalg.norm(point - foot, axis=1) - STEM_MM
         sphere = np.linalg.norm(point - np.array(self.sphere_mm), axis=1) - SPHERE_MM
-        nearest: Floats = np.minimum(np.minimum(sphere, stem), table) - radius
+        nearest: Floats = np.minimum(np.minimum(sphere, stem) - radius, table)
         return nearest
 
     def taught(self, a_deg: float, c_deg: float) -> Floats:

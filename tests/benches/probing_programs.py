@@ -1,7 +1,7 @@
 """Runs the probing programs of deploy/nc/sinumerik in the interpreter, and judges what the axes did.
 
-The judge knows neither the programs nor their variables: it has the intended way as places of the axes, written here from
-docs/nc.md and the programs' page, and the machine's geometry.
+The judge knows neither the programs nor their variables: it has the intended way as places of the axes, written here
+from docs/nc.md and the programs' page, and the machine's geometry.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -35,7 +35,18 @@ CLEARANCE_MM, BODY_CLEARANCE_MM = 2.0, 1.0
 OVERTRAVEL_MM, STOPPED_MM = 0.1, 2.5
 """How far a touch, and a move that is stopped, go on after the contact."""
 _SAME_MM = 0.2
-DECLARED = {1: "G1", 6: "G17", 7: "G40", 8: "G500", 10: "G60", 12: "G601", 13: "G710", 14: "G90", 15: "G94", 29: "DIAMOF"}
+DECLARED = {
+    1: "G1",
+    6: "G17",
+    7: "G40",
+    8: "G500",
+    10: "G60",
+    12: "G601",
+    13: "G710",
+    14: "G90",
+    15: "G94",
+    29: "DIAMOF",
+}
 """G functions in which the probe moves."""
 
 
@@ -50,14 +61,20 @@ class Cell:
     texts: of the programs, by name; data: of TALC_GUD.DEF, by name
     """
 
-    workshop: Workshop = field(default_factory=lambda: Workshop((NOMINAL.radius_mm + 0.4, -0.3, NOMINAL.height_mm + 0.2)))
+    workshop: Workshop = field(
+        default_factory=lambda: Workshop((NOMINAL.radius_mm + 0.4, -0.3, NOMINAL.height_mm + 0.2))
+    )
     texts: Mapping[str, str] = field(default_factory=program_texts)
     data: Mapping[str, Any] = field(default_factory=dict)
     ahead: int = 1000
 
     def __post_init__(self) -> None:
         start = {"X": 30.0, "Y": -40.0, "Z": SAFE_Z + 100.0, "A": 10.0, "C": 0.0}
-        self.axes = Axes(start, LIMITS, self.workshop.gap, )
+        self.axes = Axes(
+            start,
+            LIMITS,
+            self.workshop.gap,
+        )
         self.tools = Tools(self.axes, LENGTHS, change_height=LIMITS["Z"][1] - 50.0)
         self.tools.begin(tool=3, edge=2, total=0, preselected=3)
         self.timers = [0.0, 0.0, 0.0]
@@ -107,7 +124,10 @@ class Place:
 
 
 class Intended:
-    """The way of a whole cycle, from where the axes are once the probe is in the spindle. raised: a dry run's height, mm."""
+    """The way of a whole cycle, from where the axes are once the probe is in the spindle.
+
+    raised: a dry run's height, mm
+    """
 
     def __init__(self, cell: Cell, start: Floats, raised: float = 0.0) -> None:
         self._workshop, self._raised = cell.workshop, raised
@@ -121,24 +141,23 @@ class Intended:
             yield from self._sphere(pose)
         yield from self._over(0)
 
-    def _go(self, kind: str = "way", **to: float) -> Iterator[Place]:
+    def _go(self, to: Mapping[str, float], kind: str = "way") -> Iterator[Place]:
         end = self._at.copy()
         for axis, value in to.items():
             index = "XYZAC".index(axis)
             end[index] = value if axis != "C" else end[4] + np.remainder(value - end[4] + 180.0, 360.0) - 180.0
-        if axis_moves := np.any(np.abs(end - self._at) > 1e-3):
+        if np.any(np.abs(end - self._at) > 1e-3):
             self._at = end
-        if axis_moves:
             yield Place(kind, end)
 
     def _over(self, pose: int) -> Iterator[Place]:
         a, c = NOMINAL.poses_deg[pose]
         x, y, _ = IDEAL.taught(a, c)
         safe = SAFE_Z + self._raised
-        yield from self._go(Z=max(safe, self._at[2]))
-        yield from self._go("turn", A=a, C=c)
-        yield from self._go(X=x, Y=y)
-        yield from self._go(Z=safe)
+        yield from self._go({"Z": max(safe, float(self._at[2]))})
+        yield from self._go({"A": a, "C": c}, "turn")
+        yield from self._go({"X": float(x), "Y": float(y)})
+        yield from self._go({"Z": safe})
 
     def _sphere(self, pose: int) -> Iterator[Place]:
         expected = IDEAL.taught(*NOMINAL.poses_deg[pose])
@@ -154,7 +173,7 @@ class Intended:
 
     def _touches(self, expected: Floats, true: Floats, axis: int, side: int, times: int) -> Iterator[Place]:
         def at(out: float, *, high: bool = False) -> dict[str, float]:
-            to = expected + [0.0, 0.0, self._raised]
+            to = expected + np.array([0.0, 0.0, self._raised])
             to[axis] += side * out
             if high:
                 to[2] = expected[2] + self._raised + CONTACT_MM + CLEAR
@@ -162,17 +181,17 @@ class Intended:
 
         across = np.delete(true - expected, axis)
         contact = side * (true[axis] - expected[axis]) + float(np.sqrt(CONTACT_MM**2 - across @ across))
-        yield from self._go(**at(CONTACT_MM + REACH, high=True))
-        yield from self._go(**at(CONTACT_MM + REACH))
+        yield from self._go(at(CONTACT_MM + REACH, high=True))
+        yield from self._go(at(CONTACT_MM + REACH))
         for time in range(times):
             kind = "slow" if time else "touch"
             if self._raised:
-                yield from self._go(kind, **at(CONTACT_MM - REACH))
+                yield from self._go(at(CONTACT_MM - REACH), kind)
             else:
-                yield from self._go(kind, **at(contact))
+                yield from self._go(at(contact), kind)
             last = time == times - 1
-            yield from self._go("back", **at(CONTACT_MM + REACH if last else contact + BACK))
-        yield from self._go(**at(CONTACT_MM + REACH, high=True))
+            yield from self._go(at(CONTACT_MM + REACH if last else contact + BACK), "back")
+        yield from self._go(at(CONTACT_MM + REACH, high=True))
 
 
 def off_the_way(cell: Cell, start: Floats, raised: float = 0.0) -> list[str]:
@@ -267,7 +286,7 @@ def _unready(move: Move) -> Iterator[str]:
 
 
 def centres_off_um(cell: Cell, raised: float = 0.0) -> float:
-    """Largest distance of the reported centres from where they are: of the sphere, or in a dry run of the expectation."""
+    """Largest distance of the reported centres from where they are; in a dry run from where they are expected."""
     there = IDEAL if raised else cell.workshop
     found = np.array(cell.r[70:88]).reshape(len(POSES), 3) - [0.0, 0.0, raised]
     return 1e3 * float(np.max(np.abs(found - [there.taught(*pose) for pose in NOMINAL.poses_deg])))
