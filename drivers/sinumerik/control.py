@@ -1,5 +1,6 @@
 """SINUMERIK over OPC UA: snapshot, probing handshake through R-parameters, compensation through setting data."""
 
+import asyncio
 import math
 from typing import Final
 
@@ -62,6 +63,8 @@ PROBING_REASONS: Final = {
 }
 _EMERGENCY_STOP: Final = 3000
 """Alarm while an emergency stop is pressed or not yet acknowledged."""
+_ECHO_POLL_S, _ECHO_POLLS = 0.02, 12
+"""How long a beat may take to pass through the control's program, which runs in each interpolation cycle."""
 SESSION_ALIVE: Final = 1
 """State of the control's watchdog while it receives the gateway's heartbeat."""
 
@@ -80,7 +83,7 @@ class Sinumerik:
         paths = settings.nodes
         self._positions = tuple(paths.position.format(n=settings.axis_numbers[axis]) for axis in AXES)
         self._states = settings.state_sources
-        names = ("mode", "program", "tool", "probe_in_spindle", "drives_on", "metric")
+        names = ("mode", "program", "tool", "tool_length", "probe_in_spindle", "drives_on", "metric")
         named = {name: getattr(paths, name) for name in names if name != "metric" or settings.writes or settings.asks}
         self._named = {name: path for name, path in named.items() if path}
         state_paths = (source.path for source in self._states.values())
@@ -91,6 +94,8 @@ class Sinumerik:
             *self._named.values(),
             *self._referenced,
         )
+        self._tool_mm = 0.0
+        """By how much the tool in use is longer than the one of the origin."""
         self._probing = (
             settings.r(settings.handshake.state),
         )  # a separate request: a control may not report changes of its R-parameters
@@ -104,6 +109,7 @@ class Sinumerik:
         self._offsets, self._in_force = settings.offset_nodes, settings.in_force_nodes
         lease = settings.lease
         self._lease = tuple(settings.r(n) for n in (lease.owner, lease.beat, lease.state))
+        self._echo, self._age = settings.r(lease.echo), settings.r(lease.age)
         self._leased = tuple(settings.r(n) for n in (lease.owner, lease.beat, lease.silence, lease.ramp))
 
     @property
@@ -126,7 +132,7 @@ class Sinumerik:
             if self._settings.asks:
                 await self._session.read((*self._request, *self._asked))
             if self._settings.writes:
-                await self._session.read((*self._lease, *self._leased))
+                await self._session.read((*self._lease, *self._leased, self._echo, self._age))
         except BaseException:
             await self._session.close()
             raise
@@ -175,12 +181,13 @@ class Sinumerik:
         referenced = values[len(self._named) :]
         if "metric" in self._named:
             self._check_units(named["metric"])  # an operator can switch it while the control runs
+        self._look_at_tool(named)
         alarms = tuple(_code(alarm) for alarm in shown if alarm)
         tool, probe = named.get("tool"), named.get("probe_in_spindle")
         return NcSnapshot(
             time=time,
             monotonic_s=monotonic_s,
-            positions=dict(zip(AXES, (*self._from_origin(x, y, z), *rotary), strict=True)),
+            positions=dict(zip(AXES, (*self._from_origin(x, y, z - self._tool_mm), *rotary), strict=True)),
             states=states,
             mode=_MODES.get(_code(named.get("mode")), OperatingMode.UNKNOWN),
             program=_PROGRAM_STATES.get(_code(named.get("program")), ProgramState.UNKNOWN),
@@ -191,6 +198,22 @@ class Sinumerik:
             probing=PROBING_STATES.get(_code(probing)) in UNDER_WAY,
             quality=Quality.GOOD,
         )
+
+    def _look_at_tool(self, named: dict[str, OpcUaNumber | None]) -> None:
+        """Without a length in force (D0) the last one counts. Raises BadAnswer for a length that no tool has."""
+        length = named.get("tool_length")
+        if length is None or not length:
+            return
+        settings = self._settings
+        longer = float(length) - settings.origin_tool_mm
+        if not abs(longer) <= settings.tool_range_mm:
+            raise BadAnswer(
+                f"{settings.nodes.tool_length} = {length:g}: a tool {longer:g} mm longer than that of the origin, expected "
+                f"{settings.tool_range_mm:g} at most",
+                device=settings.device,
+                hint="correct origin_mm and origin_tool_mm",
+            )
+        self._tool_mm = longer
 
     async def request_probing(self, number: int) -> None:
         """Raises ValueError for a number outside 1 .. 2**31 - 1, Refused when the control saw this number last or has
@@ -285,22 +308,39 @@ class Sinumerik:
     async def claim(self, owner: int, terms: WatchdogTerms, predecessor: int | None = None) -> None:
         """Raises ValueError for an owner outside 1 .. 2**31 - 1."""
         check_number(owner, "owner")
-        holder, beat, state = self._numbers(self._lease, await self._session.read(self._lease))
+        holder, beat, state, echo = await self._look_at_lease()
         if holder not in (0, owner, predecessor) and state == SESSION_ALIVE:
             raise self._anothers(holder)
         lease, r = self._settings.lease, self._settings.r
         await self._session.write(self._watchdog_values(terms))
         await self._session.write({r(lease.owner): float(owner)})
-        await self._session.write({r(lease.beat): next_beat(beat)})
+        await self._session.write({r(lease.beat): next_beat(beat, echo)})
 
     async def heartbeat(self, owner: int) -> bool:
-        """Raises ValueError like `claim`."""
+        """Raises ValueError like `claim`. False also unless this beat, like the one before it, passes through the
+        control's program. Its state alone proves nothing: R-parameters outlast power off and the end of the program."""
         check_number(owner, "owner")
-        holder, beat, state = self._numbers(self._lease, await self._session.read(self._lease))
+        holder, beat, state, echo = await self._look_at_lease()
         if holder != owner:
             raise self._anothers(holder)
-        await self._session.write({self._settings.r(self._settings.lease.beat): next_beat(beat)})
-        return state == SESSION_ALIVE
+        passed = await self._passes(next_beat(beat, echo))
+        return state == SESSION_ALIVE and echo == beat and passed
+
+    async def _passes(self, beat: float) -> bool:
+        """Send a beat; returns whether the control's program copies it."""
+        await self._session.write({self._settings.r(self._settings.lease.beat): beat})
+        for _ in range(_ECHO_POLLS):
+            [echo] = self._numbers((self._echo,), await self._session.read((self._echo,)))
+            if echo == beat:
+                return True
+            await asyncio.sleep(_ECHO_POLL_S)
+        return False
+
+    async def _look_at_lease(self) -> tuple[float, float, float, float]:
+        """Owner, beat, state of the watchdog, and the beat that has passed through its program."""
+        paths = (*self._lease, self._echo)
+        holder, beat, state, echo = self._numbers(paths, await self._session.read(paths))
+        return holder, beat, state, echo
 
     async def release(self, owner: int) -> None:
         check_number(owner, "owner")
@@ -350,9 +390,11 @@ class Sinumerik:
         return [float(value) for value in values if value is not None]
 
 
-def next_beat(beat: float) -> float:
-    """A number that differs from the last one: the watchdog detects changes."""
-    return float((_code(beat) + 1) % 1_000_000)
+def next_beat(beat: float, echo: float) -> float:
+    """A number that differs from the last beat, because the watchdog detects changes, and from the one that it has
+    copied: only a program that runs can make them equal."""
+    following = ((_code(beat) + more) % 1_000_000 for more in (1, 2))
+    return float(next(number for number in following if number != _code(echo)))
 
 
 def _may_be_stopped(shown: list[OpcUaNumber | None]) -> bool:

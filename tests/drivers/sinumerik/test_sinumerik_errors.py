@@ -41,8 +41,8 @@ LARGEST = kinematics.largest_offsets(REACH_M, RADIUS_MM * 1e-3)
 SMALL = WARM / 8
 """What is reached in a few seconds."""
 WIDE = (1e4, 1e4, 1e4)
-AC_PARAMS = 28
-"""$AC_PARAM[1] to [27] are in use: MD28254 has to be at least this."""
+AC_PARAMS = 35
+"""$AC_PARAM[1] to [34] are in use: MD28254 has to be at least this."""
 
 
 def random_positions(count: int, seed: int) -> Iterator[FloatArray]:
@@ -268,10 +268,11 @@ def test_a_second_start_by_hand_does_nothing_while_something_is_in_force() -> No
     channel.r[OWNER] = 0.0
     channel.turn(4_000)
     assert channel.shift_um == pytest.approx(np.zeros(3), abs=1e-9)
-    # Now it goes on. The emulated control wants new numbers; docs/first-hour.md finds out what a real one wants.
-    with pytest.raises(ProgramAlarm, match="IDS=60 is already defined"):
-        channel.call(program())
+    channel.call(program())
     assert not any(channel.turn(50).ravel())
+    channel.protected = range(60, 110)
+    with pytest.raises(ProgramAlarm, match="IDS=60 is protected"):
+        channel.call(program())
 
 
 def test_the_echo_shows_that_the_whole_program_runs() -> None:
@@ -287,7 +288,7 @@ def test_the_program_is_within_the_limits_that_its_page_names() -> None:
     lines = text.splitlines()
     numbers = [int(line[4 : line.index(" ")]) for line in lines if line.startswith("IDS=")]
     assert numbers == list(range(60, 60 + len(numbers)))
-    assert len(numbers) == 38
+    assert len(numbers) == 40
     assert max(map(len, lines)) <= 512
     assert "E-" not in text, "an exponent is written otherwise on the control"
     assert all(f"$AC_PARAM[{number}]" in text for number in range(1, AC_PARAMS))
