@@ -21,7 +21,7 @@ import pytest
 from drivers.base import SystemClock
 from gateway.clock import RealClock
 from gateway.config import GatewayConfig, load
-from gateway.events import DecisionMade, FrameMade, ModelsAdopted
+from gateway.model.events import DecisionMade, FrameMade, ModelsAdopted
 from gateway.storage import Store
 from simulators.devices import Adam6015, TcpHost
 from simulators.nc import Activity, CycleSettings, DayPart, EmulatedControl, LoadCase, MeanLoads

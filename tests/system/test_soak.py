@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from gateway.control import SensorWatch
-from gateway.events import EventReported, GatewayEvent, SensorsJudged
+from gateway.model.events import EventReported, GatewayEvent, SensorsJudged
 from talc.frame import EventKind, Frame
 from talc.settings import SensorCheckSettings
 from tests.benches.plant_days import NAMES, plant_days
