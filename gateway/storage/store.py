@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Self, assert_never
 
 from drivers.base import Clock
-from gateway.events import (
+from gateway.model.events import (
     CommandGiven,
     CompensationStepped,
     ConfigurationApplied,
@@ -211,7 +211,7 @@ class Store:
         self._writer.put("INSERT OR IGNORE INTO boot VALUES (?, ?, ?, ?, ?, ?)", [row], commit=True)
 
     def record(self, event: GatewayEvent) -> None:  # noqa: C901 - one arm for each kind of event
-        """A gateway.events.Sink. What cannot be stored at once waits."""
+        """A gateway.model.events.Sink. What cannot be stored at once waits."""
         put = self._writer.put
         match event:
             case ConfigurationApplied(config):

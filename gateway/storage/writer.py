@@ -15,7 +15,7 @@ from collections.abc import Callable, Collection, Iterator
 from contextlib import ExitStack, closing, contextmanager
 from pathlib import Path
 
-from gateway.events import StoreHealth
+from gateway.model.events import StoreHealth
 from gateway.storage.damage import contradiction
 from gateway.storage.faults import DamagedError, GoneError, StoreError
 from gateway.storage.place import PlaceWatch

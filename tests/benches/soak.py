@@ -35,7 +35,7 @@ from gateway.cli.running.serving import serve
 from gateway.clock import RealClock
 from gateway.config import GatewayConfig, load
 from gateway.control import sensor_watch, trainer
-from gateway.events import CompensationStepped, DecisionMade, EventReported, GatewayEvent, ReadingsTaken
+from gateway.model.events import CompensationStepped, DecisionMade, EventReported, GatewayEvent, ReadingsTaken
 from simulators.bench import gateway_toml
 from simulators.bench.machine import DEMO_TERMS
 from simulators.clock import SharedClock
@@ -149,7 +149,7 @@ def held() -> HeldNow:
 
 
 class Watching:
-    """A gateway.events.Sink for all runs of a soak."""
+    """A gateway.model.events.Sink for all runs of a soak."""
 
     def __init__(self, seen: SoakSeen, clock: RealClock, step_s: float) -> None:
         self._seen, self._clock, self._step_s = seen, clock, step_s

@@ -36,7 +36,8 @@ from gateway.acquisition.sample import samples
 from gateway.cli.running.memory import give_back_large_blocks
 from gateway.config import GatewayConfig, load
 from gateway.control import Explanations, PlannedLoads, SensorWatch
-from gateway.events import (
+from gateway.metrics import GatewayFigures
+from gateway.model.events import (
     CompensationStepped,
     ConfigurationApplied,
     DecisionMade,
@@ -45,7 +46,6 @@ from gateway.events import (
     ReadingsTaken,
     in_order,
 )
-from gateway.metrics import GatewayFigures
 from gateway.nc import Source, Step, Write
 from gateway.past import SnapshotKeeper, past_in
 from gateway.storage import Store
