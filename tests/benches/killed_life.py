@@ -14,7 +14,7 @@ from unittest.mock import patch
 import numpy as np
 
 from drivers.nc import NcSnapshot, RequestStatus
-from gateway.events import DecisionMade, GatewayEvent, in_order
+from gateway.model.events import DecisionMade, GatewayEvent, in_order
 from gateway.nc import Identity
 from gateway.past import SnapshotKeeper, past_in
 from gateway.service import Service
