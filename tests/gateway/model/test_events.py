@@ -1,6 +1,6 @@
 """Several sinks in order."""
 
-from gateway.events import GatewayEvent, ProbingRequested, in_order
+from gateway.model.events import GatewayEvent, ProbingRequested, in_order
 
 
 def test_each_sink_gets_an_event_before_the_next_event_comes() -> None:

@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 
 from gateway.acquisition import Sample
 from gateway.clock import StepTime
-from gateway.commands import CommandOutcome, Disarmed, Pause
 from gateway.config import GatewayConfig
+from gateway.model.commands import CommandOutcome, Disarmed, Pause
 from gateway.nc import NcState, Write
 from gateway.polling import Notice
 from gateway.probing import Outcome, Outlook
