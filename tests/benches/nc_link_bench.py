@@ -84,7 +84,7 @@ class ScriptedControl:
             ready=self.ready, probing=self.probing,
         )  # fmt: skip
 
-    async def request_probing(self, number: int) -> None:
+    async def request_probing(self, number: int, dry_run_mm: float = 0.0) -> None:
         if self.busy:
             raise Refused("another cycle is under way", device="nc")
         self.requests.append(number)
