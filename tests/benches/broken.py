@@ -175,7 +175,7 @@ class _Each(ast.NodeTransformer):
 
 
 def _each(change: Break) -> Break:
-    return lambda node: _Each(change).visit(node)  # type: ignore[no-any-return]
+    return lambda node: _Each(change).visit(node)
 
 
 def _conditions(name: str, value: bool) -> Break:
