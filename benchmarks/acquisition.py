@@ -28,7 +28,7 @@ from benchmarks.emulators import CHANNELS, UNITS
 from benchmarks.rows import BenchRow
 from drivers.base import Quality, SystemClock
 from gateway.config import GatewayConfig, load
-from gateway.events import DecisionMade, FrameMade
+from gateway.model.events import DecisionMade, FrameMade
 from gateway.storage import Store
 from gateway.telemetry import ReadingMessage, decode, keys
 from simulators.bench import gateway_toml

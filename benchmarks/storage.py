@@ -16,7 +16,7 @@ from benchmarks.rows import BenchRow
 from drivers.base import Clock, Quality, SystemClock
 from gateway.acquisition import Sample
 from gateway.config import GatewayConfig, parse
-from gateway.events import CompensationStepped, DecisionMade, FrameMade, MeasurementEnded, ReadingsTaken
+from gateway.model.events import CompensationStepped, DecisionMade, FrameMade, MeasurementEnded, ReadingsTaken
 from gateway.nc import Source, Step, Write
 from gateway.past import Past, SnapshotKeeper, controller_of, past_in
 from gateway.probing import Outcome

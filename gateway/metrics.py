@@ -14,7 +14,7 @@ from prometheus_client.registry import Collector
 
 from drivers.base import Quality, Reading
 from gateway.config import Metrics, TelemetryTls
-from gateway.events import (
+from gateway.model.events import (
     CompensationStepped,
     ConfigurationApplied,
     DecisionMade,
@@ -36,7 +36,7 @@ class MetricsError(OSError):
 
 
 class GatewayFigures(Collector):
-    """The metrics of a gateway. `take` is a gateway.events.Sink; `collect` may be called from any thread.
+    """The metrics of a gateway. `take` is a gateway.model.events.Sink; `collect` may be called from any thread.
 
     Parameters
     ----------

@@ -19,7 +19,6 @@ from gateway.acquisition import (
     prepare,
 )
 from gateway.clock import Ages, ServiceClock
-from gateway.commands import Command, CommandOutcome
 from gateway.config import GatewayConfig
 from gateway.control import (
     AskReload,
@@ -33,7 +32,8 @@ from gateway.control import (
     SensorWatch,
     Trainings,
 )
-from gateway.events import (
+from gateway.model.commands import Command, CommandOutcome
+from gateway.model.events import (
     CompensationStepped,
     ConfigurationApplied,
     EventReported,

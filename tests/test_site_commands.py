@@ -7,7 +7,7 @@ from click.testing import CliRunner
 
 from gateway.cli import main
 from tests.benches.linuxcnc_module import module_at
-from tests.benches.tried import ROOT
+from tests.benches.pages import ROOT
 
 PAGE: str = module_at(ROOT / "docs" / ".site" / "command_line.py").command_line_page()
 

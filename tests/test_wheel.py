@@ -16,8 +16,7 @@ from zipfile import ZipFile
 
 import pytest
 
-from tests.benches.made_once import made_once, run_folder
-from tests.benches.shown_commands import COMMANDS
+from tests.benches.pages import commands
 
 pytestmark = pytest.mark.slow
 
@@ -53,14 +52,14 @@ def only_wheel(folder: Path) -> Path:
 
 @pytest.fixture(scope="module")
 def wheel(source: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = run_folder(tmp_path_factory) / "service-wheel"
-    return only_wheel(made_once(folder, lambda folder: build(source, folder)))
+    build(source, folder := tmp_path_factory.mktemp("service-wheel"))
+    return only_wheel(folder)
 
 
 @pytest.fixture(scope="module")
 def simulators(source: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = run_folder(tmp_path_factory) / "simulators-wheel"
-    return only_wheel(made_once(folder, lambda folder: build(source / "deploy" / "simulators", folder)))
+    build(source / "deploy" / "simulators", folder := tmp_path_factory.mktemp("simulators-wheel"))
+    return only_wheel(folder)
 
 
 def packed(wheel: Path) -> tuple[set[str], list[str]]:
@@ -98,7 +97,7 @@ def test_unzip_lists_it_as_contributing_shows(wheel: Path) -> None:
     assert not re.search(r" (simulators|studies|benchmarks|tests)/", listed)
 
 
-@pytest.mark.parametrize("shown", sorted({c for _, c in COMMANDS if re.match(r"pip install ['\"]?talc-gateway", c)}))
+@pytest.mark.parametrize("shown", sorted({c for _, c in commands() if re.match(r"pip install ['\"]?talc-gateway", c)}))
 def test_pip_finds_all_that_an_installation_shown_on_a_page_names(shown: str, wheel: Path, simulators: Path) -> None:
     """What it would install of ours; the third-party packages are there, in the versions that the wheel asks for."""
     _, _, named = shlex.split(shown)

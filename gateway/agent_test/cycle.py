@@ -24,6 +24,7 @@ _PROBE = frozenset({Capability.PROBE})
 _WAITING = {ProbingState.REQUESTED, ProbingState.ACCEPTED, ProbingState.RUNNING}
 _ENDED = {ProbingState.DONE, ProbingState.REFUSED, ProbingState.FAILED}
 _POLL_S, _VALID_S = 0.05, REQUEST_VALID_FOR_S
+_HEIGHT_MM, _NEAR_MM = 30.0, 1.0
 _HELD_UM, _LATER_UM = (3.0, -2.0, 1.0), (-3.0, 2.0, -1.0)
 
 
@@ -124,6 +125,28 @@ async def a_cycle_ends_with_its_result(trial: Trial) -> None:
         await refused(agent.ask("probe", number=number, valid_for_s=_VALID_S), "the last number again")
         if (await _status(agent, number))[1] != told:
             raise Broken("another result when it was asked for again")
+
+
+@CYCLE.add(_PROBE, Moves.CYCLE, also=frozenset({Capability.DRY_RUN}))
+async def a_dry_run_stays_above(trial: Trial) -> None:
+    """With `dry_run_mm` the cycle ends with a position for each pose that lies that much higher than the centre which
+    the next cycle, a usual one, finds there; impossible heights are refused."""
+    async with logged_in(trial.target) as agent:
+        for bad in ("-1", "1001", "NaN", "true", '"50"', "null"):
+            text = f'{{"do": "probe", "number": {_drawn()}, "valid_for_s": {_VALID_S}, "dry_run_mm": {bad}}}'
+            await refused(agent.ask_text(text), f"dry_run_mm = {bad}")
+        found = []
+        for height in ({"dry_run_mm": _HEIGHT_MM}, {}):
+            number = _drawn()
+            await agent.ask("probe", number=number, valid_for_s=trial.cycle_limit_s, **height)
+            told = await _reaches(agent, number, _ENDED, trial.cycle_limit_s)
+            centres = told.get("centres")
+            if told["state"] != ProbingState.DONE or not isinstance(centres, list):
+                raise Broken(excerpt(told))
+            found.append([three_numbers(centre, "centre") for centre in centres])
+        for pose, (over, touched) in enumerate(zip(*found, strict=True), start=1):
+            if over[2] < touched[2] + _HEIGHT_MM - _NEAR_MM:
+                raise Broken(f"Z = {over[2]:g} in the dry run at pose {pose}, {touched[2]:g} in the cycle")
 
 
 @CYCLE.add(_PROBE, Moves.CYCLE, Moves.OFFSETS, also=SHIFT)

@@ -11,8 +11,8 @@ import numpy as np
 import zenoh
 
 from gateway.client.history_tables import TimeTable, as_read, asked_s, interval_means
-from gateway.commands import CommandName
 from gateway.config import DEFAULT_PREFIX, key_prefix, machine_name
+from gateway.model.commands import CommandName
 from gateway.telemetry import (
     COMMAND_LIMIT_S,
     MESSAGE_TYPES,

@@ -13,8 +13,8 @@ from typing import assert_never
 
 from gateway.acquisition import ReloadError
 from gateway.clock import ServiceClock
-from gateway.commands import UNPROVED, Command, CommandName, CommandOutcome, Disarmed, Pause, Refusals
-from gateway.events import CommandGiven, EventReported, Sink
+from gateway.model.commands import UNPROVED, Command, CommandName, CommandOutcome, Disarmed, Pause, Refusals
+from gateway.model.events import CommandGiven, EventReported, Sink
 from gateway.nc import NcLink
 from gateway.probing import Outlook, Standing
 from gateway.storage import StoreError

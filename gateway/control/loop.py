@@ -12,7 +12,7 @@ from gateway.clock import Ages, ServiceClock, StepTime
 from gateway.control.grid import GridSampler, Instant, Schedule
 from gateway.control.measuring import Measuring
 from gateway.control.trainer import Trainings
-from gateway.events import DecisionMade, EventReported, FrameMade, Sink
+from gateway.model.events import DecisionMade, EventReported, FrameMade, Sink
 from talc.control import Controller
 from talc.frame import Decision, FloatArray, Frame
 

@@ -5,7 +5,7 @@ import logging
 
 from gateway.clock import ServiceClock
 from gateway.config import Probing
-from gateway.events import EventReported, MeasurementEnded, OutlookChanged, Sink
+from gateway.model.events import EventReported, MeasurementEnded, OutlookChanged, Sink
 from gateway.nc import NcLink
 from gateway.polling import Periodic
 from gateway.probing import Bulletin, End, Outcome, Outlook, ProbingSchedule, Standing, excess

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from gateway.apart import WorkError, apart
 from gateway.clock import ServiceClock
 from gateway.control.last_rows import LastRows
-from gateway.events import EventReported, SensorsJudged, Sink, problem_event
+from gateway.model.events import EventReported, SensorsJudged, Sink, problem_event
 from gateway.polling import Notice, Problems
 from talc.frame import BoolArray, Event, EventKind, FloatArray, Frame, Frames
 from talc.sensor_check import Finding, judge, rows_needed

@@ -6,7 +6,7 @@ from collections.abc import Awaitable, Callable
 
 from gateway.apart import apart
 from gateway.clock import ServiceClock
-from gateway.events import EventReported, ModelsAdopted, Sink
+from gateway.model.events import EventReported, ModelsAdopted, Sink
 from talc.control import Controller
 from talc.frame import TrainingJob
 from talc.models import ModelSet

@@ -8,11 +8,11 @@ from datetime import UTC, date, datetime
 from time import monotonic
 from typing import Self, TypeVar
 
-from gateway.commands import CommandName
 from gateway.config import Telemetry
 from gateway.heard.hearing import Hearing
 from gateway.heard.machine import MachineSeen
 from gateway.heard.unreadable import UnreadableMessages
+from gateway.model.commands import CommandName
 from gateway.telemetry import (
     COMMAND_LIMIT_S,
     CommandAnswer,

@@ -12,7 +12,7 @@ from typing import assert_never
 from drivers.base import DriverError, Quality
 from drivers.nc import FollowsErrors, ForgetsWrites, NcSnapshot, NumericalControl
 from gateway.clock import ServiceClock
-from gateway.commands import Disarmed, Pause
+from gateway.model.commands import Disarmed, Pause
 from gateway.nc.boundary import contained_control
 from gateway.nc.hold import Hold
 from gateway.nc.lease import Lease

@@ -5,8 +5,8 @@ from collections.abc import Awaitable, Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from drivers.nc import LARGEST_NUMBER
-from gateway.commands import Disarmed, Pause
 from gateway.config import Compensation, GatewayConfig, Probing
+from gateway.model.commands import Disarmed, Pause
 from gateway.nc.slew import Write
 from gateway.polling import Notify
 from talc.frame import FloatArray

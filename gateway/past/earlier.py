@@ -6,9 +6,9 @@ from hashlib import sha256
 
 from drivers.base import SetupError
 from gateway.clock import StepTime
-from gateway.commands import Disarmed, Pause
 from gateway.config import GatewayConfig, parse_prior, stored_configuration
 from gateway.control import SeenBefore, rows_remembered
+from gateway.model.commands import Disarmed, Pause
 from gateway.past.rebuild import (
     Interrupted,
     RebuildProgress,

@@ -1,7 +1,7 @@
 """Takes snapshots of the running controller, so that a restart need not repeat the whole record."""
 
 from gateway.config import GatewayConfig
-from gateway.events import DecisionMade, FrameMade, GatewayEvent
+from gateway.model.events import DecisionMade, FrameMade, GatewayEvent
 from gateway.past.earlier import Past
 from gateway.past.rebuild import Rebuilt, marks
 from gateway.storage import Store

@@ -11,8 +11,8 @@ from typing import Any, Self
 import numpy as np
 
 from gateway.clock import StepTime
-from gateway.commands import CommandName, CommandOutcome, Disarmed, Pause
 from gateway.config import inputs_of_config
+from gateway.model.commands import CommandName, CommandOutcome, Disarmed, Pause
 from gateway.storage import rows
 from gateway.storage.answers import DiskWork
 from gateway.storage.faults import StoreError

@@ -13,8 +13,8 @@ from typing import Any, Final
 import numpy as np
 
 from gateway.clock import StepTime
-from gateway.commands import Command, CommandName, CommandOutcome
 from gateway.config import inputs_if_known, outlined, step_s_of
+from gateway.model.commands import Command, CommandName, CommandOutcome
 from gateway.nc import Write
 from gateway.probing import Outcome
 from gateway.storage.learnt import Reference

@@ -12,8 +12,8 @@ from msgspec.structs import asdict, replace
 
 from drivers.base import Clock
 from gateway.acquisition import Sample
-from gateway.commands import StandingOrder
-from gateway.events import (
+from gateway.model.commands import StandingOrder
+from gateway.model.events import (
     CommandGiven,
     CompensationStepped,
     ConfigurationApplied,

@@ -12,10 +12,10 @@ import zenoh
 
 from drivers.base import Clock, SystemClock
 from drivers.signature import shared_key
-from gateway.commands import Command, CommandOutcome
 from gateway.config import Telemetry as TelemetrySettings
 from gateway.config import certificate_ends, unarmed
-from gateway.events import (
+from gateway.model.commands import Command, CommandOutcome
+from gateway.model.events import (
     CompensationStepped,
     ConfigurationApplied,
     DecisionMade,
@@ -177,7 +177,7 @@ class TelemetryPublisher:
         session.close()
 
     def publish(self, event: GatewayEvent) -> None:
-        """A gateway.events.Sink: puts the event's messages into the queue."""
+        """A gateway.model.events.Sink: puts the event's messages into the queue."""
         state = self._state
         match event:
             case CompensationStepped(write) if write.mode == "monitor":

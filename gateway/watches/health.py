@@ -6,7 +6,7 @@ from datetime import UTC, datetime
 from drivers.base import Quality, Reading
 from gateway.acquisition import Board
 from gateway.clock import ServiceClock
-from gateway.events import DecisionMade, GatewayEvent, Health, HealthChecked, OutlookChanged, Sink, StoreHealth
+from gateway.model.events import DecisionMade, GatewayEvent, Health, HealthChecked, OutlookChanged, Sink, StoreHealth
 from gateway.nc import NcLink, NcState
 from gateway.polling import Periodic
 from gateway.probing import Outlook, Standing
@@ -47,7 +47,7 @@ class HealthWatch:
         self._decided = False
 
     def take(self, event: GatewayEvent) -> None:
-        """A gateway.events.Sink: remembers whether something was decided and what a measurement waits for."""
+        """A gateway.model.events.Sink: remembers whether something was decided and what a measurement waits for."""
         match event:
             case DecisionMade():
                 self._decided = True

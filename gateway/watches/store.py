@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 from gateway.clock import ServiceClock
 from gateway.config import Storage
-from gateway.events import Sink, StorageChanged, StoreHealth
+from gateway.model.events import Sink, StorageChanged, StoreHealth
 from gateway.polling import Notice, Notify, Periodic, Problems
 
 log = logging.getLogger(__name__)

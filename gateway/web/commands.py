@@ -16,7 +16,7 @@ from starlette.responses import JSONResponse
 
 from drivers.base import SetupError
 from drivers.error_words import in_words
-from gateway.commands import CommandName
+from gateway.model.commands import CommandName
 from gateway.telemetry import CommandAnswer, CommandSigner
 from gateway.web.settings import WebSettings
 

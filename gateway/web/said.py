@@ -6,7 +6,7 @@ from functools import cache
 from typing import Final
 
 from drivers.base import Quality
-from gateway.commands import CommandName
+from gateway.model.commands import CommandName
 from gateway.telemetry import Standing
 from gateway.web.catalogue import texts
 from gateway.web.sentences import Amount, Atom, Sentence, ToldName, Word, name

@@ -9,7 +9,7 @@ import numpy as np
 
 from gateway.collect import Collector, site_at
 from gateway.config import load
-from gateway.events import DecisionMade, FrameMade
+from gateway.model.events import DecisionMade, FrameMade
 from gateway.storage import Store
 from talc.frame import Frame, Measurement
 from tests.benches import telemetry_examples as example

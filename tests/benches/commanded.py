@@ -5,9 +5,9 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
 
-from gateway.commands import Command, CommandName, CommandOutcome
 from gateway.config import Probing
 from gateway.control import CommandTaker, GridLoop, GridSampler, Measuring, Schedule, Trainings
+from gateway.model.commands import Command, CommandName, CommandOutcome
 from gateway.probing import schedule_of
 from gateway.storage import StoreError
 from talc.control import Controller

@@ -8,9 +8,9 @@ import sys
 from pathlib import Path
 
 from drivers.base import SystemClock
-from gateway.commands import Command, CommandName, CommandOutcome, Pause
 from gateway.config import Operator, Telemetry
-from gateway.events import EventReported, Health, HealthChecked, StoreHealth
+from gateway.model.commands import Command, CommandName, CommandOutcome, Pause
+from gateway.model.events import EventReported, Health, HealthChecked, StoreHealth
 from gateway.nc import NcState
 from gateway.telemetry import CoursePage, PublishedCourse, TelemetryPublisher
 from talc.frame import Event, EventKind

@@ -15,7 +15,7 @@ from pathlib import Path
 from unittest.mock import patch
 
 from gateway.config import GatewayConfig, validate
-from gateway.events import DecisionMade, GatewayEvent, in_order
+from gateway.model.events import DecisionMade, GatewayEvent, in_order
 from gateway.nc import Identity
 from gateway.past import Past, SnapshotKeeper, past_in
 from gateway.replay import replay

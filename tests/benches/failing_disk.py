@@ -18,7 +18,7 @@ from typing import Any
 
 from drivers.base import Quality, SystemClock
 from gateway.acquisition import Sample
-from gateway.events import DecisionMade, FrameMade, ReadingsTaken
+from gateway.model.events import DecisionMade, FrameMade, ReadingsTaken
 from gateway.storage import Store, StoreError
 from tests.benches.preloads import preload
 from tests.benches.store_writer import step

@@ -24,7 +24,7 @@ from drivers.mtconnect.exchange import ask_agent
 from drivers.mtconnect.items import factors, number
 from drivers.mtconnect.suggest import suggested_items
 from gateway.collect.tables import arrow_of, by_day, check_end
-from gateway.commands import UNPROVED, Command, CommandName, CommandOutcome
+from gateway.model.commands import UNPROVED, Command, CommandName, CommandOutcome
 from gateway.outlets import OutletError, OutletMessage
 from gateway.outlets.influxdb import InfluxDbOutlet, InfluxDbSettings
 from gateway.outlets.line_protocol import lines

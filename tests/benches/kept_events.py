@@ -3,7 +3,7 @@
 from typing import TypeVar
 
 from gateway.acquisition import Sample
-from gateway.events import (
+from gateway.model.events import (
     DecisionMade,
     EventReported,
     FrameMade,

@@ -14,7 +14,7 @@ from unittest.mock import patch
 import numpy as np
 
 from drivers.nc import NcSnapshot, RequestStatus
-from gateway.events import DecisionMade, GatewayEvent, in_order
+from gateway.model.events import DecisionMade, GatewayEvent, in_order
 from gateway.nc import Identity
 from gateway.past import SnapshotKeeper, past_in
 from gateway.service import Service
@@ -56,10 +56,10 @@ class KeptControl(InProcess):
         super().__init__(nck, clock)
         self._requests, self._death = requests, death
 
-    async def request_probing(self, number: int) -> None:
+    async def request_probing(self, number: int, dry_run_mm: float = 0.0) -> None:
         self._death.begin(PROBING)
         self._requests.append(number)
-        await super().request_probing(number)
+        await super().request_probing(number, dry_run_mm)
         for _ in range(_MOMENTS_OF_A_REQUEST):
             self._death.asks_control()
 

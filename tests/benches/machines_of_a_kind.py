@@ -8,7 +8,7 @@ from click.testing import CliRunner, Result
 
 from gateway.cli import main
 from gateway.config import GatewayConfig
-from gateway.events import DecisionMade, FrameMade
+from gateway.model.events import DecisionMade, FrameMade
 from gateway.past import controller_of
 from gateway.storage import Store
 from talc.control import Controller

@@ -20,7 +20,7 @@ from gateway.acquisition import Sample
 from gateway.answers import rows_of
 from gateway.clock import RealClock
 from gateway.config import Telemetry
-from gateway.events import DecisionMade, EventReported, FrameMade, GatewayEvent, ReadingsTaken
+from gateway.model.events import DecisionMade, EventReported, FrameMade, GatewayEvent, ReadingsTaken
 from gateway.storage import Store, boot_id
 from gateway.telemetry import TelemetryPublisher
 from talc.frame import Event, EventKind, Frame

@@ -16,7 +16,7 @@ import numpy as np
 from gateway.cli.running.run import run_service
 from gateway.clock import ServiceClock
 from gateway.config import GatewayConfig, load
-from gateway.events import DecisionMade, FrameMade, Sink
+from gateway.model.events import DecisionMade, FrameMade, Sink
 from gateway.past import SnapshotKeeper, past_in
 from gateway.recordings import WireLogWriter
 from gateway.service import Service

@@ -18,7 +18,7 @@ import numpy as np
 
 from drivers.base import Quality
 from gateway.acquisition import Sample
-from gateway.events import DecisionMade, EventReported, FrameMade, MeasurementEnded, ReadingsTaken, Sink
+from gateway.model.events import DecisionMade, EventReported, FrameMade, MeasurementEnded, ReadingsTaken, Sink
 from gateway.past import Past, past_in
 from gateway.probing import Outcome
 from gateway.storage import History, Store, StoreError

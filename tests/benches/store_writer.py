@@ -12,7 +12,7 @@ import numpy as np
 
 from drivers.base import Quality, SystemClock
 from gateway.acquisition import Sample
-from gateway.events import DecisionMade, FrameMade, ReadingsTaken
+from gateway.model.events import DecisionMade, FrameMade, ReadingsTaken
 from gateway.storage import Store
 from talc.frame import Decision, Frame, Phase
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from gateway.events import CompensationStepped, DecisionMade, EventReported, FrameMade, MeasurementEnded
+from gateway.model.events import CompensationStepped, DecisionMade, EventReported, FrameMade, MeasurementEnded
 from gateway.nc import Source, Step, Write
 from gateway.past import past_in
 from gateway.probing import Outcome

@@ -13,7 +13,7 @@ from drivers.base import Quality
 from gateway.acquisition import Sample
 from gateway.answers import rows_of
 from gateway.collect import Collector, SiteKept
-from gateway.events import DecisionMade, EventReported, FrameMade, MeasurementEnded, ReadingsTaken, ReasonsGiven
+from gateway.model.events import DecisionMade, EventReported, FrameMade, MeasurementEnded, ReadingsTaken, ReasonsGiven
 from gateway.probing import Outcome
 from gateway.storage import Store
 from gateway.telemetry import StoredRequest, StoredRows, decode_answer, encode

@@ -10,7 +10,7 @@ import numpy as np
 from drivers.base import Clock, Quality, SystemClock
 from gateway.acquisition import Sample
 from gateway.config import Telemetry as Settings
-from gateway.events import EventReported
+from gateway.model.events import EventReported
 from gateway.telemetry import TelemetryPublisher
 from talc.frame import Decision, Event, EventKind, Phase
 from tests.benches.waits import LIMIT_S, wait_until

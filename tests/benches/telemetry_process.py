@@ -5,7 +5,7 @@ import sys
 
 from drivers.base import SystemClock
 from gateway.config import Telemetry
-from gateway.events import EventReported
+from gateway.model.events import EventReported
 from gateway.telemetry import TelemetryPublisher
 from talc.frame import Event, EventKind
 

@@ -36,7 +36,8 @@ from gateway.acquisition.sample import samples
 from gateway.cli.running.memory import give_back_large_blocks
 from gateway.config import GatewayConfig, load
 from gateway.control import Explanations, PlannedLoads, SensorWatch
-from gateway.events import (
+from gateway.metrics import GatewayFigures
+from gateway.model.events import (
     CompensationStepped,
     ConfigurationApplied,
     DecisionMade,
@@ -45,26 +46,22 @@ from gateway.events import (
     ReadingsTaken,
     in_order,
 )
-from gateway.metrics import GatewayFigures
 from gateway.nc import Source, Step, Write
 from gateway.past import SnapshotKeeper, past_in
-from gateway.storage import Store, writer
+from gateway.storage import Store
 from gateway.telemetry import TelemetryPublisher
 from gateway.watches import HealthWatch
 from simulators.bench import gateway_toml
 from talc.frame import BoolArray, FloatArray, Frame, Measurement
 from talc.sensor_model import learn
 from tests.benches import idle_loop
-from tests.benches.changed_source import SourceChange, changed
 from tests.benches.free_port import free_port
 from tests.benches.service_memory import memory_mb
 from tests.benches.stepped_clock import EPOCH
 from tests.benches.wire_clock import WireClock
 
-_PRUNES_OFTEN = (
-    SourceChange(writer, "pruned + _PRUNE_EVERY_S", "pruned + 2.0"),
-    SourceChange(writer, "now - pruned >= _PRUNE_EVERY_S", "now - pruned >= 2.0"),
-)
+_PRUNE_S = 2.0
+"""Between two deletions of what is old, by the computer's time."""
 _YEAR = 365
 _EXPLAIN_EVERY = 12
 """Steps. A gateway forecasts at each one, which takes half the time of all of this."""
@@ -151,7 +148,7 @@ async def lived(config: GatewayConfig, days: int, process: Executor, clock: Wire
     channels = {channel.name for channel in config.channels}
     step_s = round(config.grid.step_s)
     a_day = 86_400 // step_s
-    with Store(database, "boot", clock, commit_s=config.storage.commit_s) as store:
+    with Store(database, "boot", clock, commit_s=config.storage.commit_s, prune_s=_PRUNE_S) as store:
         past = past_in(store, config)
         store.begin(config.canonical(), config.fingerprint(), "")
         publisher = TelemetryPublisher(config.telemetry, config.machine.name, names, clock, "boot", simulated=True)
@@ -236,7 +233,6 @@ def main() -> None:
     print(f"{datetime.now(UTC):%Y-%m-%d}, {given.years:g} years in steps of {given.step_s} s")
     with (
         tempfile.TemporaryDirectory() as folder,
-        changed(_PRUNES_OFTEN),
         ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as process,
     ):
         clock = WireClock()

@@ -18,7 +18,8 @@ from drivers.base import Quality
 from gateway.acquisition import Sample
 from gateway.cli.running.serving import serve
 from gateway.config import ConfigError, Metrics, TelemetryTls, parse
-from gateway.events import (
+from gateway.metrics import GatewayFigures, MetricsError, MetricsServer
+from gateway.model.events import (
     CompensationStepped,
     ConfigurationApplied,
     DecisionMade,
@@ -29,7 +30,6 @@ from gateway.events import (
     ReadingsTaken,
     StoreHealth,
 )
-from gateway.metrics import GatewayFigures, MetricsError, MetricsServer
 from gateway.nc import NcState
 from tests.benches import telemetry_examples as example
 from tests.benches.free_port import free_port

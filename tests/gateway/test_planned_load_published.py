@@ -7,7 +7,7 @@ import numpy as np
 
 from gateway.config import parse
 from gateway.control import SeenBefore
-from gateway.events import ForecastMade
+from gateway.model.events import ForecastMade
 from gateway.past import Past
 from gateway.service import Service
 from talc.control import Controller

@@ -12,7 +12,7 @@ from click.testing import CliRunner
 
 from gateway.cli import main
 from gateway.config import GatewayConfig, parse
-from gateway.events import DecisionMade, FrameMade, ReasonsGiven
+from gateway.model.events import DecisionMade, FrameMade, ReasonsGiven
 from gateway.replay import replay
 from gateway.storage import History, Retention, Store
 from talc.control import Controller

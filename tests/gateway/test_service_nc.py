@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from gateway.config import GatewayConfig, validate
-from gateway.events import MeasurementEnded, StoreHealth
+from gateway.model.events import MeasurementEnded, StoreHealth
 from gateway.nc import Identity, NcLink
 from gateway.past import Past
 from gateway.probing import End, Outcome

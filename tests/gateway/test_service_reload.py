@@ -6,7 +6,7 @@ import pytest
 
 from gateway.acquisition import ReloadError
 from gateway.config import GatewayConfig, parse
-from gateway.events import ConfigurationApplied
+from gateway.model.events import ConfigurationApplied
 from gateway.past import Past
 from gateway.service import Service
 from talc.control import Controller

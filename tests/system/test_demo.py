@@ -28,7 +28,7 @@ from tests.benches.command import here
 from tests.benches.free_port import free_port
 from tests.benches.zenoh_sessions import listening
 
-pytestmark = pytest.mark.slow(minutes=4)
+pytestmark = pytest.mark.slow
 
 HOURS = 12.0
 LIMIT_S = 300.0

@@ -107,7 +107,7 @@ async def sampled(clock: SharedClock, stop: asyncio.Event) -> tuple[list[HeldByP
     return early, late
 
 
-@pytest.mark.slow(minutes=3)
+@pytest.mark.slow
 async def test_a_day_of_faults_leaves_nothing_behind(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level(logging.CRITICAL)  # pytest keeps every record
     clock, stop = SharedClock(tmp_path / "clock", epoch=EPOCH, speed=SPEED, owner=True), asyncio.Event()

@@ -17,7 +17,7 @@ from gateway.storage import History
 from tests.benches.page_rig import LIMIT_MS, ChildProgram, expect_each_part, page_rig, ports
 from tests.benches.soak import config
 
-pytestmark = [pytest.mark.peer, pytest.mark.slow(minutes=1)]
+pytestmark = [pytest.mark.peer, pytest.mark.slow]
 
 LEARNT_MS = 5 * LIMIT_MS
 """For what takes the demo half a minute."""

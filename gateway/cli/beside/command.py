@@ -7,8 +7,8 @@ import click
 
 from gateway.cli.conventions.arguments import KeyPrefixText, PemPath, access_of, access_options
 from gateway.cli.conventions.exits import EXIT_WORLD
-from gateway.commands import CommandName
 from gateway.config import DEFAULT_PREFIX, LOOPBACK
+from gateway.model.commands import CommandName
 
 
 @click.command()

@@ -17,7 +17,7 @@ from rich.text import Text
 
 from drivers.base import Clock, Quality
 from gateway.cli.conventions.terminal import duration_text, terminal
-from gateway.events import GatewayEvent, Sink
+from gateway.model.events import GatewayEvent, Sink
 from gateway.telemetry import (
     CompensationMessage,
     Composer,

@@ -19,7 +19,7 @@ from gateway.cli.running.reloading import Reloading
 from gateway.cli.running.serving import serve
 from gateway.clock import RealClock
 from gateway.config import GatewayConfig, packed_toml
-from gateway.events import ConfigurationApplied, GatewayEvent
+from gateway.model.events import ConfigurationApplied, GatewayEvent
 from gateway.recordings import WireLogWriter
 from gateway.service import Service
 

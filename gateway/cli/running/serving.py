@@ -12,7 +12,7 @@ from gateway.answers import DayReports, course_of, history_of, rows_of
 from gateway.cli.conventions.extras import missing_of
 from gateway.clock import ServiceClock, clock_synchronised
 from gateway.config import GatewayConfig, packed_toml
-from gateway.events import ConfigurationApplied, EventReported, GatewayEvent, Sink, in_order
+from gateway.model.events import ConfigurationApplied, EventReported, GatewayEvent, Sink, in_order
 from gateway.nc import Identity
 from gateway.past import Interrupted, Past, Rebuilt, SnapshotKeeper, past_in
 from gateway.recordings import WireLogWriter

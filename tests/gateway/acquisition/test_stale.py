@@ -11,7 +11,7 @@ from gateway.acquisition import Acquisition, Sample
 from gateway.acquisition.board import Board
 from gateway.clock import RealClock
 from gateway.config import parse
-from gateway.events import GatewayEvent, ReadingsTaken
+from gateway.model.events import GatewayEvent, ReadingsTaken
 from gateway.past import Past
 from gateway.service import Service
 from simulators.devices import Adam6015, TcpHost

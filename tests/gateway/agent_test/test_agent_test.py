@@ -36,7 +36,7 @@ async def test_the_reference_agent_passes_every_clause_that_it_offers() -> None:
         "serves-clients-that-only-read",
         "names-the-values-that-it-does-not-have",
     }
-    assert len(outcomes) == len(CLAUSES) == 46
+    assert len(outcomes) == len(CLAUSES) == 47
 
 
 @pytest.mark.slow
@@ -138,9 +138,12 @@ WRONG: list[tuple[str, str, str]] = [
     ("nothing-moves-while-probing", "self.held = self.read({})", "self.held = self.um = [0.0] * 3"),
     ("a-cycle-ends-with-its-result", '"probing": self.state in ("accepted", "running")', '"probing": False'),
     ("a-cycle-ends-with-its-result", '"spread": 0.0, ', ""),
-    ("a-cycle-ends-with-its-result", '"centres": CENTRES', '"centres": CENTRES[1:]'),
+    ("a-cycle-ends-with-its-result", '"centres": centres', '"centres": centres[1:]'),
     ("a-cycle-ends-with-its-result", " or asked == self.number", ""),
     ("a-cycle-ends-with-its-result", '"done" if self.touched == len(POSES) else NEXT[self.state]', "NEXT[self.state]"),
+    ("a-dry-run-stays-above", "z + self.raised_mm", "z"),
+    ("a-dry-run-stays-above", '"", 0, raised_mm', '"", 0, max(self.raised_mm, raised_mm)'),
+    ("a-dry-run-stays-above", '"dry_run_mm", 0, 1000', '"dry_run_mm", -1e9, 1e9'),
 ]  # fmt: skip
 QUICK = {"ends-at-a-repeated-line", "refuses-a-second-gateway", "status-is-complete"}
 

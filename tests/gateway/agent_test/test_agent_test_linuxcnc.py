@@ -8,7 +8,7 @@ from gateway.agent_test import AgentUnderTest, ClauseResult, Moves, run_clauses
 from simulators.linuxcnc.machine import HURRY
 from tests.benches.linuxcnc_bench import ANSWER_S, KEY, running
 
-pytestmark = [pytest.mark.peer, pytest.mark.slow(minutes=2)]
+pytestmark = [pytest.mark.peer, pytest.mark.slow]
 
 
 async def test_linuxcnc_s_agent_passes_every_clause_that_it_offers(tmp_path: Path) -> None:

@@ -17,7 +17,7 @@ from msgspec.structs import replace
 from drivers.base import SystemClock
 from gateway.client import Machine, MachineError
 from gateway.config import Telemetry
-from gateway.events import DecisionMade, Health, HealthChecked, ReadingsTaken, StoreHealth
+from gateway.model.events import DecisionMade, Health, HealthChecked, ReadingsTaken, StoreHealth
 from gateway.nc import NcState
 from gateway.reading_blocks import READING_ROW, pack
 from gateway.telemetry import (

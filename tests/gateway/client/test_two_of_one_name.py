@@ -14,9 +14,9 @@ import zenoh
 
 from drivers.base import SystemClock
 from gateway.client import Machine, MachineError
-from gateway.commands import Command, CommandName, CommandOutcome
 from gateway.config import Operator, Telemetry
-from gateway.events import Health, HealthChecked, StoreHealth
+from gateway.model.commands import Command, CommandName, CommandOutcome
+from gateway.model.events import Health, HealthChecked, StoreHealth
 from gateway.nc import NcState
 from gateway.telemetry import CommandSigner, HistoryPage, HistoryRequest, TelemetryPublisher
 from tests.benches.free_port import free_port

@@ -4,9 +4,9 @@ from dataclasses import replace
 from pathlib import Path
 
 from drivers.nc import OperatingMode, ProbingState, ProgramState, RequestStatus
-from gateway.commands import UNPROVED, Command, CommandName, Pause
 from gateway.config import parse
-from gateway.events import CommandGiven
+from gateway.model.commands import UNPROVED, Command, CommandName, Pause
+from gateway.model.events import CommandGiven
 from gateway.nc import Source
 from gateway.replay import replay
 from gateway.storage import History, Store

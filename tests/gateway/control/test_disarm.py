@@ -6,9 +6,9 @@ import pytest
 
 from drivers.nc import ProbingState, RequestStatus
 from gateway.acquisition import ReloadError
-from gateway.commands import Command, CommandName, Disarmed
 from gateway.config import parse
-from gateway.events import CommandGiven
+from gateway.model.commands import Command, CommandName, Disarmed
+from gateway.model.events import CommandGiven
 from gateway.nc import Source
 from gateway.storage import Store
 from gateway.storage.mending import Known, mend

@@ -12,7 +12,7 @@ import pytest
 from drivers.nc import OperatingMode, ProbingState, ProgramState, RequestStatus
 from gateway.config import Probing, parse
 from gateway.control import Explanations, GridLoop, GridSampler, Measuring, Schedule, Trainings
-from gateway.events import CompensationStepped, DecisionMade, ForecastMade, FrameMade, ModelsAdopted, ReasonsGiven
+from gateway.model.events import CompensationStepped, DecisionMade, ForecastMade, FrameMade, ModelsAdopted, ReasonsGiven
 from gateway.nc import Source
 from gateway.probing import ProbingSchedule, Standing, schedule_of
 from gateway.service import Service

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from gateway.control import PlannedLoads, SeenBefore, SensorWatch, rows_remembered
-from gateway.events import GatewayEvent, SensorsJudged
+from gateway.model.events import GatewayEvent, SensorsJudged
 from talc.frame import Frame, Frames
 from talc.settings import SensorCheckSettings
 from tests.benches.hot_bearing import BODIES, DAY, NAMES, bodies, work

@@ -13,7 +13,7 @@ from rich.console import Console
 from gateway.apart import WorkError
 from gateway.cli.beside.view import ViewState, render
 from gateway.control import SeenBefore, SensorWatch
-from gateway.events import EventReported, GatewayEvent, SensorsJudged
+from gateway.model.events import EventReported, GatewayEvent, SensorsJudged
 from gateway.telemetry import Composer, SensorsMessage, decode, encode
 from talc.frame import EventKind, FloatArray, Frame, Frames
 from talc.sensor_check import Judgement

@@ -92,7 +92,7 @@ async def mended(plant: FaultyPlant, latest: Latest, where: str) -> None:
         whole(plant)
 
 
-@pytest.mark.slow(minutes=2)
+@pytest.mark.slow
 @pytest.mark.simulated_time
 @pytest.mark.parametrize("wires", WIRES)
 async def test_nothing_grows(tmp_path: Path, wires: str, caplog: pytest.LogCaptureFixture) -> None:

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gateway.events import CompensationStepped
+from gateway.model.events import CompensationStepped
 from gateway.storage import Store
 from simulators.nc import MeanLoads
 from talc import kinematics

@@ -14,7 +14,7 @@ from gateway.apart import WorkError
 from gateway.config import GatewayConfig, parse
 from gateway.control import SeenBefore
 from gateway.control.trainer import models_of_failure
-from gateway.events import DecisionMade, EventReported, FrameMade, ModelsAdopted
+from gateway.model.events import DecisionMade, EventReported, FrameMade, ModelsAdopted
 from gateway.past import past_in, past_of
 from gateway.replay import replay
 from gateway.storage import History, Store, StoreError

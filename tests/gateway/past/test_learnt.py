@@ -15,7 +15,7 @@ import pytest
 
 from gateway.clock import Ages
 from gateway.config import GatewayConfig, load
-from gateway.events import DecisionMade, FrameMade, MeasurementEnded, ModelsAdopted
+from gateway.model.events import DecisionMade, FrameMade, MeasurementEnded, ModelsAdopted
 from gateway.past import Past
 from gateway.probing import Outcome
 from gateway.replay import replay

@@ -13,7 +13,7 @@ import pytest
 
 from gateway.cli.running.serving import serve
 from gateway.config import GatewayConfig, parse
-from gateway.events import DecisionMade, FrameMade, ModelsAdopted
+from gateway.model.events import DecisionMade, FrameMade, ModelsAdopted
 from gateway.past import Interrupted, Past, Rebuilt, SnapshotKeeper, marks, past_in, past_of
 from gateway.replay import replay
 from gateway.storage import History, SnapshotError, Store, StoredStep, decode_snapshot

@@ -15,7 +15,7 @@ from gateway.acquisition import Sample
 from gateway.answers import own_zone
 from gateway.cli import main
 from gateway.config import GatewayConfig
-from gateway.events import DecisionMade, FrameMade, MeasurementEnded, ReadingsTaken
+from gateway.model.events import DecisionMade, FrameMade, MeasurementEnded, ReadingsTaken
 from gateway.past import past_in
 from gateway.probing import End, Outcome
 from gateway.storage import Store

@@ -11,7 +11,7 @@ import pytest
 
 from drivers.base import Quality
 from gateway.acquisition import Sample
-from gateway.events import ReadingsTaken
+from gateway.model.events import ReadingsTaken
 from gateway.reading_blocks import ReadingBlock, pack, unpack
 from gateway.storage import QUALITIES, Retention, Store, blocks_page, readings_page
 from gateway.storage.readings import Pruning

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gateway.events import DecisionMade, FrameMade, MeasurementEnded, ReadingsTaken, ReasonsGiven
+from gateway.model.events import DecisionMade, FrameMade, MeasurementEnded, ReadingsTaken, ReasonsGiven
 from gateway.storage import Store, StoreError, course_between
 from talc.frame import Frame, Measurement
 from tests.benches import telemetry_examples as example

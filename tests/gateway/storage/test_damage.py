@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from gateway.clock import StepTime
-from gateway.events import DecisionMade, FrameMade
+from gateway.model.events import DecisionMade, FrameMade
 from gateway.past import past_in
 from gateway.storage import History, Store, damage_found
 from tests.benches.service_file import two_temperatures

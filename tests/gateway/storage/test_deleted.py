@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from gateway.events import DecisionMade, FrameMade, MeasurementEnded, ReadingsTaken
+from gateway.model.events import DecisionMade, FrameMade, MeasurementEnded, ReadingsTaken
 from gateway.storage import History, Store, StoreError, damage_found
 from gateway.storage.place import PlaceWatch
 from gateway.storage.schema import connect

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gateway.events import DecisionMade, FrameMade, ProbingRequested
+from gateway.model.events import DecisionMade, FrameMade, ProbingRequested
 from gateway.storage import History, Store
 from talc.frame import Decision, FloatArray
 from tests.benches import telemetry_examples as example

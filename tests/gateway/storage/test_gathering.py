@@ -9,7 +9,7 @@ import pytest
 
 from drivers.base import Quality
 from gateway.acquisition import Sample
-from gateway.events import ReadingsTaken
+from gateway.model.events import ReadingsTaken
 from gateway.storage import Store
 from tests.benches.simulated_time import steps_of_time
 from tests.benches.stepped_clock import EPOCH, SteppedClock

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from drivers.base import DriverError
-from gateway.commands import Command, CommandName, CommandOutcome
-from gateway.events import (
+from gateway.model.commands import Command, CommandName, CommandOutcome
+from gateway.model.events import (
     CommandGiven,
     ConfigurationApplied,
     DecisionMade,

@@ -12,7 +12,7 @@ import pytest
 
 from drivers.base import Quality
 from gateway.acquisition import Sample
-from gateway.events import ReadingsTaken
+from gateway.model.events import ReadingsTaken
 from gateway.storage import Retention, Store, means_page
 from gateway.storage.readings import Pruning
 from gateway.storage.schema import connect

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from gateway.events import DecisionMade, FrameMade, ReadingsTaken
+from gateway.model.events import DecisionMade, FrameMade, ReadingsTaken
 from gateway.storage import History, Store, StoreError
 from gateway.storage.schema import SCHEMA_VERSION
 from tests.benches import telemetry_examples as example

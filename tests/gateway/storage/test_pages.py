@@ -9,7 +9,7 @@ import pytest
 
 from drivers.base import Quality
 from gateway.acquisition import Sample
-from gateway.events import ReadingsTaken
+from gateway.model.events import ReadingsTaken
 from gateway.storage import Retention, Store, StoreError, readings_page
 from gateway.storage.pages import ReadingsPage
 from gateway.storage.readings import Pruning

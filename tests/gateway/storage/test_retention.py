@@ -12,7 +12,7 @@ import pytest
 from drivers.base import Quality
 from gateway.acquisition import Sample
 from gateway.config import Storage
-from gateway.events import CompensationStepped, DecisionMade, FrameMade, ReadingsTaken
+from gateway.model.events import CompensationStepped, DecisionMade, FrameMade, ReadingsTaken
 from gateway.nc import Source, Step, Write
 from gateway.storage import History, Retention, Store
 from gateway.storage.readings import Channels, Pruning

@@ -14,9 +14,9 @@ import pytest
 
 from drivers.base import Quality
 from gateway.acquisition import Sample
-from gateway.commands import Command, CommandName, CommandOutcome
 from gateway.config import parse
-from gateway.events import (
+from gateway.model.commands import Command, CommandName, CommandOutcome
+from gateway.model.events import (
     CommandGiven,
     DecisionMade,
     FrameMade,

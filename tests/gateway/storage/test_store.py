@@ -17,7 +17,7 @@ import pytest
 
 from drivers.base import Quality
 from gateway.acquisition import Sample
-from gateway.events import (
+from gateway.model.events import (
     CompensationStepped,
     ConfigurationApplied,
     DecisionMade,

@@ -14,7 +14,7 @@ import pytest
 
 from drivers.base import Quality
 from gateway.acquisition import Sample
-from gateway.events import DecisionMade, FrameMade, ProbingRequested, ReadingsTaken
+from gateway.model.events import DecisionMade, FrameMade, ProbingRequested, ReadingsTaken
 from gateway.storage import History, Store, StoreError
 from gateway.storage.schema import make_schema
 from gateway.storage.timing import WriterTiming

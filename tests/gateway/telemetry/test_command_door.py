@@ -5,7 +5,7 @@ from datetime import UTC, datetime
 
 import pytest
 
-from gateway.commands import UNPROVED, Command, CommandName, CommandOutcome
+from gateway.model.commands import UNPROVED, Command, CommandName, CommandOutcome
 from gateway.telemetry import (
     AskedQuery,
     CommandAnswer,

@@ -12,9 +12,9 @@ from click.testing import CliRunner
 from drivers.base import SystemClock
 from gateway.cli.main import main
 from gateway.client import Machine, MachineError
-from gateway.commands import Command, CommandName, CommandOutcome, Pause
 from gateway.config import Operator, Telemetry
-from gateway.events import Health, HealthChecked, StoreHealth
+from gateway.model.commands import Command, CommandName, CommandOutcome, Pause
+from gateway.model.events import Health, HealthChecked, StoreHealth
 from gateway.nc import NcState
 from gateway.telemetry import CommandSigner, TelemetryPublisher
 from gateway.telemetry.codec import decode_refusal

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gateway.events import (
+from gateway.model.events import (
     CompensationStepped,
     ConfigurationApplied,
     DecisionMade,

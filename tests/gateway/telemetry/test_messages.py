@@ -10,7 +10,7 @@ from typing import Any, get_type_hints
 import numpy as np
 import pytest
 
-from gateway.events import (
+from gateway.model.events import (
     CompensationStepped,
     DecisionMade,
     EventReported,

@@ -18,7 +18,7 @@ from drivers.base import Quality, SystemClock
 from gateway.answers import history_of
 from gateway.clock import RealClock
 from gateway.config import Telemetry
-from gateway.events import DecisionMade, ReadingsTaken
+from gateway.model.events import DecisionMade, ReadingsTaken
 from gateway.storage import Store
 from gateway.telemetry import HistoryRequest, TelemetryPublisher, encode
 from tests.benches.free_port import free_port

@@ -11,7 +11,7 @@ import zenoh
 
 from drivers.base import SystemClock
 from gateway.config import Telemetry
-from gateway.events import EventReported
+from gateway.model.events import EventReported
 from gateway.telemetry import (
     MESSAGE_TYPES,
     MOST_ROWS,

@@ -11,9 +11,9 @@ import pytest
 from drivers.base import Quality, SystemClock
 from gateway.answers import course_of, history_of, rows_of
 from gateway.clock import RealClock
-from gateway.commands import CommandName
 from gateway.config import Operator, Telemetry
-from gateway.events import (
+from gateway.model.commands import CommandName
+from gateway.model.events import (
     CompensationStepped,
     ConfigurationApplied,
     DecisionMade,

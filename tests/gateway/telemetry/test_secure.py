@@ -14,8 +14,8 @@ import zenoh
 
 from drivers.base import SystemClock
 from gateway.client import Machine, MachineError
-from gateway.commands import Command, CommandName, CommandOutcome
 from gateway.config import Operator, Telemetry, TelemetryTls
+from gateway.model.commands import Command, CommandName, CommandOutcome
 from gateway.telemetry import Access, CommandSigner, HistoryPage, HistoryRequest, TelemetryError, TelemetryPublisher
 from tests.benches.free_port import free_port
 from tests.benches.plant_authority import PlantAuthority

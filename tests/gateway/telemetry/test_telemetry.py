@@ -17,7 +17,7 @@ from drivers.base import Quality
 from gateway.acquisition import Sample
 from gateway.cli.beside.view import ViewState, feeding, render
 from gateway.config import GatewayConfig, parse
-from gateway.events import (
+from gateway.model.events import (
     CompensationStepped,
     ConfigurationApplied,
     DecisionMade,

@@ -18,7 +18,7 @@ from gateway.acquisition import Sample
 from gateway.clock import Ages, StepTime
 from gateway.config import GatewayConfig, Probing, parse
 from gateway.control import GridLoop, GridSampler, Measuring, Schedule, Trainings
-from gateway.events import DecisionMade, FrameMade, ReadingsTaken
+from gateway.model.events import DecisionMade, FrameMade, ReadingsTaken
 from gateway.past import Past, controller_of, past_of
 from gateway.polling import Notice
 from gateway.probing import schedule_of

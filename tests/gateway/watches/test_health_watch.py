@@ -11,7 +11,7 @@ from drivers.base import Quality, Reading
 from gateway.acquisition import Board
 from gateway.clock import clock_synchronised
 from gateway.config import parse
-from gateway.events import ConfigurationApplied, DecisionMade, HealthChecked, OutlookChanged, StoreHealth
+from gateway.model.events import ConfigurationApplied, DecisionMade, HealthChecked, OutlookChanged, StoreHealth
 from gateway.past import Past
 from gateway.probing import Outlook, Standing
 from gateway.service import Service

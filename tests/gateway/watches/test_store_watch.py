@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from gateway.config import Storage
-from gateway.events import GatewayEvent, StorageChanged, StoreHealth
+from gateway.model.events import GatewayEvent, StorageChanged, StoreHealth
 from gateway.polling import Notice
 from gateway.watches import StoreWatch
 from tests.benches.stepped_clock import SteppedClock

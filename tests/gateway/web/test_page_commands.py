@@ -7,9 +7,9 @@ import pytest
 from starlette.testclient import TestClient
 
 from drivers.base import SetupError
-from gateway.commands import CommandName
 from gateway.config import ConfigError
 from gateway.heard import SiteSeen
+from gateway.model.commands import CommandName
 from gateway.passwords import make_hash
 from gateway.telemetry import CommandAnswer, CommandSigner
 from gateway.web import WebSettings, build_app, load_settings

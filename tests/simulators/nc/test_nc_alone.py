@@ -18,7 +18,7 @@ import pytest
 
 from gateway.cli.running.serving import serve
 from gateway.config import parse
-from gateway.events import GatewayEvent, MeasurementEnded
+from gateway.model.events import GatewayEvent, MeasurementEnded
 from gateway.probing import End, Outcome
 from simulators.devices import Adam6015, TcpHost
 from simulators.nc import Activity, CycleSettings, DayPart, LoadCase, MeanLoads, Nck

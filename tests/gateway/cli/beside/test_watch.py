@@ -12,7 +12,7 @@ from drivers.base import SystemClock
 from gateway.cli import main
 from gateway.cli.beside.view import LiveView, ViewState, render
 from gateway.config import Telemetry, load
-from gateway.events import EventReported, ReadingsTaken
+from gateway.model.events import EventReported, ReadingsTaken
 from gateway.telemetry import ReadingMessage, StatusMessage, TelemetryPublisher
 from talc.frame import Event, EventKind
 from tests.benches.command import LIMIT_S, beside, here

@@ -15,7 +15,7 @@ from gateway.cli import main
 from gateway.cli.condition.doctor import ailments, show
 from gateway.cli.condition.doctor_files import unread_files
 from gateway.config import GatewayConfig, load
-from gateway.events import EventReported, FrameMade, MeasurementEnded
+from gateway.model.events import EventReported, FrameMade, MeasurementEnded
 from gateway.storage import Store
 from talc.frame import Event, EventKind, Frame
 from tests.benches.plant_authority import DAY, PlantAuthority

@@ -14,9 +14,16 @@ from drivers.base import Quality
 from gateway.acquisition import Sample
 from gateway.cli import main
 from gateway.cli.condition.status import file_system_of, is_locked, status_of
-from gateway.commands import Command, CommandName, CommandOutcome
 from gateway.config import GatewayConfig, load
-from gateway.events import CommandGiven, ConfigurationApplied, DecisionMade, EventReported, FrameMade, ReadingsTaken
+from gateway.model.commands import Command, CommandName, CommandOutcome
+from gateway.model.events import (
+    CommandGiven,
+    ConfigurationApplied,
+    DecisionMade,
+    EventReported,
+    FrameMade,
+    ReadingsTaken,
+)
 from gateway.nc.problems import CONNECTED_AGAIN, NOT_CONNECTED
 from gateway.storage import Store
 from talc.frame import Event, EventKind, Frame

@@ -13,9 +13,9 @@ from pyarrow import parquet
 
 from drivers.base import Quality
 from gateway.acquisition import Sample
-from gateway.commands import Command, CommandName, CommandOutcome
 from gateway.config import parse
-from gateway.events import (
+from gateway.model.commands import Command, CommandName, CommandOutcome
+from gateway.model.events import (
     CommandGiven,
     CompensationStepped,
     DecisionMade,

@@ -10,7 +10,7 @@ import pytest
 from gateway.acquisition import BusChanges, PreparedReload, ReloadError
 from gateway.cli.running.reloading import Reloading
 from gateway.config import load
-from gateway.events import ConfigurationApplied
+from gateway.model.events import ConfigurationApplied
 from gateway.service import Service
 from talc.frame import EventKind
 from tests.benches.kept_events import KeptEvents
