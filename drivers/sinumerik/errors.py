@@ -16,7 +16,8 @@ from drivers.nc import (
     check_errors,
     check_offsets,
 )
-from drivers.sinumerik.control import SESSION_ALIVE, Sinumerik
+from drivers.sinumerik.control import Sinumerik
+from drivers.sinumerik.lease import ALIVE
 from drivers.sinumerik.programs import ER0T, EX0C, EY0A, EZ0A, PROGRAM_VERSION, ErrorTerms
 from drivers.sinumerik.settings import ERROR_TERMS, SinumerikSettings
 
@@ -37,7 +38,7 @@ class SinumerikWithErrors(Sinumerik):
         self._wanted = tuple(r(numbers.wanted + i) for i in range(ERRORS))
         self._probed = tuple(r(numbers.probed + i) for i in range(3))
         self._version = (r(numbers.version),)
-        self._echo_of_shifts, self._echo_of_errors = self._echo, r(numbers.echo)
+        self._echo_of_shifts, self._echo_of_errors = self._lease.echo, r(numbers.echo)
         self._moving = (r(settings.lease.state), *(r(numbers.in_force + i) for i in range(ERRORS)))
         self._tool, self._tool_range = r(numbers.tool), (r(numbers.tool_range),)
         self._terms_told = tuple(r(numbers.terms + i) for i in range(ERROR_TERMS))
@@ -55,7 +56,7 @@ class SinumerikWithErrors(Sinumerik):
     async def connect(self) -> None:
         """Also finds out whether the program is there. Raises BadAnswer for another version or invalid terms of it."""
         self._terms = self._reach = None
-        self._echo = self._echo_of_shifts
+        self._lease.echo = self._echo_of_shifts
         await super().connect()
         try:
             [version] = self._numbers(self._version, await self._session.read(self._version))
@@ -82,7 +83,7 @@ class SinumerikWithErrors(Sinumerik):
             raise BadAnswer("TALC_ERRORS reports a term of 0 or less", device=self._device, hint=_AGAIN)
         await self._check_tool_range()
         self._terms, self._reach = ErrorTerms(slew, radius, (x, y, z)), (reach[0], reach[1])
-        self._echo = self._echo_of_errors
+        self._lease.echo = self._echo_of_errors
 
     async def _check_tool_range(self) -> None:
         wanted = self._settings.tool_range_mm
@@ -139,7 +140,7 @@ class SinumerikWithErrors(Sinumerik):
         and the offsets would change from pose to pose."""
         if self._terms is not None:
             state, *in_force = self._numbers(self._moving, await self._session.read(self._moving))
-            if state != SESSION_ALIVE and max(map(abs, in_force)) > _SAME:
+            if state != ALIVE and max(map(abs, in_force)) > _SAME:
                 raise Refused(
                     "TALC_ERRORS still has errors in force, but no gateway is alive: they would move in the cycle",
                     device=self._device,

@@ -106,7 +106,9 @@ def _echo(settings: SinumerikSettings, counted: int) -> str:
     """The last action. counted: how many of them count"""
     lease = settings.lease
     owned = f"({_r(lease.owner)} > 0) AND ($AC_PARAM[1] == {counted})"
-    return f"WHENEVER {_walks(settings)} AND {owned} DO {_r(settings.errors.echo)} = {_r(lease.beat)} {_r(lease.age)} = 0"
+    return (
+        f"WHENEVER {_walks(settings)} AND {owned} DO {_r(settings.errors.echo)} = {_r(lease.beat)} {_r(lease.age)} = 0"
+    )
 
 
 def _watchdog(settings: SinumerikSettings) -> Iterator[str]:
@@ -116,7 +118,8 @@ def _watchdog(settings: SinumerikSettings) -> Iterator[str]:
     owner, age, silence, state, ramp = (_r(n) for n in (lease.owner, lease.age, lease.silence, lease.state, lease.ramp))
     asked, seen, alive, three = _r(hand.request), "$AC_PARAM[3]", "$AC_PARAM[2]", range(3)
     none = " ".join(f"$AC_PARAM[{_COUNTS + i}] = 0" for i in range(ERRORS))
-    yield f"DO $AC_PARAM[1] = 0 {alive} = 0 $AC_PARAM[7] = 0 $AC_PARAM[24] = 0 {age} = {age} + $MN_IPO_CYCLE_TIME {none}{_COUNT}"
+    fresh = f"$AC_PARAM[1] = 0 {alive} = 0 $AC_PARAM[7] = 0 $AC_PARAM[24] = 0"
+    yield f"DO {fresh} {age} = {age} + $MN_IPO_CYCLE_TIME {none}{_COUNT}"
     yield f"WHENEVER ({age} <= {silence}) AND ({owner} > 0) DO {alive} = 1"
     yield f"DO {state} = (2 - {alive}) * {_within(f'{state} + {alive}', '1')}{_COUNT}"
     for i in range(0, ERRORS, 3):
@@ -153,8 +156,8 @@ def _hold(settings: SinumerikSettings) -> Iterator[str]:
 
 
 def _slew(settings: SinumerikSettings, terms: ErrorTerms) -> Iterator[str]:
-    """The errors in force move in proportion, so far that no point of the travel moves faster than the slew. What is not
-    a number moves nothing, and counts as a missing beat."""
+    """The errors in force move in proportion, so far that no point of the travel moves faster than the slew. What is
+    not a number moves nothing, and counts as a missing beat."""
     slew, ramp = _nc_number(terms.slew_um_per_s), f"1000 * {_r(settings.lease.ramp)}"
     wanted = [f"$AC_PARAM[{_COUNTS + i}]" for i in range(ERRORS)]
     force = [_r(settings.errors.in_force + i) for i in range(ERRORS)]
@@ -226,7 +229,9 @@ def _output(settings: SinumerikSettings, terms: ErrorTerms) -> Iterator[str]:
     same_tool = "TRUNC(1 / (1 + 1000000 * ABS($AC_PARAM[24])))"
     yield (
         f"DO $AC_PARAM[9] = 1 - (1 - {_held(settings)} * {free}) * {same_tool} "
-        + " ".join(f"{bridge[i]} = {bridge[i]} + $AC_PARAM[9] * (1000 * {out[i]} - {target[i]} - {bridge[i]})" for i in each)
+        + " ".join(
+            f"{bridge[i]} = {bridge[i]} + $AC_PARAM[9] * (1000 * {out[i]} - {target[i]} - {bridge[i]})" for i in each
+        )
         + _COUNT
     )
     decay = " ".join(f"{bridge[i]} = {bridge[i]} - {free} * {_within(bridge[i], '$AC_PARAM[25]')}" for i in each)

@@ -185,8 +185,8 @@ class OffsetRoute(Section):
             self._check_names()
         elif self.synchronised:
             raise SetupError(
-                "synchronised axes are for route 'errors': with any other, the axes of a gantry would get their offsets "
-                "one after the other",
+                "synchronised axes are for route 'errors': with any other, the axes of a gantry would get their "
+                "offsets one after the other",
                 hint="set route = 'errors'",
             )
         return self
@@ -282,6 +282,8 @@ class SinumerikControl(OpcUaSettings):
     subscribe_s: NotNegative = 0.0
     """The control reports changes this often instead of being polled every period; 0 polls. A control that offers no
     subscription, or falls silent, is polled."""
+    channel: Annotated[int, Field(ge=1, le=10)] = 1
+    """Number of the channel in which the programs run: it takes the place of u1 in node names under `/Channel/`."""
     axis_numbers: Mapping[str, int] = Field(default={"X": 1, "Y": 2, "Z": 3, "A": 4, "C": 5})
     """Number of each machine axis on the control."""
     origin_mm: Triple = (0.0, 0.0, 0.0)
@@ -303,6 +305,12 @@ class SinumerikControl(OpcUaSettings):
             raise ValueError(
                 f"axis_numbers = {dict(self.axis_numbers)!r}: expected for each of X Y Z A C its own number from 1 on"
             )
+        return self
+
+    @model_validator(mode="after")
+    def _tool_or_slopes(self) -> Self:
+        if self.nodes.tool_length and self.compensation.route == "k0_slope":
+            raise SetupError("nodes.tool_length: route 'k0_slope' does not take it, its slopes count from the axes")
         return self
 
 
@@ -358,11 +366,16 @@ class SinumerikSettings(SinumerikControl):
 
     @property
     def state_sources(self) -> Mapping[str, StateNode]:
-        return self.states if self.states is not None else default_states(self.axis_numbers)
+        states = self.states if self.states is not None else default_states(self.axis_numbers)
+        return {name: node.model_copy(update={"path": self.in_channel(node.path)}) for name, node in states.items()}
+
+    def in_channel(self, path: str) -> str:
+        """The node name for the configured channel."""
+        return re.sub(r"\[u1(?=[,\]])", f"[u{self.channel}", path) if path.startswith("/Channel/") else path
 
     def r(self, number: int) -> str:
         """Node name of an R-parameter."""
-        return self.nodes.r_parameter.format(n=number)
+        return self.in_channel(self.nodes.r_parameter).format(n=number)
 
     @property
     def tool_range_mm(self) -> float:
@@ -371,7 +384,7 @@ class SinumerikSettings(SinumerikControl):
 
     def linear(self, path: str) -> tuple[str, ...]:
         """Node names of X, Y, Z by a path of `nodes`."""
-        return tuple(path.format(n=self.axis_numbers[axis]) for axis in LINEAR_AXES)
+        return tuple(self.in_channel(path).format(n=self.axis_numbers[axis]) for axis in LINEAR_AXES)
 
     @property
     def offset_nodes(self) -> tuple[str, ...]:

@@ -146,6 +146,8 @@ class Nck:
         self.drives_on = True
         self.metric = True
         """MD10240: its basic system is metric."""
+        self.tool_length_mm = 0.0
+        """Length in force along Z."""
         self.probe_available = True
         self.sphere_present = True
         self.chip_um: dict[int, Centre] = {}

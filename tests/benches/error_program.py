@@ -31,7 +31,7 @@ class ErrorChannel:
     """One channel of a control with nothing but the program: no protocol, one interpolation cycle a turn."""
 
     def __init__(self, text: str) -> None:
-        self.r, self.k0_mm = [0.0] * R_COUNT, [0.0] * 3
+        self.r, self.k0_mm = [0.0] * R_COUNT, [0.0] * 5
         self.position: FloatArray = np.array([150.0, -80.0, 120.0, 30.0, 70.0])
         """X Y Z A C in machine coordinates, mm and degrees."""
         self.run = MainRun([text], self.r, {"SA_TEMP_COMP_ABS_VALUE": self.k0_mm}, "XYZAC", IPO_S, 0.0)
@@ -72,7 +72,7 @@ class ErrorChannel:
     @property
     def shift_um(self) -> FloatArray:
         """What the control makes of SD43900: it removes it."""
-        return -1e3 * np.array(self.k0_mm)
+        return -1e3 * np.array(self.k0_mm[:3])
 
     def turn(self, cycles: int = 1) -> FloatArray:
         """(cycles, 3) shifts."""

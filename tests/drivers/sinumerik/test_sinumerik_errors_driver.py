@@ -164,4 +164,4 @@ async def test_a_program_that_no_longer_runs_to_its_end_hears_no_beat() -> None:
                 assert run is not None
                 run.actions.cancel(max(run.actions.numbers))
         assert heard == [True, True, True, False, False, False, False]
-        assert emulated.nck.r[ECHO] == 3.0
+        assert emulated.nck.r[ECHO] == 4.0, "the last beat before"
