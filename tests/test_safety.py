@@ -135,7 +135,10 @@ BROKEN: dict[str, tuple[str, Break]] = {
         "gateway.nc.lease:Lease.__init__",
         never("when_stale"),
     ),
-    f"{NC}/test_nc_link.py::test_after_a_lost_connection_it_begins_from_what_is_in_force": FROM_ZERO,
+    f"{NC}/test_nc_link.py::test_after_a_lost_connection_it_begins_from_what_is_in_force": (
+        "gateway.nc.writer:OffsetWriter._continue_from",
+        instead("in_force", "np.full((3, 1), 4.0)"),
+    ),
     f"{NC}/test_nc_link.py::test_after_the_watchdog_had_the_offsets_it_begins_from_where_they_are": (
         "gateway.nc.link:NcLink._beat",
         without("begin"),
@@ -319,7 +322,7 @@ def failed(test: str) -> bool:
     """Whether a test fails in this process."""
     outcome = Outcome()
     pytest.main(["-q", "-p", "no:cacheprovider", "-p", "no:xdist", str(TESTS / test)], plugins=[outcome])
-    assert outcome.failed + outcome.passed == 1
+    assert outcome.failed + outcome.passed > 0, "it ran"
     return outcome.failed > 0
 
 
