@@ -111,7 +111,9 @@ class ShiftRecorder(EmulatedControl):
         self.corners: list[tuple[float, FloatArray]] = []
         self.requests: list[str] = []
         self._stepped, self._is_read = clock, False
-        super().__init__(machine, clock, program, cycle=cycle, programs=programs(compensation), r_count=R_COUNT_WITH_ERRORS)
+        super().__init__(
+            machine, clock, program, cycle=cycle, programs=programs(compensation), r_count=R_COUNT_WITH_ERRORS
+        )
         self.before_read = self._asked
 
     def now(self) -> float:
