@@ -5,10 +5,6 @@ from typing import TYPE_CHECKING
 from drivers.first_use import on_first_use
 
 if TYPE_CHECKING:
-    from gateway.config.buses import (
-        BusSection,
-        ModbusRtuSection,
-    )
     from gateway.config.certificates import certificate_end, certificate_ends
     from gateway.config.consequences import unarmed
     from gateway.config.controls import AgentNc, LinuxCncNc, MtConnectNc, Nc, SinumerikNc
@@ -20,7 +16,7 @@ if TYPE_CHECKING:
     from gateway.config.model import GatewayConfig
     from gateway.config.outline import inputs_if_known, inputs_of_config, outlined, step_s_of
     from gateway.config.packed import packed_toml, unpacked
-    from gateway.config.polled import PERIOD_S, READ_LIMIT_S, RETRY_MAX_PERIODS
+    from gateway.config.polled import PERIOD_S, READ_LIMIT_S, RETRY_MAX_PERIODS, BusSection
     from gateway.config.prior import PriorError, PriorFile, described, parse_prior, prior_for
     from gateway.config.problems import ConfigError, Problem, place, read_sections, shown, suggestion
     from gateway.config.reading import any_section_of, data_of, kinds_in, read_as, read_text
@@ -34,10 +30,6 @@ else:
     __getattr__ = on_first_use(
         __name__,
         {
-            ".buses": (
-                "BusSection",
-                "ModbusRtuSection",
-            ),
             ".certificates": ("certificate_end", "certificate_ends"),
             ".consequences": ("unarmed",),
             ".controls": ("AgentNc", "LinuxCncNc", "MtConnectNc", "Nc", "SinumerikNc"),
@@ -49,7 +41,7 @@ else:
             ".model": ("GatewayConfig",),
             ".outline": ("inputs_if_known", "inputs_of_config", "outlined", "step_s_of"),
             ".packed": ("packed_toml", "unpacked"),
-            ".polled": ("PERIOD_S", "READ_LIMIT_S", "RETRY_MAX_PERIODS"),
+            ".polled": ("PERIOD_S", "READ_LIMIT_S", "RETRY_MAX_PERIODS", "BusSection"),
             ".prior": ("PriorError", "PriorFile", "described", "parse_prior", "prior_for"),
             ".problems": ("ConfigError", "Problem", "place", "read_sections", "shown", "suggestion"),
             ".reading": ("data_of", "kinds_in", "any_section_of", "read_as", "read_text"),
@@ -82,7 +74,6 @@ __all__ = [
     "Limits",
     "LinuxCncNc",
     "Metrics",
-    "ModbusRtuSection",
     "MtConnectNc",
     "Name",
     "Nc",

@@ -16,7 +16,7 @@ from drivers.build import BUS_KINDS
 from drivers.bus_settings import BusWire, Here
 from gateway.cli.conventions.signals import stop_on_signals
 from gateway.cli.conventions.terminal import terminal
-from gateway.config import BusSection, GatewayConfig, OtherBus, toml_value, unpacked, wires_toml
+from gateway.config import BusSection, GatewayConfig, toml_value, unpacked, wires_toml
 from gateway.recordings import WireEvent, WireLogError, is_wire_log, read_wire_log
 from simulators.devices import (
     EXTENDED,
@@ -218,8 +218,6 @@ def _ready(config: GatewayConfig | None, played: Sequence[Played], folder: Path)
 
 def _nowhere(bus: BusSection, folder: Path) -> dict[str, object]:
     """An address at which a bus that never opened cannot be opened either."""
-    if isinstance(bus, OtherBus):
-        return {}  # only its package knows what it calls its address; see docs/extensions.md
     return bus.moved(Here(str((folder / bus.name).absolute()), _NOBODY))
 
 

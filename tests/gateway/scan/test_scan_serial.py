@@ -9,7 +9,8 @@ from pathlib import Path
 import pytest
 
 from drivers.base import ConnectError
-from gateway.config import ModbusRtuSection, load
+from drivers.modbus import ModbusRtuSettings
+from gateway.config import load
 from gateway.scan.found import Found, ScanReport
 from gateway.scan.fragment import merged
 from gateway.scan.serial import SerialScan, plan, scan_line
@@ -72,8 +73,9 @@ async def test_slow_module_can_be_written_to_a_configuration_that_loads(tmp_path
     file = tmp_path / "gateway.toml"
     file.write_text(merged("", report.places, file), encoding="utf-8")
     (bus,) = load(file).buses
-    assert isinstance(bus, ModbusRtuSection)
-    assert (bus.baud, bus.place) == (600, path)
+    settings: object = bus
+    assert isinstance(settings, ModbusRtuSettings)
+    assert (settings.baud, settings.place) == (600, path)
 
 
 @pytest.mark.simulated_time
