@@ -4,8 +4,8 @@ from collections.abc import Callable, Collection
 
 from drivers.tap import Tap
 from gateway.acquisition.line import Line
-from gateway.clock import ServiceClock
-from gateway.config import GatewayConfig
+from gateway.config.model import GatewayConfig
+from gateway.runtime.clocks import ServiceClock
 
 _APART_S = 0.01
 """Time from the beginning of one bus's periods to the beginning of the next bus's. Buses that begin at one instant wait
