@@ -15,8 +15,9 @@ import pytest
 
 from drivers.sinumerik import ErrorTerms, OffsetRoute, SinumerikSettings, errors_program, make_sinumerik
 from drivers.sinumerik.settings import PAIRS
-from gateway.config import validate
-from gateway.nc import Earlier, Identity, LinkSettings, Listeners, NcLink
+from gateway.config.extended import validate
+from gateway.nc.link import NcLink
+from gateway.nc.settings import Earlier, Identity, LinkSettings, Listeners
 from simulators.nc import (
     Activity,
     CycleSettings,
@@ -28,6 +29,7 @@ from simulators.nc import (
     MeanLoads,
 )
 from simulators.nc.nck import CEC_TABLES
+from simulators.nc.nine_errors import R_COUNT_WITH_ERRORS
 from simulators.plant import RADIUS_MM, Environment, MachineDrive, Plant, load_machine
 from talc.frame import Decision, FloatArray, Phase, Why
 from tests.benches.wire_clock import WireClock
@@ -109,7 +111,9 @@ class ShiftRecorder(EmulatedControl):
         self.corners: list[tuple[float, FloatArray]] = []
         self.requests: list[str] = []
         self._stepped, self._is_read = clock, False
-        super().__init__(machine, clock, program, cycle=cycle, programs=programs(compensation), r_count=130)
+        super().__init__(
+            machine, clock, program, cycle=cycle, programs=programs(compensation), r_count=R_COUNT_WITH_ERRORS
+        )
         self.before_read = self._asked
 
     def now(self) -> float:
