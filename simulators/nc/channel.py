@@ -4,8 +4,8 @@ Variables of programs, R-parameters and G functions belong to the interpretation
 to the main run. What a program reads of those before its STOPRE is what was there before its last blocks.
 """
 
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -13,7 +13,7 @@ from simulators.nc import statements as b
 from simulators.nc.axes import Axes, Path, Reset
 from simulators.nc.blocks import read_global_data, read_program
 from simulators.nc.expressions import Value, converted
-from simulators.nc.modal import MM_PER_INCH, Modal, group_of
+from simulators.nc.modal import Modal, group_of
 from simulators.nc.motion import path_of
 from simulators.nc.operating import Frames, Told
 from simulators.nc.readings import reading
@@ -21,9 +21,7 @@ from simulators.nc.synchronised import ProgramAlarm, SystemVariable
 from simulators.nc.tools import Tools
 from simulators.nc.words import AXES
 
-_LENGTHS: Final = frozenset({"SA_TEMP_COMP_ABS_VALUE"})
-"""Setting data that is a length: a program sees it in its own unit."""
-_R_COUNT: Final = 130
+_R_COUNT: Final = 137
 
 
 class _Return(Exception):
@@ -34,6 +32,15 @@ class _Jump(Exception):
     def __init__(self, label: str) -> None:
         super().__init__(label)
         self.label = label
+
+
+@contextmanager
+def _at(place: str) -> Iterator[None]:
+    """Adds the place to an alarm."""
+    try:
+        yield
+    except ProgramAlarm as alarm:
+        raise alarm if " line " in str(alarm) else ProgramAlarm(f"{place}: {alarm}") from None
 
 
 @dataclass(slots=True)
@@ -77,13 +84,14 @@ class Channel:
         self.written: list[tuple[int, float, dict[str, float], int]] = []
         """Each R-parameter that was written, its value, where the axes were then, and how many moves there had been."""
         self.messages: list[str] = []
-        self._variables, self._actions, self._hooks = dict(variables or {}), actions, dict(hooks or {})
+        self.variables, self.actions, self._hooks = dict(variables or {}), actions, dict(hooks or {})
         self._global = {name: self._made(entry) for name, entry in read_global_data(data).items()}
         self.programs = {program.name: program for program in map(read_program, programs)}
         for program in self.programs.values():
             self._check(program)
         self._stack: list[tuple[b.Program, dict[str, _Variable]]] = []
-        self._queue: list[Path | Callable[[], None]] = []
+        self._queue: list[tuple[str, Path | Callable[[], None]]] = []
+        self._place = ""
         self._end = dict(axes.position)
 
     def start(self, name: str) -> None:
@@ -149,18 +157,13 @@ class Channel:
                 at += 1
             except _Jump as jump:
                 if labels.get(jump.label, -1) < at:
-                    raise self._alarm(statements[at], f"GOTOF {jump.label}: not further on in this program") from None
+                    raise ProgramAlarm(f"{self._place}: GOTOF {jump.label}: not further on in this program") from None
                 at = labels[jump.label]
 
     def _statement(self, statement: b.Statement) -> None:
-        try:
+        self._place = place = f"{self._stack[-1][0].name} line {statement.line}"
+        with _at(place):
             _DO[type(statement)](self, statement)
-        except ProgramAlarm as alarm:
-            raise self._alarm(statement, str(alarm)) from None
-
-    def _alarm(self, statement: b.Statement, cause: str) -> ProgramAlarm:
-        place = f"{self._stack[-1][0].name} line {statement.line}" if self._stack else ""
-        return ProgramAlarm(cause if " line " in cause else f"{place}: {cause}")
 
     def _assign(self, statement: b.Assign) -> None:
         for name, index, value in statement.parts:
@@ -214,9 +217,9 @@ class Channel:
         self.messages.append(statement.text)
 
     def _action(self, statement: b.Action) -> None:
-        if self._actions is None:
+        if self.actions is None:
             raise ProgramAlarm("no synchronised actions here")
-        self._actions(statement.text)
+        self.actions(statement.text)
 
     # Blocks ---------------------------------------------------------------------------------------------------------
 
@@ -266,19 +269,20 @@ class Channel:
     # Main run -------------------------------------------------------------------------------------------------------
 
     def _put(self, entry: Path | Callable[[], None]) -> None:
-        self._queue.append(entry)
+        self._queue.append((self._place, entry))
         while len(self._queue) > self.ahead:
             self._next()
 
     def _next(self) -> None:
-        entry = self._queue.pop(0)
+        place, entry = self._queue.pop(0)
         if self.told.search or self.told.test or self.told.simulation:
             return
-        if isinstance(entry, Path):
-            following = self._queue[0] if self._queue else None
-            self.axes.run(entry, following if isinstance(following, Path) else None)
-        else:
-            entry()
+        following = self._queue[0][1] if self._queue else None
+        with _at(place):
+            if isinstance(entry, Path):
+                self.axes.run(entry, following if isinstance(following, Path) else None)
+            else:
+                entry()
 
     def _stop(self) -> None:
         """A preprocessing stop: everything before it is over."""
@@ -304,7 +308,7 @@ class Channel:
     def read(self, name: str, index: Value | None) -> Value:
         """Implements Scope."""
         if name == "R":
-            return self.r[self._place(name, index, len(self.r))]
+            return self.r[self._number(name, index, len(self.r))]
         if name[0] == "$":
             return self._system(name, index)
         variable = self._found(name)
@@ -312,27 +316,27 @@ class Channel:
 
     def _write(self, name: str, index: Value | None, value: Value) -> None:
         if name == "R":
-            number = self._place(name, index, len(self.r))
+            number = self._number(name, index, len(self.r))
             self.r[number] = float(converted(value, "REAL"))
             self.written.append((number, self.r[number], dict(self.axes.position), len(self.axes.moves)))
         elif name[0] == "$":
             entry, at = self._setting(name, index)
             if entry.read_only:
                 raise ProgramAlarm(f"{name} cannot be written")
-            entry.values[at] = float(converted(value, "REAL")) * self._unit(name)
+            entry.values[at] = float(converted(value, "REAL")) * self._unit(entry, at)
         else:
             variable = self._found(name)
             variable.values[self._element(name, variable, index)] = converted(value, variable.kind)
 
     def _element(self, name: str, variable: _Variable, index: Value | None) -> int:
         if variable.array:
-            return self._place(name, index, len(variable.values))
+            return self._number(name, index, len(variable.values))
         if index is not None:
             raise ProgramAlarm(f"{name} has no index")
         return 0
 
     @staticmethod
-    def _place(name: str, index: Value | None, count: int) -> int:
+    def _number(name: str, index: Value | None, count: int) -> int:
         if index is None or isinstance(index, str) or not 0 <= (at := int(converted(index, "INT"))) < count:
             raise ProgramAlarm(f"{name}[{index}]: the control has none")
         return at
@@ -342,24 +346,21 @@ class Channel:
         if found is not None:
             return found
         entry, at = self._setting(name, index)
-        return entry.values[at] / self._unit(name)
+        return entry.values[at] / self._unit(entry, at)
 
     def _setting(self, name: str, index: Value | None) -> tuple[SystemVariable, int]:
-        entry = self._variables.get(name[1:])
+        entry = self.variables.get(name[1:])
         if entry is None:
             raise ProgramAlarm(f"{name}: not known")
         if entry.index is not None:
             if index not in entry.index:
                 raise ProgramAlarm(f"{name}[{index}]: the control has none")
             return entry, entry.index[str(index)]
-        return entry, self._place(name, 0 if index is None else index, len(entry.values))
+        return entry, self._number(name, 0 if index is None else index, len(entry.values))
 
-    def _unit(self, name: str) -> float:
-        """Unit of the program over that of the basic system, for a length."""
-        if name[1:] not in _LENGTHS:
-            return 1.0
-        basic = 1.0 if self.told.metric else MM_PER_INCH
-        return self.modal.system_mm(metric=self.told.metric) / basic
+    def _unit(self, entry: SystemVariable, at: int) -> float:
+        """mm that 1 is in this program, for a length."""
+        return self.modal.system_mm(metric=self.told.metric) if at in entry.lengths else 1.0
 
 
 _DO: Final[dict[type[b.Statement], Callable[[Channel, Any], None]]] = {
