@@ -8,21 +8,28 @@ import pytest
 
 from drivers.sinumerik import ErrorTerms, OffsetRoute, SinumerikSettings, errors_program
 from drivers.sinumerik.control import PROBING_REASONS
+from drivers.sinumerik.settings import Handshake
 from tests.benches import nc_starts
 from tests.benches.nc_cases import CASES, jogged_at, jogged_within, reset_at, stuck_at
 from tests.benches.nc_deleted import missed_by, statements
 from tests.benches.probed_workshop import CONTACT_MM, Workshop, on_table
 from tests.benches.probing_programs import (
     FOLDER,
+    IDEAL,
+    NOMINAL,
+    POSES,
     PROBING,
+    SAFE_Z,
     Cell,
     Intended,
     off_the_way,
     program_texts,
+    reported,
     started_at,
     unsafe,
 )
 
+HAND = Handshake()
 TRAVEL = ((-200.0, 200.0), (-200.0, 200.0), (0.0, 300.0))
 ERRORS = errors_program(
     SinumerikSettings(security="none", url="opc.tcp://nc", compensation=OffsetRoute(route="errors", travel_mm=TRAVEL)),
@@ -39,6 +46,31 @@ def test_from_mixed_states_of_the_control_nothing_goes_otherwise_than_it_has_to(
     """600 of them: python -m tests.benches.nc_starts."""
     for state in islice(nc_starts.states(400), 120, None, 35):
         assert nc_starts.run(state)[1] == [], state
+
+
+def test_no_state_comes_without_its_number_and_the_offsets_are_let_go_where_they_were_frozen() -> None:
+    cell = Cell()
+    cell.r[64:68] = [6.0, 3.0, 0.0, 6.0]
+    cell.safe_point()
+    answer = [
+        (HAND.state, 0),
+        (HAND.result_of, 0),
+        (HAND.answers, 7),
+        (HAND.reason, 0),
+        (HAND.state, 1),
+        (HAND.state, 2),
+    ]
+    written = reported(cell)
+    assert written[:6] == answer
+    results = range(HAND.results, HAND.results + 3 * len(POSES))
+    assert [number for number, _ in written[6:]] == [*results, HAND.spread, HAND.result_of, HAND.state]
+    assert written[-2:] == [(HAND.result_of, 7), (HAND.state, 3)]
+    places = {value: at for number, value, at, _ in cell.channel.written if number == HAND.state}
+    over = IDEAL.taught(*NOMINAL.poses_deg[0])[:2]
+    assert [places[2][axis] for axis in "XYZ"] == pytest.approx([*over, SAFE_Z])
+    assert places[1] != places[2]
+    assert [places[3][axis] for axis in "XYZA"] == [places[2][axis] for axis in "XYZA"]
+    assert (places[3]["C"] - places[2]["C"]) % 360.0 == pytest.approx(0.0)
 
 
 def test_every_reason_that_a_program_gives_has_a_text() -> None:
