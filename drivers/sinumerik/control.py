@@ -250,7 +250,7 @@ class Sinumerik:
             raise Refused(
                 f"the program on the control knows no dry runs (R{hand.version} is not 2 or more)",
                 device=self._settings.device,
-                hint="load the present TALC_SAFE_POINT and TALC_SPHERE, and call TALC_SAFE_POINT once",
+                hint="load all the present programs of deploy/nc/sinumerik, and call TALC_SAFE_POINT once",
             )
         request, answers, state, _, taken_back = self._numbers(self._request, await self._session.read(self._request))
         if number in (request, answers):

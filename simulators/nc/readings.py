@@ -53,7 +53,7 @@ _OF_AN_AXIS: Final[dict[str, Callable[[Read, str], Value]]] = {
 _NUMBERED: Final[dict[str, Callable[[Read, int], Value]]] = {
     "$P_GG": lambda c, group: c.modal.number(group),
     "$A_PROBE": lambda c, _: int(c.axes.deflected),
-    "$AC_MEA": lambda c, _: c.axes.triggered,
+    "$AC_MEA": lambda c, _: int(c.axes.triggered),
 }
 _SINGLE: Final[dict[str, Callable[[Read], Value]]] = {
     "$P_SIM": lambda c: c.told.simulation,

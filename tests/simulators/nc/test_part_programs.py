@@ -152,7 +152,7 @@ def test_a_tool_s_length_counts_with_supa_unless_the_machine_data_says_otherwise
 
 def test_a_measuring_block_ends_where_the_probe_switches_and_latches_it() -> None:
     made = run(
-        "MEAS=1 SUPA G1 X=100 F=600", "STOPRE", "R1 = $AA_MM[X] R2 = $AA_IM[X]", "IF $AC_MEA[1]", "R3 = 1", "ENDIF"
+        "MEAS=1 SUPA G1 X=100 F=600", "STOPRE", "R1 = $AA_MM[X] R2 = $AA_IM[X]", "IF $AC_MEA[1] == 1", "R3 = 1", "ENDIF"
     )
     assert made.r[1] == pytest.approx(WALL_MM, abs=1e-6)
     assert made.r[2] == pytest.approx(WALL_MM + 10.0 * 0.01 + 10.0**2 / 2000.0)
