@@ -15,10 +15,20 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import zenoh
 
 from gateway.report import build
-from gateway.telemetry import CoursePage, PublishedCourse, PublishedReason, ReportPage, StoredReason, encode, keys
+from gateway.telemetry import (
+    CoursePage,
+    ProbingStanding,
+    PublishedCourse,
+    PublishedReason,
+    ReportPage,
+    StoredReason,
+    encode,
+    keys,
+)
 from gateway.telemetry.history_queries import parse_course
 from gateway.telemetry.report_queries import parse_report
 from talc.names import THERMAL_ERRORS
@@ -27,6 +37,7 @@ from tests.benches.zenoh_sessions import listening
 
 SAMPLES = Path(__file__).with_name("demo_telemetry.jsonl")
 _STATUS_S = 5.0
+_STANDING = [each.name for each in msgspec.structs.fields(ProbingStanding)]
 _TIMES = ("time", "source_time", "asked", "ended")
 
 
@@ -53,6 +64,8 @@ class PlayedGateway:
         with self._lock:
             self._sequence += 1
             self._last[suffix] = message | {"boot": self._boot, "seq": self._sequence}
+            if suffix == keys.PROBING and "status" in self._last:  # which repeats it, as a gateway's does
+                self._last["status"]["probing"] = {name: message[name] for name in _STANDING}
             whole = json.dumps(self._last[suffix])
             self._session.put(f"{self._root}/{suffix}", whole, congestion_control=zenoh.CongestionControl.BLOCK)
 
