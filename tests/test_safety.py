@@ -13,7 +13,7 @@ import pytest
 from tests.benches.broken import VARIABLE, Break, always, broken, gives, instead, never, only_first, uncaught, without
 
 TESTS = Path(__file__).parent
-NC, PROBING, COMMANDS = "gateway/nc", "gateway/probing", "gateway/control/test_command_taker.py"
+NC, PROBING, COMMANDS = "gateway/nc", "gateway/nc/probing", "gateway/control/test_command_taker.py"
 SAFE, AGENT = f"{NC}/test_safe_state.py", "drivers/agent/test_agent_greeting.py"
 FROM_ZERO = ("gateway.nc.slew:Slew.__init__", instead("_matrix", "np.zeros((3, 1))"))
 
@@ -70,7 +70,7 @@ BROKEN: dict[str, tuple[str, Break]] = {
         instead("probing", "False"),
     ),
     f"{PROBING}/test_prober.py::test_stopping_withdraws_the_request_that_nobody_waits_for": (
-        "gateway.probing.prober:Prober.withdraw",
+        "gateway.nc.probing.prober:Prober.withdraw",
         gives("None"),
     ),
     f"{PROBING}/test_prober.py::test_offsets_that_moved_while_the_control_probed_make_no_measurement": (
@@ -197,15 +197,15 @@ BROKEN: dict[str, tuple[str, Break]] = {
         never("paused"),
     ),
     f"{COMMANDS}::test_a_pause_survives_restarts_and_the_loss_of_the_database_until_it_is_resumed": (
-        "gateway.past.earlier:past_of",
+        "gateway.control.restart.earlier:past_of",
         instead("paused", "None"),
     ),
     f"{COMMANDS}::test_without_a_disk_a_pause_counts_at_once_and_nothing_else_does": (
-        "gateway.control.command_taker:CommandTaker.take",
+        "gateway.service.command_taker:CommandTaker.take",
         never("_BY_CAUTION"),
     ),
     f"{COMMANDS}::test_a_command_never_arms_what_is_not_armed_or_has_disarmed_itself": (
-        "gateway.control.command_taker:CommandTaker._measured",
+        "gateway.service.command_taker:CommandTaker._measured",
         always("may_probe"),
     ),
     "gateway/control/test_disarm.py::test_disarmed_the_offsets_ramp_to_zero_whatever_is_declared_until_it_is_armed": (
@@ -217,7 +217,7 @@ BROKEN: dict[str, tuple[str, Break]] = {
         without("settle"),
     ),
     "gateway/control/test_disarm.py::test_a_disarming_survives_restarts_and_the_loss_of_the_database": (
-        "gateway.past.earlier:past_of",
+        "gateway.control.restart.earlier:past_of",
         instead("disarmed", "None"),
     ),
     "gateway/cli/running/test_reloading.py::test_a_good_file_is_applied_and_one_that_needs_a_restart_or_is_wrong_is_"
@@ -253,8 +253,8 @@ BROKEN: dict[str, tuple[str, Break]] = {
     ),
     "drivers/linuxcnc/test_linuxcnc_strangers.py::test_clients_that_only_read_are_served_beside_the_gateway_and_can_"
     "do_nothing_else": ("deploy/nc/linuxcnc/talc_server.py:TalcServer._obey", never("reads")),
-    "gateway/agent_test/test_agent_test.py::test_nothing_that_moves_is_asked_unless_it_is_allowed": (
-        "gateway.agent_test.clauses:run_clauses",
+    "gateway/commissioning/agent_test/test_agent_test.py::test_nothing_that_moves_is_asked_unless_it_is_allowed": (
+        "gateway.commissioning.agent_test.clauses:run_clauses",
         always("moves"),
     ),
     "gateway/storage/test_store.py::test_a_copy_of_what_runs_takes_nothing_over_on_another_computer": (
@@ -268,7 +268,7 @@ BROKEN: dict[str, tuple[str, Break]] = {
         instead("heard", "True"),
     ),
     f"{PROBING}/test_prober.py::test_a_chip_on_the_sphere_is_no_measurement": (
-        "gateway.probing.checks:MeasurementChecks.fits",
+        "gateway.nc.probing.checks:MeasurementChecks.fits",
         gives("None"),
     ),
 }
