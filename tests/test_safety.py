@@ -310,11 +310,14 @@ def rows() -> list[tuple[str, frozenset[str]]]:
 
 
 @cache
-def files() -> dict[str, Path]:
-    """By name of a test's function, the file that it is in."""
-    found = ((file, ast.parse(file.read_text("utf-8"))) for file in TESTS.rglob("test_*.py"))
-    kinds = ast.FunctionDef | ast.AsyncFunctionDef
-    return {node.name: file for file, tree in found for node in tree.body if isinstance(node, kinds)}
+def files() -> dict[str, list[Path]]:
+    """By name of a test's function, the files that it is in."""
+    found = dict[str, list[Path]]()
+    for file in TESTS.rglob("test_*.py"):
+        for node in ast.parse(file.read_text("utf-8")).body:
+            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+                found.setdefault(node.name, []).append(file)
+    return found
 
 
 def test_every_row_names_tests_that_exist_and_has_something_broken() -> None:
@@ -338,8 +341,8 @@ class Outcome:
 def failed(test: str) -> bool:
     """Whether a test fails in this process."""
     outcome, name = Outcome(), f"test_{test}"
-    place = f"{files()[name.partition('[')[0]]}::{name}"
-    pytest.main(["-q", "-p", "no:cacheprovider", "-p", "no:xdist", place], plugins=[outcome])
+    places = [f"{file}::{name}" for file in files()[name.partition("[")[0]]]
+    pytest.main(["-q", "-p", "no:cacheprovider", "-p", "no:xdist", *places], plugins=[outcome])
     assert outcome.failed + outcome.passed > 0, "it ran"
     return outcome.failed > 0
 
