@@ -220,7 +220,7 @@ BROKEN: dict[str, tuple[str, Break]] = {
         "gateway.control.restart.earlier:past_of",
         instead("disarmed", "None"),
     ),
-    "gateway/cli/running/test_reloading.py::test_a_good_file_is_applied_and_one_that_needs_a_restart_or_is_wrong_is_"
+    "gateway/service/test_reloading.py::test_a_good_file_is_applied_and_one_that_needs_a_restart_or_is_wrong_is_"
     "refused_with_the_reason": ("gateway.acquisition.reload:bus_changes", never("changed")),
     # Trust
     f"{NC}/test_nc_link.py::test_what_somebody_else_writes_disarms_instead_of_being_overwritten_by_a_step": (
@@ -240,7 +240,7 @@ BROKEN: dict[str, tuple[str, Break]] = {
         always("read_back"),
     ),
     "drivers/test_nc_watchdog.py::test_a_second_gateway_is_refused_until_the_first_is_silent_or_gone": (
-        "drivers.sinumerik.control:Sinumerik.claim",
+        "drivers.sinumerik.lease:SinumerikLease.claim",
         never("holder"),
     ),
     f"{AGENT}::test_an_agent_that_touches_other_poses_is_refused_and_a_whole_turn_is_none": (
