@@ -314,14 +314,6 @@ class Nck:
             self.main_run.reset()
         self._show_answer(now_s)
 
-    def end_watchdog(self, now_s: float) -> None:
-        """Somebody has removed all static actions."""
-        self.advance(now_s)
-        self.watchdog.runs = False
-        if self.main_run is not None:
-            for number in self.main_run.actions.numbers:
-                self.main_run.actions.cancel(number)
-
     def reference(self, now_s: float) -> None:
         """The axes have found their reference points."""
         self.advance(now_s)
