@@ -48,6 +48,8 @@ EVENTS: Final = (
     "nothing", "no start", "ends", "loses an action", "reset", "end of program", "inch program", "emergency stop",
     "homes again", "power, no start", "power",
 )  # fmt: skip
+_LARGEST_UM: Final = 20.0
+"""No shift is larger."""
 _HARMLESS: Final = {"errors": range(63, 66)}
 """Actions without which silence takes everything to zero all the same."""
 _WRITES: Final = {*range(R_OFFSETS, R_OFFSETS + 3), *range(R_WANTED, R_WANTED + 9), R_TOOL}
@@ -195,7 +197,7 @@ async def starts(route: str, count: int, seed: int, kinds: Sequence[str] = EVENT
             await asyncio.sleep(draw.uniform(0.0, PERIOD_S))
             await site.end(stopped=False)
             found.told[kind] += any("its watchdog" in notice.text for notice in site.notices[told:])
-            await asyncio.sleep(SILENCE_S + 25.0 / SLEW_UM_PER_S)
+            await asyncio.sleep(SILENCE_S + 2 * _LARGEST_UM / SLEW_UM_PER_S)  # `k0_slope` ramps at half of the slew
             control.nck.advance(clock.monotonic())
             if bench.complete:
                 found.left_um = max(found.left_um, bench.shift_um())
