@@ -12,7 +12,7 @@ from gateway.control.trainer import has_failed
 from gateway.storage.history import History
 from gateway.storage.stored import StoredStep
 from talc.frame import Decision
-from talc.training import train
+from talc.papers.training import train
 
 _ARRAYS = ("predicted", "corrected", "sigma", "limits")
 
