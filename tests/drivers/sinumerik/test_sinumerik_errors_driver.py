@@ -2,6 +2,7 @@
 
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from typing import Any
 
 import numpy as np
 import pytest
@@ -38,7 +39,7 @@ OF_PROGRAM, TOOL = 99, 135
 
 @asynccontextmanager
 async def control(
-    *programs: str, r_count: int = R_COUNT, **changes: object
+    *programs: str, r_count: int = R_COUNT, **changes: Any
 ) -> AsyncIterator[tuple[EmulatedControl, SinumerikWithErrors, ManualClock]]:
     clock = ManualClock()
     day = LoadCase([DayPart(0.0, 1e9, Activity.ROUGHING, MeanLoads())], operation_s=40.0)
@@ -160,7 +161,7 @@ async def test_without_its_program_a_gantry_gets_no_offset() -> None:
 
 
 async def test_the_length_of_the_tool_in_use_shifts_the_positions_and_reaches_the_program() -> None:
-    read = {"nodes": Paths(tool_length="/Channel/State/actToolLength1[u1]"), "origin_tool_mm": 80.0}
+    read: dict[str, Any] = {"nodes": Paths(tool_length="/Channel/State/actToolLength1[u1]"), "origin_tool_mm": 80.0}
     program_with_tool = errors_program(settings().model_copy(update=read), TERMS)
     async with control(program(), **read) as (_, nc, _):
         with pytest.raises(Refused, match="takes tools longer by 0 mm, the configuration by 300"):
