@@ -175,6 +175,7 @@ column = 1
 """
 
 
+@pytest.mark.slow
 async def test_lines_show_values_and_problems_where_there_is_no_terminal(tmp_path: Path) -> None:
     file = tmp_path / "gateway.toml"
     source = CountedSource([20.0, 30.0, *[0.0] * 5])
