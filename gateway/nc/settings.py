@@ -8,7 +8,7 @@ from drivers.nc import LARGEST_NUMBER
 from gateway.config.model import GatewayConfig
 from gateway.config.sections import Compensation, Probing
 from gateway.model.commands import Disarmed, Pause
-from gateway.nc.slew import Write
+from gateway.model.compensation import Write
 from gateway.runtime.problems import Notify
 from talc.frame import FloatArray
 
