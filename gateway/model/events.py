@@ -11,8 +11,9 @@ from gateway.model.step_time import StepTime
 from gateway.nc.probing.cycle import Outcome
 from gateway.nc.probing.schedule import Outlook
 from gateway.runtime.problems import Notice
+from talc.explanation import Reasons
+from talc.forecast import Forecast, Misses, PlannedForecast
 from talc.frame import Decision, Event, EventKind, Frame
-from talc.learner import Forecast, Misses, PlannedForecast, Reasons
 from talc.models import ModelSet
 from talc.sensor_check import Judgement
 

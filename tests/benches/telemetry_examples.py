@@ -13,8 +13,9 @@ from gateway.model.sample import Sample
 from gateway.model.standing import Standing
 from gateway.nc.probing.cycle import End, Outcome
 from gateway.nc.probing.schedule import Outlook
+from talc.explanation import ErrorReason, Reasons
+from talc.forecast import Forecast, Misses
 from talc.frame import Decision, Event, EventKind, Frame, Measurement, Phase, Why
-from talc.learner import ErrorReason, Forecast, Misses, Reasons
 from talc.models import ErrorModel, ModelSet
 from talc.names import THERMAL_ERRORS
 from talc.sensor_check import Finding, Judgement
