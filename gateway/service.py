@@ -47,15 +47,12 @@ from gateway.model.events import (
 from gateway.nc import Earlier, Identity, LinkSettings, Listeners, NcLink, control_of
 from gateway.past import Past
 from gateway.polling import Notice
-from gateway.probing import NotBegun, schedule_of
+from gateway.probing import NotBegun, number_after, schedule_of
 from gateway.storage import StoreError
 from gateway.watches import ClockWatch, HealthWatch, StoreWatch
 from talc.frame import Decision, Event, EventKind, FloatArray, Frame, TrainingJob, Why
 
 log = logging.getLogger(__name__)
-
-_FIRST_NUMBER_BELOW = 1_000_000
-"""Request numbers are sent in R-parameters (64-bit reals) and read by people."""
 
 _LOOKS_PER_STEP, _SHORTEST_LOOK_S = 60, 1.0
 """How often the store's health is looked at: each 5 s with a grid of 5 min."""
@@ -247,21 +244,19 @@ class Service:
         config = self._config
         if config.nc is None:
             return None
-        number = self._past.last_number
-        if number is None:
-            number = int(self._clock.utc().timestamp()) % _FIRST_NUMBER_BELOW
         return NcLink(
             control_of(config.nc, config, self._clock),
             self._clock,
             LinkSettings.of(config, self._identity),
             Earlier(
-                first_number=number + 1,
+                first_number=number_after(self._past.last_number, self._clock.utc()),
                 abandoned=self._past.last_number,
                 reference_mm=self._past.reference_mm,
                 measured_s=self._measured_s(),
                 missing_s=self._missing_s(),
                 paused=self._past.paused,
                 disarmed=self._past.disarmed,
+                proven=self._past.proven,
             ),
             Listeners(
                 states=self._sampler.add_states,

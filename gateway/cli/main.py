@@ -95,6 +95,7 @@ def check(config: Path) -> None:
     """Check CONFIG without touching the network."""
     from gateway.cli.running.opening import armed, contents
     from gateway.config import ConfigError, credential_problems, described, other_kinds, unarmed
+    from gateway.past import dry_run_wanted
     from gateway.scan import to_confirm
 
     checked = read_config(config)
@@ -109,7 +110,7 @@ def check(config: Path) -> None:
     )
     if usable:
         click.echo(f"kinds of other packages: {', '.join(usable)}")
-    for consequence in unarmed(checked):
+    for consequence in filter(None, (*unarmed(checked), dry_run_wanted(checked))):
         click.echo(consequence)
     if guesses := to_confirm(config.read_text(encoding="utf-8")):
         click.echo(f"still to confirm: {len(guesses)} (line {', '.join(str(number) for number, _ in guesses)})")

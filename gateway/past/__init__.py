@@ -6,6 +6,7 @@ from drivers.first_use import on_first_use
 
 if TYPE_CHECKING:
     from gateway.past.earlier import Past, decide_alike, from_stored, past_in, past_of, stored_config
+    from gateway.past.proven import dry_run_wanted, proven_in
     from gateway.past.rebuild import Interrupted, Rebuilt, continued, controller_of, marks, rebuilt, start_of
     from gateway.past.snapshots import SnapshotKeeper
 else:
@@ -13,6 +14,7 @@ else:
         __name__,
         {
             ".earlier": ("Past", "decide_alike", "from_stored", "past_in", "past_of", "stored_config"),
+            ".proven": ("dry_run_wanted", "proven_in"),
             ".rebuild": ("Interrupted", "Rebuilt", "continued", "controller_of", "marks", "rebuilt", "start_of"),
             ".snapshots": ("SnapshotKeeper",),
         },
@@ -26,10 +28,12 @@ __all__ = [
     "continued",
     "controller_of",
     "decide_alike",
+    "dry_run_wanted",
     "from_stored",
     "marks",
     "past_in",
     "past_of",
+    "proven_in",
     "rebuilt",
     "start_of",
     "stored_config",

@@ -9,6 +9,7 @@ from gateway.clock import StepTime
 from gateway.config import GatewayConfig, parse_prior, stored_configuration
 from gateway.control import SeenBefore, rows_remembered
 from gateway.model.commands import Disarmed, Pause
+from gateway.past.proven import proven_in
 from gateway.past.rebuild import (
     Interrupted,
     RebuildProgress,
@@ -53,6 +54,8 @@ class Past:
     """The compensation's pause; None: it is not paused."""
     disarmed: Disarmed | None = None
     """Who has disarmed the gateway; None: nobody."""
+    proven: bool = False
+    """Whether a dry run went well, or a cycle has measured, with this control, these poses and this sphere."""
 
     former_method: str | None = None
     """`[talc] method` of the latest run, if this configuration has another one."""
@@ -163,6 +166,7 @@ def past_of(history: History, config: GatewayConfig, progress: RebuildProgress =
             last_number=history.last_number(),
             paused=history.paused(),
             disarmed=history.disarmed(),
+            proven=proven_in(history, config),
         )
     before = stored_config(history)
     changed = before.talc.method != config.talc.method
@@ -189,6 +193,7 @@ def past_of(history: History, config: GatewayConfig, progress: RebuildProgress =
         since_snapshot=found.steps,
         paused=history.paused(),
         disarmed=history.disarmed(),
+        proven=proven_in(history, config),
         former_method=before.talc.method if changed else None,
         other_prior=not changed and config.talc.method == "learner" and before.prior != config.prior,
         changes=(*_inputs_changed(before, config), *(() if changed else _settings_changed(before.talc, config.talc))),

@@ -5,7 +5,9 @@ from typing import TYPE_CHECKING
 from drivers.first_use import on_first_use
 
 if TYPE_CHECKING:
-    from gateway.probing.cycle import End, Held, InForce, NotBegun, Outcome, Probe, Rejected, probe_of
+    from gateway.probing.cycle import End, Held, InForce, NotBegun, Outcome, Probe, Rejected, number_after, probe_of
+    from gateway.probing.dry_run import DryRun, run_dry
+    from gateway.probing.geometry import Geometry, barrier, geometry_of, is_of, recorded
     from gateway.probing.prober import Prober
     from gateway.probing.schedule import Bulletin, Outlook, ProbingSchedule, excess, schedule_of
     from gateway.probing.standing import Standing
@@ -14,7 +16,19 @@ else:
     __getattr__ = on_first_use(
         __name__,
         {
-            ".cycle": ("End", "Held", "InForce", "NotBegun", "Outcome", "Probe", "Rejected", "probe_of"),
+            ".cycle": (
+                "End",
+                "Held",
+                "InForce",
+                "NotBegun",
+                "Outcome",
+                "Probe",
+                "Rejected",
+                "number_after",
+                "probe_of",
+            ),
+            ".dry_run": ("DryRun", "run_dry"),
+            ".geometry": ("Geometry", "barrier", "geometry_of", "is_of", "recorded"),
             ".prober": ("Prober",),
             ".schedule": ("Bulletin", "Outlook", "ProbingSchedule", "excess", "schedule_of"),
             ".standing": ("Standing",),
@@ -24,7 +38,9 @@ else:
 
 __all__ = [
     "Bulletin",
+    "DryRun",
     "End",
+    "Geometry",
     "Held",
     "InForce",
     "NotBegun",
@@ -35,8 +51,14 @@ __all__ = [
     "ProbingSchedule",
     "Rejected",
     "Standing",
+    "barrier",
     "excess",
+    "geometry_of",
+    "is_of",
+    "number_after",
     "probe_of",
+    "recorded",
+    "run_dry",
     "schedule_of",
     "to_its_end",
 ]

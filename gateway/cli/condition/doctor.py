@@ -18,6 +18,7 @@ from gateway.cli.condition.kernel_files import kernel_text
 from gateway.cli.conventions.terminal import terminal
 from gateway.clock import clock_synchronised
 from gateway.config import GatewayConfig, cautions, credential_problems
+from gateway.past import dry_run_wanted
 from gateway.storage import History, answered
 from talc.frame import FloatArray
 from talc.steps import DAY_S, steps_in
@@ -93,6 +94,12 @@ def ailments(config: GatewayConfig, root: Path, *, synchronised: bool) -> Iterat
     for problem in credential_problems(config.telemetry, datetime.now(UTC)):
         if problem.where not in unread:
             yield Ailment(str(problem), *spoilt_file(config, problem))
+    if why := dry_run_wanted(config):
+        yield Ailment(
+            why,
+            "a cycle that was never driven at this machine may touch what it must not",
+            "do it with the feed override at hand: docs/machine-responsible.md",
+        )
     if answered(config.storage.path, config.storage.path.is_file):
         with History(config.storage.path) as history:
             yield from _other_masters(history, config)

@@ -13,6 +13,7 @@ from gateway.cli.running.opening import armed
 from gateway.clock import clock_synchronised
 from gateway.config import GatewayConfig, unarmed
 from gateway.nc import still_wrong
+from gateway.past import dry_run_wanted
 from gateway.storage import History, answered
 from talc.frame import Event, EventKind
 
@@ -86,7 +87,7 @@ def status_of(config: GatewayConfig, now: datetime, *, synchronised: bool = True
         phase=None if decision is None else decision[1],
         decision_age_s=age_s,
         armed=armed(config),
-        unarmed=unarmed(config),
+        unarmed=tuple(filter(None, (*unarmed(config), dry_run_wanted(config)))),
         paused=None if pause is None else str(pause),
         disarmed=None if disarmed is None else str(disarmed),
         readings=readings,
