@@ -30,7 +30,7 @@ from drivers.nc import (
     Triple,
     WatchdogTerms,
 )
-from gateway.polling import uncancelled, unexpected
+from gateway.runtime.boundary import uncancelled, unexpected
 
 log = logging.getLogger(__name__)
 

@@ -11,12 +11,17 @@ import click
 
 from drivers.base import DriverError, Refused, SetupError
 from drivers.nc import ProbingState, RunsDry
-from gateway.clock import RealClock, ServiceClock
-from gateway.config import GatewayConfig, Nc
+from gateway.config.controls import Nc
+from gateway.config.model import GatewayConfig
 from gateway.model.events import EventReported, ProbingRequested
-from gateway.nc import contained_control, control_of
-from gateway.probing import DryRun, Geometry, NotBegun, Rejected, geometry_of, number_after, recorded, run_dry
-from gateway.storage import History, Store, boot_id
+from gateway.nc.boundary import contained_control
+from gateway.nc.build import control_of
+from gateway.nc.probing.cycle import NotBegun, Rejected, number_after
+from gateway.nc.probing.dry_run import DryRun, run_dry
+from gateway.nc.probing.geometry import Geometry, geometry_of, recorded
+from gateway.runtime.clocks import RealClock, ServiceClock
+from gateway.storage.history import History
+from gateway.storage.store import Store, boot_id
 from talc.frame import Event, EventKind
 
 _POLL_S = 0.2

@@ -12,7 +12,7 @@ import pytest
 from drivers.nc import LINEAR_AXES, ProbingState
 from drivers.sinumerik.control import PROBING_REASONS, PROBING_STATES
 from drivers.sinumerik.settings import Handshake, LeaseParameters, OffsetRoute, SinumerikSettings
-from gateway.config import Probing
+from gateway.config.sections import Probing
 from simulators.nc import CycleSettings
 from simulators.nc.main_run import MainRun
 from simulators.nc.nck import CEC_TABLES

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from gateway.cli.condition.doctor import ailments
-from gateway.config import load
+from gateway.config.file import load
 from simulators.nc import CycleSettings, EmulatedControl
 from simulators.nc.alone import OwnTime, lone_control
 from simulators.nc.nck import R_VERSION
