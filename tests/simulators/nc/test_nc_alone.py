@@ -16,7 +16,7 @@ from pathlib import Path
 
 import pytest
 
-from gateway.cli.commissioning.dry_run import dry_run
+from gateway.commissioning.dry_run import dry_run
 from gateway.config.file import parse
 from gateway.model.events import GatewayEvent, MeasurementEnded
 from gateway.nc.probing.cycle import End, Outcome
