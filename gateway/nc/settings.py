@@ -73,6 +73,9 @@ class Earlier:
     """The compensation's pause; None: it is not paused."""
     disarmed: Disarmed | None = None
     """Who has disarmed the gateway; None: nobody."""
+    proven: bool = True
+    """Whether a dry run has gone well, or a cycle has measured, with this control, poses and sphere: without, no cycle
+    is requested."""
 
 
 @dataclass(frozen=True, slots=True)
