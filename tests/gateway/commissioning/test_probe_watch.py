@@ -20,8 +20,8 @@ from drivers.base import Quality, SystemClock
 from drivers.build import make_device
 from gateway.acquisition.acquisition import Acquisition
 from gateway.acquisition.line import Line
-from gateway.acquisition.sample import Sample
 from gateway.commissioning.probe_watch import DeviceFigures, ProbeView
+from gateway.model.sample import Sample
 from simulators.devices import Adam6015, TcpHost
 from simulators.devices.source import SensorFault
 from tests.benches.buses import make_bus

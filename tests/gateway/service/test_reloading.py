@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from gateway.acquisition.reload import BusChanges, PreparedReload, ReloadError
+from gateway.config.applied import ConfigurationApplied
 from gateway.config.file import load
-from gateway.model.events import ConfigurationApplied
 from gateway.service.reloading import Reloading
 from gateway.service.service import Service
 from talc.frame import EventKind

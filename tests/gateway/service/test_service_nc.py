@@ -74,9 +74,9 @@ async def serving(
     learnt: a configuration, instead of `config`, and a controller to begin with
     """
     settings = config(bench, name, storage)
-    past = Past(Controller(settings.input_names, settings.talc))
+    past = Past(Controller(settings.input_names, settings.talc), proven=True)
     if learnt is not None:
-        settings, past = learnt[0], Past(learnt[1])
+        settings, past = learnt[0], Past(learnt[1], proven=True)
     if settings.storage.path.exists():
         past = restarted(settings)
     stop = asyncio.Event()
