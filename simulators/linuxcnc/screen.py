@@ -74,6 +74,13 @@ class ControlScreen:
         # A block is done when its last setpoint is planned; the interpolator reaches it some servo periods later.
         self.until("axes where the block sent them", _arrived)
 
+    def send_mdi(self, block: str) -> None:
+        """As another client of LinuxCNC does at any moment: without waiting, in whatever mode the control is."""
+        self.command.mdi(block)
+
+    def send_mode(self, mode: int) -> None:
+        self.command.mode(mode)
+
     def run(self, program: str) -> None:
         """Start a program; it goes on by itself."""
         self.command.mode(linuxcnc.MODE_AUTO)
@@ -166,6 +173,29 @@ class ControlScreen:
             "gcodes": sorted(self.stat.gcodes[1:]),
         }
 
+    def modal(self) -> dict[str, Any]:
+        """Everything that a later block depends on, as LinuxCNC reports it."""
+        self.stat.poll()
+        s = self.stat
+        return {
+            "gcodes": [code for i, code in enumerate(s.gcodes) if i not in (0, 2)],
+            "mcodes": [code for i, code in enumerate(s.mcodes) if i not in (0, 1, 3)],
+            "settings": list(s.settings[1:]),
+            "tool": s.tool_in_spindle,
+            "preselected": s.pocket_prepped,
+            "tool_offset": list(s.tool_offset),
+            "g5x": [s.g5x_index, *s.g5x_offset, s.rotation_xy],
+            "g92": list(s.g92_offset),
+            "overrides": [
+                s.feed_override_enabled,
+                s.feed_hold_enabled,
+                s.adaptive_feed_enabled,
+                *(spindle["override_enabled"] for spindle in s.spindle[: s.spindles]),
+            ],
+            "spindle": [[n["direction"], n["speed"]] for n in s.spindle[: s.spindles]],
+            "coolant": [s.mist, s.flood],
+        }
+
     def sample(self, count: int, *signals: str) -> list[list[float]]:
         """Values of the signals in `count` servo periods, one after the other: at most ten, the first time it is asked.
 
@@ -239,6 +269,9 @@ VERBS = (
     "home",
     "unhome",
     "mdi",
+    "send_mdi",
+    "send_mode",
+    "modal",
     "run",
     "abort",
     "estop",
