@@ -192,7 +192,7 @@ class ControlScreen:
                 s.adaptive_feed_enabled,
                 *(spindle["override_enabled"] for spindle in s.spindle[: s.spindles]),
             ],
-            "spindle": [[n["direction"], n["speed"]] for n in s.spindle[: s.spindles]],
+            "spindle": [[n["enabled"] and n["direction"], n["speed"]] for n in s.spindle[: s.spindles]],
             "coolant": [s.mist, s.flood],
         }
 
