@@ -16,7 +16,7 @@ bench: $(VENV)/.ready
 		$(BIN)/python -m benchmarks $(SUBJECTS)
 
 # One of the papers' studies in full (docs/studies.md); continues where it was stopped, and renews its table in
-# docs/results.md and its page in docs/studies.
+# docs/results.md and the figures of its page in docs/studies.
 study: $(VENV)/.ready
 	$(BIN)/python -m studies $(NAME) --results docs/results.md --pages docs/studies
 
@@ -32,7 +32,7 @@ pictures: $(VENV)/.ready
 	cp $(OUT)/demo/report.png $(PICTURES)/demo.png
 	PAGE_PICTURES=$(PICTURES) $(PYTEST) $(SHOTS)  # needs Debian's chromium, and npm
 
-# The documentation as a site, out/site; links and references that lead nowhere are errors.
+# The documentation as a site, out/site, with the studies' pages; links and references that lead nowhere are errors.
 site: $(VENV)/.ready
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
@@ -63,14 +63,17 @@ wheels:
 audit:
 	$(PYTHON) deploy/advisories.py requirements/run.lock requirements/build.lock requirements/wheels.lock
 
-# Which mutants of the safety-critical modules no test kills (tests/README.md); continues where it was stopped.
-# MODULES="gateway.nc.slew ...": only these; MINUTES=30: end after that time; SAMPLE=150: this many of each, at random.
-# cosmic-ray has its own environment.
-MODULES ?=
-MINUTES ?= 600
+# Which mutants of a module its tests do not notice, by cosmic-ray, which changes the module in this tree meanwhile:
+# make mutation MODULE=gateway/nc/slew.py TESTS=tests/gateway/nc. Continues where it was stopped; cosmic-ray has its own
+# environment.
+MODULE ?= gateway/nc/slew.py
+MUTATION := out/mutation/$(subst /,.,$(MODULE))
 mutation: $(VENV)/.ready
 	test -x out/mutation/tool/bin/cosmic-ray || ($(PYTHON) -m venv out/mutation/tool && out/mutation/tool/bin/pip install --quiet cosmic-ray==8.7.0)
-	$(BIN)/python -m tests.benches.mutation --minutes $(MINUTES) $(if $(SAMPLE),--sample $(SAMPLE)) $(MODULES)
+	sed 's|MODULE|$(MODULE)|; s|TESTS|$(TESTS)|' tests/cosmic-ray.toml > $(MUTATION).toml
+	test -f $(MUTATION).sqlite || out/mutation/tool/bin/cosmic-ray init $(MUTATION).toml $(MUTATION).sqlite
+	out/mutation/tool/bin/cosmic-ray exec $(MUTATION).toml $(MUTATION).sqlite
+	out/mutation/tool/bin/cr-report --surviving-only --show-diff $(MUTATION).sqlite
 
 lint: $(VENV)/.ready
 	$(BIN)/ruff format --check .

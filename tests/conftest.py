@@ -11,8 +11,6 @@ from collections.abc import AsyncIterator, Generator, Iterator
 import pytest
 from hypothesis import HealthCheck, settings
 
-from tests.benches import asked_again
-from tests.benches.dealing import dealt
 from tests.benches.idle_loop import IdleLoop
 from tests.benches.processes import open_links
 from tests.benches.simulated_time import real_monotonic_s, simulated_time
@@ -32,25 +30,8 @@ _GRACE_S = 30.0
 """Threads of C libraries end a moment after their object is closed, on a busy computer some seconds."""
 
 
-def _minutes(item: pytest.Item) -> float | None:
-    """The minutes that its marker `slow` states; about ten seconds if that states nothing."""
-    slow = item.get_closest_marker("slow")
-    return None if slow is None else float(slow.kwargs.get("minutes", 0.2))
-
-
-@pytest.hookimpl(trylast=True)
-def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Called after the choice of tests."""
-    workers = int(getattr(config, "workerinput", {}).get("workercount", 1))
-    items[:] = dealt(items, lambda item: item.path, _minutes, workers)
-
-
 def pytest_asyncio_loop_factories() -> dict[str, type[IdleLoop]]:
     return {"idle": IdleLoop}
-
-
-def pytest_configure(config: pytest.Config) -> None:
-    config.pluginmanager.register(asked_again)
 
 
 def pytest_collection_finish() -> None:

@@ -5,9 +5,9 @@ import re
 import pytest
 from click.testing import CliRunner
 
-from gateway.cli import main
+from gateway.cli.main import main
 from tests.benches.linuxcnc_module import module_at
-from tests.benches.tried import ROOT
+from tests.benches.pages import ROOT
 
 PAGE: str = module_at(ROOT / "docs" / ".site" / "command_line.py").command_line_page()
 

@@ -16,8 +16,7 @@ from zipfile import ZipFile
 
 import pytest
 
-from tests.benches.made_once import made_once, run_folder
-from tests.benches.shown_commands import COMMANDS
+from tests.benches.pages import commands
 
 pytestmark = pytest.mark.slow
 
@@ -53,14 +52,14 @@ def only_wheel(folder: Path) -> Path:
 
 @pytest.fixture(scope="module")
 def wheel(source: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = run_folder(tmp_path_factory) / "service-wheel"
-    return only_wheel(made_once(folder, lambda folder: build(source, folder)))
+    build(source, folder := tmp_path_factory.mktemp("service-wheel"))
+    return only_wheel(folder)
 
 
 @pytest.fixture(scope="module")
 def simulators(source: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = run_folder(tmp_path_factory) / "simulators-wheel"
-    return only_wheel(made_once(folder, lambda folder: build(source / "deploy" / "simulators", folder)))
+    build(source / "deploy" / "simulators", folder := tmp_path_factory.mktemp("simulators-wheel"))
+    return only_wheel(folder)
 
 
 def packed(wheel: Path) -> tuple[set[str], list[str]]:
@@ -98,7 +97,7 @@ def test_unzip_lists_it_as_contributing_shows(wheel: Path) -> None:
     assert not re.search(r" (simulators|studies|benchmarks|tests)/", listed)
 
 
-@pytest.mark.parametrize("shown", sorted({c for _, c in COMMANDS if re.match(r"pip install ['\"]?talc-gateway", c)}))
+@pytest.mark.parametrize("shown", sorted({c for _, c in commands() if re.match(r"pip install ['\"]?talc-gateway", c)}))
 def test_pip_finds_all_that_an_installation_shown_on_a_page_names(shown: str, wheel: Path, simulators: Path) -> None:
     """What it would install of ours; the third-party packages are there, in the versions that the wheel asks for."""
     _, _, named = shlex.split(shown)
@@ -132,13 +131,13 @@ def test_the_wheel_names_what_of_others_is_in_it(wheel: Path) -> None:
 
 def test_no_wheel_is_built_with_another_script_for_the_charts(source: Path, tmp_path: Path) -> None:
     changed = shutil.copytree(source, tmp_path / "changed")
-    with (changed / "gateway/report/uplot/uPlot.iife.min.js").open("a", encoding="utf-8") as script:
+    with (changed / "gateway/reporting/uplot/uPlot.iife.min.js").open("a", encoding="utf-8") as script:
         script.write(" ")
     command = [sys.executable, "-m", "pip", "wheel", "--no-deps", "--wheel-dir", tmp_path / "wheels", changed]
     done = subprocess.run(list(map(str, command)), capture_output=True, text=True)
     assert done.returncode != 0
     said = " ".join((done.stdout + done.stderr).split())
-    assert "uPlot.iife.min.js: not the file whose SHA-512 is in gateway/report/uplot/SHA512SUMS" in said
+    assert "uPlot.iife.min.js: not the file whose SHA-512 is in gateway/reporting/uplot/SHA512SUMS" in said
 
 
 def test_whatever_builds_a_package_is_installed_by_hash() -> None:

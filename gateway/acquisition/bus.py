@@ -8,7 +8,8 @@ from contextlib import contextmanager
 
 from drivers.base import Bus, Driver, LimitedBus
 from gateway.acquisition.line import Line
-from gateway.polling import Breaker, uncancelled
+from gateway.runtime.boundary import uncancelled
+from gateway.runtime.breaker import Breaker
 
 log = logging.getLogger(__name__)
 

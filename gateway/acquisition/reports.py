@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from drivers.base import DriverError, Reading, SharedLine
 from gateway.acquisition.line import Line
 from gateway.acquisition.pace import Pace
-from gateway.polling import Problems
+from gateway.runtime.problems import Problems
 
 OTHER_MASTER = "another master is on this line"
 """In the text of the problem."""

@@ -12,8 +12,9 @@ from gateway.acquisition.device import PolledDevice
 from gateway.acquisition.line import Line
 from gateway.acquisition.reports import LineReports
 from gateway.acquisition.sample import Sample, samples
-from gateway.clock import ServiceClock
-from gateway.polling import Notify, Periodic, Problems
+from gateway.runtime.clocks import ServiceClock
+from gateway.runtime.periodic import Periodic
+from gateway.runtime.problems import Notify, Problems
 
 log = logging.getLogger(__name__)
 

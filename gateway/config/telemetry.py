@@ -9,8 +9,8 @@ from pydantic import AfterValidator, Field, model_validator
 
 from drivers.bus_settings import is_loopback
 from drivers.section import FilePath, NotEmpty, Section, both_or_neither, host_and_port, matching, user_and_password
-from gateway.commands import CommandName
 from gateway.config.fields import DEFAULT_PREFIX, LOOPBACK, KeyPrefix
+from gateway.model.commands import CommandName
 
 _PROTOCOLS = ("tcp", "tls", "quic", "udp", "ws")
 _ENCRYPTED = ("tls", "quic")

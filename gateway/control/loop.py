@@ -8,11 +8,12 @@ import logging
 import math
 from collections.abc import Callable, Sequence
 
-from gateway.clock import Ages, ServiceClock, StepTime
 from gateway.control.grid import GridSampler, Instant, Schedule
 from gateway.control.measuring import Measuring
 from gateway.control.trainer import Trainings
-from gateway.events import DecisionMade, EventReported, FrameMade, Sink
+from gateway.model.events import DecisionMade, EventReported, FrameMade, Sink
+from gateway.runtime.ages import Ages, StepTime
+from gateway.runtime.clocks import ServiceClock
 from talc.control import Controller
 from talc.frame import Decision, FloatArray, Frame
 

@@ -6,11 +6,11 @@ import math
 from collections.abc import Awaitable, Callable, Sequence
 from dataclasses import dataclass
 
-from gateway.apart import WorkError, apart
-from gateway.clock import ServiceClock
 from gateway.control.last_rows import LastRows
-from gateway.events import EventReported, SensorsJudged, Sink, problem_event
-from gateway.polling import Notice, Problems
+from gateway.model.events import EventReported, SensorsJudged, Sink, problem_event
+from gateway.runtime.clocks import ServiceClock
+from gateway.runtime.problems import Notice, Problems
+from gateway.runtime.workers.process import WorkError, apart
 from talc.frame import BoolArray, Event, EventKind, FloatArray, Frame, Frames
 from talc.sensor_check import Finding, judge, rows_needed
 from talc.sensor_model import SensorModel, learn

@@ -4,9 +4,9 @@ import asyncio
 import logging
 from collections.abc import Awaitable, Callable
 
-from gateway.apart import apart
-from gateway.clock import ServiceClock
-from gateway.events import EventReported, ModelsAdopted, Sink
+from gateway.model.events import EventReported, ModelsAdopted, Sink
+from gateway.runtime.clocks import ServiceClock
+from gateway.runtime.workers.process import apart
 from talc.control import Controller
 from talc.frame import TrainingJob
 from talc.models import ModelSet

@@ -5,12 +5,12 @@ import math
 
 from drivers.base import NoAnswer
 from drivers.nc import NumericalControl, WatchdogTerms
-from gateway.clock import ServiceClock
-from gateway.config import Compensation
+from gateway.config.sections import Compensation
 from gateway.nc.problems import HEARD_AGAIN, NOT_ANSWERED, UNRECEIVED
 from gateway.nc.settings import Identity
 from gateway.nc.states import RIGHTS, Reply, Right, after
-from gateway.polling import Notice, Notify, Problems
+from gateway.runtime.clocks import ServiceClock
+from gateway.runtime.problems import Notice, Notify, Problems
 
 log = logging.getLogger(__name__)
 

@@ -1,6 +1,6 @@
 """Reports a control that answers so slowly that periods are skipped."""
 
-from gateway.polling import Problems
+from gateway.runtime.problems import Problems
 
 _SUBJECT = "pace of NC"
 _IN_A_ROW = 5

@@ -7,7 +7,9 @@ from drivers.base import ConnectError, DriverError, NoAnswer, Quality
 from drivers.nc import NcSnapshot, NumericalControl
 from gateway.nc.motion import Motion
 from gateway.nc.problems import CONNECTED_AGAIN, NOT_CONNECTED
-from gateway.polling import Breaker, Problems, UnexpectedError
+from gateway.runtime.boundary import UnexpectedError
+from gateway.runtime.breaker import Breaker
+from gateway.runtime.problems import Problems
 
 log = logging.getLogger(__name__)
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from typing import Final, Literal
 
-from gateway.commands import CommandOutcome
+from gateway.model.commands import CommandOutcome
 from gateway.storage.stored import StoredCompensation, StoredMeasurement, StoredRun, StoredStep
 from talc.frame import Event
 from talc.learner import Reasons

@@ -9,7 +9,7 @@ from datetime import datetime
 from itertools import count
 from pathlib import Path
 
-from gateway.commands import CommandName
+from gateway.model.commands import CommandName
 from gateway.storage.damage import RawRow, any_text, checked_columns, inputs_of_run, is_whole
 from gateway.storage.epochs import begin_epoch
 from gateway.storage.readings import MOST_BOOTS

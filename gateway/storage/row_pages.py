@@ -12,7 +12,7 @@ from itertools import takewhile
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
-from gateway.config import inputs_if_known, step_s_of
+from gateway.config.outline import inputs_if_known, step_s_of
 from gateway.storage import columns, rows
 from gateway.storage.columns import CellKinds, Cells
 from gateway.storage.epochs import NUMBERS, Position, RowSpan, next_span

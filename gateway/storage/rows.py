@@ -12,11 +12,11 @@ from typing import Any, Final
 
 import numpy as np
 
-from gateway.clock import StepTime
-from gateway.commands import Command, CommandName, CommandOutcome
-from gateway.config import inputs_if_known, outlined, step_s_of
-from gateway.nc import Write
-from gateway.probing import Outcome
+from gateway.config.outline import inputs_if_known, outlined, step_s_of
+from gateway.model.commands import Command, CommandName, CommandOutcome
+from gateway.nc.probing.cycle import Outcome
+from gateway.nc.slew import Write
+from gateway.runtime.ages import StepTime
 from gateway.storage.learnt import Reference
 from gateway.storage.stored import StoredCompensation, StoredMeasurement, StoredRun, StoredStep
 from talc.frame import (

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Self, assert_never
 
 from drivers.base import Clock
-from gateway.events import (
+from gateway.model.events import (
     CommandGiven,
     CompensationStepped,
     ConfigurationApplied,
@@ -64,6 +64,7 @@ class Store:
     retention: how long readings, compensation steps and reasons stay
     retry_s: interval between attempts after a failure, in real seconds
     look_s: how often it looks whether the file is still at its path, and uncut, in real seconds
+    prune_s: how often what is older than `retention` is deleted, in real seconds
     hangs_after_s: a disk that takes longer for one statement or commit counts as failing, in real seconds
     silent_s: at the end, the longest that the disk may take for one statement or commit, in real seconds; then the
         process should end, as the lock is only released by that
@@ -82,6 +83,7 @@ class Store:
         retention: Retention = _RETENTION,
         retry_s: float = WriterTiming.retry_s,
         look_s: float = WriterTiming.look_s,
+        prune_s: float = WriterTiming.prune_s,
         hangs_after_s: float = WriterTiming.hangs_after_s,
         silent_s: float = WriterTiming.silent_s,
         origin: str = "",
@@ -113,7 +115,12 @@ class Store:
             self._lock.release()
             raise
         timing = WriterTiming(
-            commit_s=commit_s, retry_s=retry_s, look_s=look_s, hangs_after_s=hangs_after_s, silent_s=silent_s
+            commit_s=commit_s,
+            retry_s=retry_s,
+            look_s=look_s,
+            prune_s=prune_s,
+            hangs_after_s=hangs_after_s,
+            silent_s=silent_s,
         )
         self._writer = DatabaseWriter(path, timing, self._prune, self._mark, self._mend_and_number, mended)
 
@@ -204,7 +211,7 @@ class Store:
         self._writer.put("INSERT OR IGNORE INTO boot VALUES (?, ?, ?, ?, ?, ?)", [row], commit=True)
 
     def record(self, event: GatewayEvent) -> None:  # noqa: C901 - one arm for each kind of event
-        """A gateway.events.Sink. What cannot be stored at once waits."""
+        """A gateway.model.events.Sink. What cannot be stored at once waits."""
         put = self._writer.put
         match event:
             case ConfigurationApplied(config):

@@ -15,7 +15,7 @@ from collections.abc import Callable, Collection, Iterator
 from contextlib import ExitStack, closing, contextmanager
 from pathlib import Path
 
-from gateway.events import StoreHealth
+from gateway.model.events import StoreHealth
 from gateway.storage.damage import contradiction
 from gateway.storage.faults import DamagedError, GoneError, StoreError
 from gateway.storage.place import PlaceWatch
@@ -26,8 +26,6 @@ from gateway.storage.waiting import Item, Rows, Waiting, WaitingKind, tables_of
 
 log = logging.getLogger(__name__)
 
-_PRUNE_EVERY_S = 600.0
-"""Real seconds."""
 _HANGS = "the disk does not answer"
 _REPAIRS = "a damaged database is being repaired"
 _STEPS_A_LOOK = 10_000
@@ -46,7 +44,7 @@ class DatabaseWriter:
     Parameters
     ----------
     path: the database; its tables exist
-    prune: deletes what is too old; called in the thread, when it opens the file and each ten minutes
+    prune: deletes what is too old; called in the thread, when it opens the file and each `prune_s`
     end: called in the thread before the last commit
     mend: sets a damaged file aside for a reason, begins another, and says so; called in the thread, which then has no
         connection
@@ -293,7 +291,7 @@ class DatabaseWriter:
         pruned = time.monotonic()
         due, wanted = pruned + self._every_s, False
         while True:
-            item = self._next(min(due, pruned + _PRUNE_EVERY_S, self._looked_s + self._timing.look_s))
+            item = self._next(min(due, pruned + self._timing.prune_s, self._looked_s + self._timing.look_s))
             if item is None and self._closing and not len(self._waiting):
                 self._commit(connection)
                 self._end(connection)
@@ -305,7 +303,7 @@ class DatabaseWriter:
             now = time.monotonic()
             if self._open or self._problem:
                 due = min(due, now + self._every_s)
-            if now - pruned >= _PRUNE_EVERY_S:
+            if now - pruned >= self._timing.prune_s:
                 self._delete_old(connection)
                 pruned = now
             wanted = wanted or (item is not None and item.commit)

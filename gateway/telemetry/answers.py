@@ -6,7 +6,7 @@ from typing import Annotated
 from msgspec import Meta, Struct
 
 from drivers.base import Quality
-from gateway.commands import CommandName
+from gateway.model.commands import CommandName
 from gateway.telemetry.fields import GridIndex, Number, Utc, one_of
 from gateway.telemetry.messages import PublishedCourse, PublishedReason
 

@@ -7,7 +7,7 @@ from typing import Final, TypeVar
 import zenoh
 from msgspec import Struct
 
-from gateway.commands import CommandName
+from gateway.model.commands import CommandName
 from gateway.telemetry import keys
 from gateway.telemetry.answers import CommandAnswer, CommandTerms
 from gateway.telemetry.codec import decode_answer, decode_refusal

@@ -14,7 +14,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 
 from drivers.signature import is_signed, session_key, signature
-from gateway.commands import UNPROVED, Command, CommandName, CommandOutcome, Refusals
+from gateway.model.commands import UNPROVED, Command, CommandName, CommandOutcome, Refusals
 from gateway.telemetry import keys
 from gateway.telemetry.answers import CommandAnswer, CommandRequest, CommandTerms
 from gateway.telemetry.codec import decode_answer, encode

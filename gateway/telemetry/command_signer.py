@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Self
 
 from drivers.signature import is_signed, session_key, shared_key, signature
-from gateway.commands import CommandName
+from gateway.model.commands import CommandName
 from gateway.telemetry.answers import CommandAnswer, CommandRequest, CommandTerms
 from gateway.telemetry.codec import decode_answer, encode
 from gateway.telemetry.command_door import ASKER, GATEWAY

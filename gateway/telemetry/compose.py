@@ -11,9 +11,9 @@ import numpy as np
 from msgspec.structs import asdict, replace
 
 from drivers.base import Clock
-from gateway.acquisition import Sample
-from gateway.commands import StandingOrder
-from gateway.events import (
+from gateway.acquisition.sample import Sample
+from gateway.model.commands import StandingOrder
+from gateway.model.events import (
     CommandGiven,
     CompensationStepped,
     ConfigurationApplied,
@@ -34,8 +34,9 @@ from gateway.events import (
     StorageChanged,
     StoreHealth,
 )
-from gateway.nc import Write
-from gateway.probing import Outcome, Outlook
+from gateway.nc.probing.cycle import Outcome
+from gateway.nc.probing.schedule import Outlook
+from gateway.nc.slew import Write
 from gateway.telemetry import keys
 from gateway.telemetry.messages import (
     CompensationMessage,

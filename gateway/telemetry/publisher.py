@@ -12,10 +12,11 @@ import zenoh
 
 from drivers.base import Clock, SystemClock
 from drivers.signature import shared_key
-from gateway.commands import Command, CommandOutcome
-from gateway.config import Telemetry as TelemetrySettings
-from gateway.config import certificate_ends, unarmed
-from gateway.events import (
+from gateway.config.certificates import certificate_ends
+from gateway.config.consequences import unarmed
+from gateway.config.telemetry import Telemetry as TelemetrySettings
+from gateway.model.commands import Command, CommandOutcome
+from gateway.model.events import (
     CompensationStepped,
     ConfigurationApplied,
     DecisionMade,
@@ -24,7 +25,7 @@ from gateway.events import (
     OutlookChanged,
     StorageChanged,
 )
-from gateway.polling import Problems
+from gateway.runtime.problems import Problems
 from gateway.telemetry import keys
 from gateway.telemetry.backlog import Backlog
 from gateway.telemetry.codec import encode
@@ -177,7 +178,7 @@ class TelemetryPublisher:
         session.close()
 
     def publish(self, event: GatewayEvent) -> None:
-        """A gateway.events.Sink: puts the event's messages into the queue."""
+        """A gateway.model.events.Sink: puts the event's messages into the queue."""
         state = self._state
         match event:
             case CompensationStepped(write) if write.mode == "monitor":

@@ -9,17 +9,13 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 
 from pyads import constants
-from pyads.testserver import AdsTestServer, AdvancedHandler, PLCVariable, testserver
+from pyads.testserver import AdsTestServer, AdvancedHandler, PLCVariable
 from pyads.testserver.handler import AmsPacket, AmsResponseData
-
-from tests.benches.changed_source import SourceChange, changed
 
 PORT, NO_SYMBOL = 48898, 1808
 _REPLY = struct.pack("<H", 5)
 _READ_STATE = struct.pack("<H", constants.ADSCOMMAND_READSTATE)
 _NUMBERS = itertools.count(1)
-_STAYS_OPEN = (SourceChange(testserver, "self.server.close()", "self.join(); self.server.close()"),)
-"""The server's socket, while its thread looks at it."""
 
 
 class EmulatedPlc(AdvancedHandler):  # type: ignore[misc]
@@ -55,6 +51,16 @@ class EmulatedPlc(AdvancedHandler):  # type: ignore[misc]
             return AmsResponseData(_REPLY, request.ams_header.error_code, struct.pack("<II", NO_SYMBOL, 0))
 
 
+class _Server(AdsTestServer):  # type: ignore[misc]
+    """Its socket stays open while its thread looks at it."""
+
+    def stop(self) -> None:
+        self._run = False
+        if self.is_alive():
+            self.join()
+        super().stop()
+
+
 def unused_host() -> str:
     """An unused loopback address: ADS has one fixed port, so each server needs its own address."""
     return f"127.{(os.getpid() >> 8) % 254 + 1}.{os.getpid() % 254 + 1}.{next(_NUMBERS)}"
@@ -64,14 +70,13 @@ def unused_host() -> str:
 def ads_server(plc: EmulatedPlc) -> Iterator[str]:
     """Run a server inside; yields its address."""
     host = unused_host()
-    server = AdsTestServer(handler=plc, ip_address=host, logging=False)
+    server = _Server(handler=plc, ip_address=host, logging=False)
     server.start()
     _until_it_listens(host)  # one that is stopped before that never ends
     try:
         yield host
     finally:
-        with changed(_STAYS_OPEN):
-            server.stop()
+        server.stop()
 
 
 def _until_it_listens(host: str) -> None:

@@ -8,8 +8,7 @@ time. A layer under the process (`failing_disk.cc`) counts the calls and refuses
 A fault lasts until the gateway has gone on with it for two steps, or has refused to start, or has stopped; or it is a
 single one. A gateway that refuses to start is always started again, as systemd would.
 
-`python -m tests.benches.disk_calls` prints a table; `--step 20` takes each twentieth call only. With `--planted` the
-gateway has a defect, which is to be found.
+`python -m tests.benches.disk_calls` prints a table; `--step 20` takes each twentieth call only.
 """
 
 import faulthandler
@@ -27,10 +26,8 @@ from pathlib import Path
 import click
 
 from gateway.cli.running.memory import spare_what_is_there
-from tests.benches.changed_source import changed
 from tests.benches.disk_faults import FAULTS, HANGS_ONCE, DiskFault, LifeVerdict
 from tests.benches.disk_life import LIMIT_S, Life
-from tests.benches.planted_for_disks import PLANTED
 from tests.benches.preloads import preload
 
 ROOT = Path(__file__).parents[2]
@@ -77,17 +74,14 @@ def lives(folder: Path) -> None:
 
 
 class LivesProcess:
-    """Starts lives quickly: everything is imported once, each life is a fork. As a context manager.
+    """Starts lives quickly: everything is imported once, each life is a fork. As a context manager."""
 
-    defect: the defect from PLANTED that each of its gateways has; None: no defect
-    """
-
-    def __init__(self, folder: Path, defect: str | None = None) -> None:
-        self._folder, self._planted = folder.resolve(), ["--planted", defect] if defect else []
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder.resolve()
 
     def __enter__(self) -> "LivesProcess":
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "tests.benches.disk_calls", "--lives", str(self._folder), *self._planted],
+            [sys.executable, "-m", "tests.benches.disk_calls", "--lives", str(self._folder)],
             cwd=ROOT,
             env={
                 **os.environ,
@@ -133,16 +127,14 @@ def _row(name: str, verdicts: Sequence[LifeVerdict]) -> str:
 @click.option("--hang-ms", default=300, show_default=True)
 @click.option("--first", default=1, show_default=True, help="Number of the first call.")
 @click.option("--only", type=click.Choice([*(fault.name for fault in FAULTS), _HANGS]), help="Only this fault.")
-@click.option("--planted", "defect", type=click.Choice(list(PLANTED)), help="Give the gateway this defect.")
 @click.option("--lives", "folder", type=click.Path(path_type=Path), hidden=True)
-def main(step: int, hang_ms: int, first: int, only: str | None, defect: str | None, folder: Path | None) -> None:
+def main(step: int, hang_ms: int, first: int, only: str | None, folder: Path | None) -> None:
     """Let a gateway live once for each fault and each call, and print what became of it."""
     if folder is not None:
-        with changed(PLANTED[defect] if defect else ()):
-            lives(folder)
+        lives(folder)
         return
     wrong = Counter[str]()
-    with tempfile.TemporaryDirectory() as name, LivesProcess(Path(name), defect) as process:
+    with tempfile.TemporaryDirectory() as name, LivesProcess(Path(name)) as process:
         whole = process.life()
         kinds = ", ".join(f"{_WORDS[kind]} {count}" for kind, count in Counter(whole.calls).most_common())
         click.echo(f"{datetime.now(UTC):%Y-%m-%d}: {len(whole.calls)} calls: {kinds}")

@@ -5,8 +5,7 @@ control; otherwise of a call or return of the gateway's code in the main thread.
 more that is not killed; between two of them the control goes on alone. Each life is a fork of a process in which a
 whole life has passed already, so that no time goes into loading libraries.
 
-`python -m tests.benches.kills --writing 200 --phase 20` prints a table. Exit code 1: something is wrong. With
-`--planted` the gateway has a defect, and the bench ends with the first database that shows something wrong.
+`python -m tests.benches.kills --writing 200 --phase 20` prints a table. Exit code 1: something is wrong.
 """
 
 import ctypes
@@ -27,15 +26,14 @@ from pathlib import Path
 import click
 
 from gateway.cli.running.memory import spare_what_is_there
-from gateway.replay import replay
-from gateway.storage import History, damage_found
+from gateway.control.replay.stored import replay
+from gateway.storage.damage import damage_found
+from gateway.storage.history import History
 from simulators.nc import Activity, CycleSettings, DayPart, LoadCase, MeanLoads
-from tests.benches.changed_source import changed
 from tests.benches.death import PHASES, Death
 from tests.benches.failing_disk import on_failing_disk
 from tests.benches.killed_life import LIMIT_S, PERIOD_S, GatewayLife, SwingingPlant
 from tests.benches.outlives import KeptNck, SharedMemory, WhatOutlives
-from tests.benches.planted_for_kills import PLANTED
 from tests.benches.wire_bench import assert_never_stepped
 
 WRITING = "writing"
@@ -183,17 +181,12 @@ def _lived(
     return wrong + ([last.wrong] if last.wrong else []) + machine.judged()
 
 
-def kill_gateways(
-    wanted: dict[str, int], seed: int, folder: Path, *, until_wrong: bool = False
-) -> tuple[dict[str, KillCount], int]:
-    """Kill this many in each phase; returns the counts and how many things were wrong, and prints those.
-
-    until_wrong: end with the first database that shows something wrong
-    """
+def kill_gateways(wanted: dict[str, int], seed: int, folder: Path) -> tuple[dict[str, KillCount], int]:
+    """Kill this many in each phase; returns the counts and how many things were wrong, and prints those."""
     counts, databases, moved, wrong = {phase: KillCount(count) for phase, count in wanted.items()}, 0, 0, 0
     moments = _moments(folder / "first")
     click.echo(f"moments of death: {', '.join(f'{name} {count}' for name, count in moments.items())}")
-    while any(count.killed < count.wanted for count in counts.values()) and not (until_wrong and wrong):
+    while any(count.killed < count.wanted for count in counts.values()):
         draw = random.Random(1_000_003 * seed + databases)
         with tempfile.TemporaryDirectory(dir=folder) as name:
             machine = KilledMachine(Path(name), draw)
@@ -215,18 +208,15 @@ def kill_gateways(
 @click.option("--writing", default=200, show_default=True, help="Kills at a call that changes the disk.")
 @click.option("--phase", default=20, show_default=True, help="Kills in each of the other phases.")
 @click.option("--only", multiple=True, type=click.Choice((WRITING, *PHASES)), help="Kill only in these phases.")
-@click.option("--planted", "defect", type=click.Choice(list(PLANTED)), help="Give the gateway this defect.")
 @click.option("--seed", default=0, show_default=True)
-def main(writing: int, phase: int, only: Sequence[str], defect: str | None, seed: int) -> None:
+def main(writing: int, phase: int, only: Sequence[str], seed: int) -> None:
     """Kill gateways and print what became of them."""
     with tempfile.TemporaryDirectory() as name:
         if "FAILING_DISK" not in os.environ:  # the layer that counts the calls must be there before Python
             command = [sys.executable, "-m", "tests.benches.kills", *sys.argv[1:]]
             sys.exit(subprocess.run(command, env=on_failing_disk(Path(name)), check=False).returncode)
     folder, wanted = Path(os.environ["FAILING_DISK"]), {WRITING: writing, **dict.fromkeys(PHASES, phase)}
-    with changed(PLANTED[defect][1] if defect else ()):
-        chosen = {name: wanted[name] for name in only or wanted}
-        counts, wrong = kill_gateways(chosen, seed, folder, until_wrong=defect is not None)
+    counts, wrong = kill_gateways({name: wanted[name] for name in only or wanted}, seed, folder)
     click.echo("| phase | killed | ended by itself before |\n|---|---|---|")
     for name, count in counts.items():
         click.echo(f"| {name} | {count.killed} | {count.not_reached} |")

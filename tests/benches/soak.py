@@ -29,13 +29,14 @@ from unittest.mock import patch
 
 import numpy as np
 
-from gateway.apart import apart
 from gateway.cli.running.memory import give_back_large_blocks
-from gateway.cli.running.serving import serve
-from gateway.clock import RealClock
-from gateway.config import GatewayConfig, load
+from gateway.config.file import load
+from gateway.config.model import GatewayConfig
 from gateway.control import sensor_watch, trainer
-from gateway.events import CompensationStepped, DecisionMade, EventReported, GatewayEvent, ReadingsTaken
+from gateway.model.events import CompensationStepped, DecisionMade, EventReported, GatewayEvent, ReadingsTaken
+from gateway.runtime.clocks import RealClock
+from gateway.runtime.workers.process import apart
+from gateway.service.serving import serve
 from simulators.bench import gateway_toml
 from simulators.bench.machine import DEMO_TERMS
 from simulators.clock import SharedClock
@@ -43,7 +44,6 @@ from talc.frame import EventKind, FloatArray
 from tests.benches.faulty_machine import faulty_machine
 from tests.benches.free_port import free_port
 from tests.benches.processes import children, open_links
-from tests.benches.rare_looks import rare_looks
 from tests.benches.simulated_time import held_time, jump_wall_clock, real_monotonic_s, simulated_time
 from tests.benches.soak_judged import HeldNow, SoakResult, SoakRun, SoakSeen, judged
 
@@ -116,11 +116,10 @@ async def _machine_apart(folder: Path, epoch: datetime, plan: SoakPlan) -> Async
 
 @asynccontextmanager
 async def _machine_here(folder: Path, clock: SoakClock, plan: SoakPlan) -> AsyncIterator[dict[str, int]]:
-    """The emulated machine in this process; as this configuration asks rarely, so do the libraries within."""
-    with rare_looks():
-        terms = replace(DEMO_TERMS, slew_um_per_s=SLEW_UM_PER_S)
-        async with faulty_machine(folder, clock, plan.seed, plan.days * 24.0, plan.pause_s, terms) as ports:
-            yield ports
+    """The emulated machine in this process."""
+    terms = replace(DEMO_TERMS, slew_um_per_s=SLEW_UM_PER_S)
+    async with faulty_machine(folder, clock, plan.seed, plan.days * 24.0, plan.pause_s, terms) as ports:
+        yield ports
 
 
 def config(folder: Path, ports: dict[str, int], *, real: bool) -> GatewayConfig:
@@ -151,7 +150,7 @@ def held() -> HeldNow:
 
 
 class Watching:
-    """A gateway.events.Sink for all runs of a soak."""
+    """A gateway.model.events.Sink for all runs of a soak."""
 
     def __init__(self, seen: SoakSeen, clock: RealClock, step_s: float) -> None:
         self._seen, self._clock, self._step_s = seen, clock, step_s

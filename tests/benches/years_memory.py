@@ -31,12 +31,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.base import Quality, Reading
-from gateway.acquisition import Board
+from gateway.acquisition.board import Board
 from gateway.acquisition.sample import samples
 from gateway.cli.running.memory import give_back_large_blocks
-from gateway.config import GatewayConfig, load
-from gateway.control import Explanations, PlannedLoads, SensorWatch
-from gateway.events import (
+from gateway.config.file import load
+from gateway.config.model import GatewayConfig
+from gateway.control.explaining import Explanations
+from gateway.control.planned_loads import PlannedLoads
+from gateway.control.restart.earlier import past_in
+from gateway.control.restart.snapshots import SnapshotKeeper
+from gateway.control.sensor_watch import SensorWatch
+from gateway.model.events import (
     CompensationStepped,
     ConfigurationApplied,
     DecisionMade,
@@ -45,26 +50,23 @@ from gateway.events import (
     ReadingsTaken,
     in_order,
 )
-from gateway.metrics import GatewayFigures
-from gateway.nc import Source, Step, Write
-from gateway.past import SnapshotKeeper, past_in
-from gateway.storage import Store, writer
-from gateway.telemetry import TelemetryPublisher
-from gateway.watches import HealthWatch
+from gateway.nc.slew import Step, Write
+from gateway.nc.states import Source
+from gateway.service.health import HealthWatch
+from gateway.service.metrics import GatewayFigures
+from gateway.storage.store import Store
+from gateway.telemetry.publisher import TelemetryPublisher
 from simulators.bench import gateway_toml
 from talc.frame import BoolArray, FloatArray, Frame, Measurement
 from talc.sensor_model import learn
 from tests.benches import idle_loop
-from tests.benches.changed_source import SourceChange, changed
 from tests.benches.free_port import free_port
 from tests.benches.service_memory import memory_mb
 from tests.benches.stepped_clock import EPOCH
 from tests.benches.wire_clock import WireClock
 
-_PRUNES_OFTEN = (
-    SourceChange(writer, "pruned + _PRUNE_EVERY_S", "pruned + 2.0"),
-    SourceChange(writer, "now - pruned >= _PRUNE_EVERY_S", "now - pruned >= 2.0"),
-)
+_PRUNE_S = 2.0
+"""Between two deletions of what is old, by the computer's time."""
 _YEAR = 365
 _EXPLAIN_EVERY = 12
 """Steps. A gateway forecasts at each one, which takes half the time of all of this."""
@@ -151,7 +153,7 @@ async def lived(config: GatewayConfig, days: int, process: Executor, clock: Wire
     channels = {channel.name for channel in config.channels}
     step_s = round(config.grid.step_s)
     a_day = 86_400 // step_s
-    with Store(database, "boot", clock, commit_s=config.storage.commit_s) as store:
+    with Store(database, "boot", clock, commit_s=config.storage.commit_s, prune_s=_PRUNE_S) as store:
         past = past_in(store, config)
         store.begin(config.canonical(), config.fingerprint(), "")
         publisher = TelemetryPublisher(config.telemetry, config.machine.name, names, clock, "boot", simulated=True)
@@ -236,7 +238,6 @@ def main() -> None:
     print(f"{datetime.now(UTC):%Y-%m-%d}, {given.years:g} years in steps of {given.step_s} s")
     with (
         tempfile.TemporaryDirectory() as folder,
-        changed(_PRUNES_OFTEN),
         ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as process,
     ):
         clock = WireClock()

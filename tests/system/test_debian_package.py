@@ -21,7 +21,7 @@ from tests.benches.package_traces import package_traces
 from tests.benches.service_limits import limits
 from tests.benches.service_under_systemd import PACKAGES, SystemdPace, furnish, tries
 
-pytestmark = [pytest.mark.slow(minutes=15), pytest.mark.peer]
+pytestmark = [pytest.mark.slow, pytest.mark.peer]
 
 ROOT = Path(__file__).parents[2]
 LIMIT_S = 900.0

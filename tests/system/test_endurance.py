@@ -17,9 +17,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gateway.cli.running.serving import serve
-from gateway.config import GatewayConfig, load
-from gateway.storage import History
+from gateway.config.file import load
+from gateway.config.model import GatewayConfig
+from gateway.service.serving import serve
+from gateway.storage.history import History
 from simulators.bench import gateway_toml
 from simulators.clock import SharedClock
 from talc.frame import EventKind, Phase
@@ -107,7 +108,7 @@ async def sampled(clock: SharedClock, stop: asyncio.Event) -> tuple[list[HeldByP
     return early, late
 
 
-@pytest.mark.slow(minutes=3)
+@pytest.mark.slow
 async def test_a_day_of_faults_leaves_nothing_behind(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level(logging.CRITICAL)  # pytest keeps every record
     clock, stop = SharedClock(tmp_path / "clock", epoch=EPOCH, speed=SPEED, owner=True), asyncio.Event()

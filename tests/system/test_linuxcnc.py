@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gateway.cli.emulated.demo_linuxcnc import SILENCE_S, SLEW_UM_PER_S, show, silence
+from gateway.demo.demo_linuxcnc import SILENCE_S, SLEW_UM_PER_S, show, silence
 
-pytestmark = [pytest.mark.peer, pytest.mark.slow(minutes=2)]
+pytestmark = [pytest.mark.peer, pytest.mark.slow]
 
 LATE_S, SHORT_S = 3.0, 0.1
 PAUSED = re.compile(r"stands still|takes longer than|heartbeat|no answer|connected again|resolved")

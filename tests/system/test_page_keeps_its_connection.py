@@ -11,8 +11,8 @@ from urllib.parse import urlsplit
 import pytest
 from playwright.sync_api import Page, expect
 
-from gateway.web.catalogue import LANGUAGES, texts
-from gateway.web.streams import MOST_BROWSERS
+from gateway.listeners.web.catalogue import LANGUAGES, texts
+from gateway.listeners.web.streams import MOST_BROWSERS
 from tests.benches.page_rig import LIMIT_MS, page_rig, played_mill
 from tests.benches.page_wire import page_wire
 

@@ -12,12 +12,12 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import expect
 
-from gateway.passwords import make_hash
-from gateway.storage import History
+from gateway.runtime.passwords import make_hash
+from gateway.storage.history import History
 from tests.benches.page_rig import LIMIT_MS, ChildProgram, expect_each_part, page_rig, ports
 from tests.benches.soak import config
 
-pytestmark = [pytest.mark.peer, pytest.mark.slow(minutes=1)]
+pytestmark = [pytest.mark.peer, pytest.mark.slow]
 
 LEARNT_MS = 5 * LIMIT_MS
 """For what takes the demo half a minute."""

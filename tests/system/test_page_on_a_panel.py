@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Locator, expect
 
-from gateway.web.catalogue import LANGUAGES, texts
+from gateway.listeners.web.catalogue import LANGUAGES, texts
 from tests.benches.page_rig import LIMIT_MS, MILL_SETTINGS, page_rig, played_mill
 
 pytestmark = [pytest.mark.peer, pytest.mark.slow]

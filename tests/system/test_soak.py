@@ -14,8 +14,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gateway.control import SensorWatch
-from gateway.events import EventReported, GatewayEvent, SensorsJudged
+from gateway.control.sensor_watch import SensorWatch
+from gateway.model.events import EventReported, GatewayEvent, SensorsJudged
 from talc.frame import EventKind, Frame
 from talc.settings import SensorCheckSettings
 from tests.benches.plant_days import NAMES, plant_days
@@ -40,7 +40,7 @@ def ended(at_s: float, text: str = "device rtd1: answers again") -> Alarm:
     return Alarm(at_s, EventKind.PROBLEM_ENDED, text)
 
 
-@pytest.mark.slow(minutes=3)
+@pytest.mark.slow
 def test_days_of_faults_and_restarts() -> None:
     """In a separate process, so that what other tests keep open is not counted."""
     told = ["--days", "3", "--seed", "3", "--pause", "2400", "--run", "10800"]
@@ -50,7 +50,7 @@ def test_days_of_faults_and_restarts() -> None:
     print(ran.stdout)
 
 
-@pytest.mark.slow(minutes=5)
+@pytest.mark.slow
 def test_a_leak_of_memory_fails_a_soak(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level(logging.CRITICAL)  # pytest keeps every record
     kept: list[bytes] = []

@@ -21,7 +21,7 @@ sys.modules["talc._kernel"] = talc._kernel = module
 """
 
 
-@pytest.mark.slow(minutes=1)
+@pytest.mark.slow
 def test_no_address_or_undefined_behaviour_error(tmp_path: Path) -> None:
     target = tmp_path / "kernel"
     build = [sys.executable, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--no-deps"]

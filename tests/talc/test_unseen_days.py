@@ -6,7 +6,7 @@ import pytest
 from benchmarks.unseen_days import WAYS, UnseenOutcome, Way, unseen_outcome
 from talc.settings import ControlSettings
 
-pytestmark = pytest.mark.slow(minutes=1)
+pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")

@@ -5,9 +5,10 @@ import logging
 from pathlib import Path
 
 from drivers.base import DriverError
-from gateway.acquisition import PreparedReload, ReloadError
-from gateway.config import ConfigError, load
-from gateway.service import Service
+from gateway.acquisition.reload import PreparedReload, ReloadError
+from gateway.config.file import load
+from gateway.config.problems import ConfigError
+from gateway.service.service import Service
 
 log = logging.getLogger(__name__)
 
@@ -36,7 +37,7 @@ class Reloading:
         self._asked.set()
 
     async def ask(self, service: Service) -> str:
-        """A gateway.control.AskReload: check the file, and begin to apply it."""
+        """A gateway.service.command_taker.AskReload: check the file, and begin to apply it."""
         if self._asked.is_set() or self._checking or self._applying:
             raise ReloadError("another reload is under way; give the command again")
         signals, self._checking = self._signals, True

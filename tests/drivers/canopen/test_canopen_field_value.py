@@ -12,11 +12,10 @@ import pytest
 from drivers.base import Driver, Quality, SetupError, SystemClock, WrongDevice
 from drivers.build import make_device
 from drivers.profiles import load_profile
-from simulators.devices import Cia404Node, SlcanAdapter, cia404_node
+from simulators.devices import Cia404Node, SlcanAdapter
 from simulators.devices.slcan_adapter import CanFrame
 from simulators.devices.source import SensorFault
 from tests.benches.buses import make_bus
-from tests.benches.changed_source import SourceChange, changed
 
 pytestmark = pytest.mark.simulated_time
 
@@ -25,13 +24,6 @@ SUPPLIED = (files("drivers") / "profiles" / "cia404.toml").read_text(encoding="u
 PHYSICAL_UNIT = re.compile(r"\[physical_unit\]\n.*\n")
 COUNTS = "scale = 0.05\noffset = -200.0"
 """The emulated converter sends 4000 at 0 degC and 20 more for each degree."""
-WITHOUT_LIMITS = (
-    SourceChange(
-        cia404_node, "SensorFault.OVER if value > _HIGH else SensorFault.UNDER if value < _LOW else None", "None"
-    ),
-    SourceChange(cia404_node, "min(max(self._source()[channel], _LOW), _HIGH)", "self._source()[channel]"),
-)
-"""The emulated node shows any temperature, and its status says nothing."""
 
 
 def field_profile(folder: Path, index: str, scaling: str = COUNTS) -> str:
@@ -111,16 +103,27 @@ def test_unit_of_the_node_goes_with_its_process_value(tmp_path: Path, text: str,
         load_profile(str(tmp_path / "mixed.toml"))
 
 
+class RawNode(Cia404Node):
+    """Sends given counts, one of each input, in place of field values."""
+
+    counts: Sequence[bytes] = ()
+
+    def on_frame(self, identifier: int, data: bytes) -> Sequence[CanFrame]:
+        if identifier == 0x600 + NODE and data[1:3] in (b"\x00\x71", b"\x00\x91") and data[3]:
+            raw = self.counts[data[3] - 1]
+            return [(0x580 + NODE, bytes((0x43 | 4 - len(raw) << 2,)) + data[1:4] + raw.ljust(4, b"\0"))]
+        return super().on_frame(identifier, data)
+
+
 @pytest.mark.parametrize(("index", "size"), [("7100", 2), ("9100", 4)])
 @pytest.mark.parametrize("low", [True, False], ids=["lowest", "highest"])
 async def test_the_ends_of_an_objects_range_are_not_values(tmp_path: Path, index: str, size: int, low: bool) -> None:
     raw = -(1 << 8 * size - 1) if low else (1 << 8 * size - 1) - 1
-    temperatures = [(raw - 4000) / 20.0, (raw + (1 if low else -1) - 4000) / 20.0]
-    node = Cia404Node(NODE, lambda: temperatures, inputs=2, digits=0, mapped=int(index, 16))
-    with changed(WITHOUT_LIMITS):
-        async with bench(node, field_profile(tmp_path, index), "sdo") as driver:
-            await driver.connect()
-            end, last = await driver.read()
+    node = RawNode(NODE, lambda: TEMPERATURES, inputs=2, digits=0, mapped=int(index, 16))
+    node.counts = [value.to_bytes(size, "little", signed=True) for value in (raw, raw + (1 if low else -1))]
+    async with bench(node, field_profile(tmp_path, index), "sdo") as driver:
+        await driver.connect()
+        end, last = await driver.read()
     assert (end.quality, last.quality) == (Quality.OUT_OF_RANGE, Quality.GOOD)
     assert end.detail == ("0x8" if low else "0x7") + ("0" if low else "F") * (2 * size - 1) + (
         ", the end of what it can send"

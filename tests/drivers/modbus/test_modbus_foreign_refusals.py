@@ -12,9 +12,10 @@ import pytest
 from drivers.base import BadAnswer, NoAnswer, Quality, Reading, Refused, SystemClock
 from drivers.build import make_device
 from drivers.modbus.numbers import Block
-from gateway.acquisition import Acquisition, Line
-from gateway.clock import RealClock
-from gateway.polling import Notice
+from gateway.acquisition.acquisition import Acquisition
+from gateway.acquisition.line import Line
+from gateway.runtime.clocks import RealClock
+from gateway.runtime.problems import Notice
 from tests.benches.rtu_talk import TWO, RtuPeer, frame, honest, line
 
 pytestmark = pytest.mark.simulated_time

@@ -7,9 +7,10 @@ import pytest
 
 from drivers.base import Quality, Reading, SystemClock
 from drivers.build import make_device
-from gateway.acquisition import Acquisition, Line
-from gateway.clock import RealClock
-from gateway.polling import Notice
+from gateway.acquisition.acquisition import Acquisition
+from gateway.acquisition.line import Line
+from gateway.runtime.clocks import RealClock
+from gateway.runtime.problems import Notice
 from tests.benches.rtu_talk import frame, line
 
 pytestmark = pytest.mark.simulated_time

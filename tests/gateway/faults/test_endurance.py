@@ -18,9 +18,10 @@ from pathlib import Path
 import pytest
 
 from drivers.base import Quality, Reading
-from gateway.acquisition import Acquisition, Line
-from gateway.clock import RealClock
-from gateway.polling import Notice
+from gateway.acquisition.acquisition import Acquisition
+from gateway.acquisition.line import Line
+from gateway.runtime.clocks import RealClock
+from gateway.runtime.problems import Notice
 from tests.benches.faults.actions import restarted, whole
 from tests.benches.faults.matrix import HARMLESS, MATRIX
 from tests.benches.faults.plant import FaultyPlant
@@ -92,7 +93,7 @@ async def mended(plant: FaultyPlant, latest: Latest, where: str) -> None:
         whole(plant)
 
 
-@pytest.mark.slow(minutes=2)
+@pytest.mark.slow
 @pytest.mark.simulated_time
 @pytest.mark.parametrize("wires", WIRES)
 async def test_nothing_grows(tmp_path: Path, wires: str, caplog: pytest.LogCaptureFixture) -> None:

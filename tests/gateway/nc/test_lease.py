@@ -7,11 +7,11 @@ import pytest
 
 from drivers.base import NoAnswer
 from drivers.nc import NumericalControl, WatchdogTerms
-from gateway.config import Compensation
-from gateway.nc import Identity
+from gateway.config.sections import Compensation
 from gateway.nc.lease import Lease
+from gateway.nc.settings import Identity
 from gateway.nc.states import Right
-from gateway.polling import Notice, Problems
+from gateway.runtime.problems import Notice, Problems
 from tests.benches.stepped_clock import SteppedClock
 
 SILENT, EAR = "NC: its watchdog does not answer the heartbeats", "NC: its watchdog did not receive the heartbeat"

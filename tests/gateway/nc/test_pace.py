@@ -3,7 +3,7 @@
 import logging
 
 from gateway.nc.pace import NcPace
-from gateway.polling import Notice, Problems
+from gateway.runtime.problems import Notice, Problems
 from tests.benches.stepped_clock import SteppedClock
 
 PERIOD_S = 0.5

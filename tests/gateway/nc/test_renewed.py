@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from drivers.nc import ProbingState, RequestStatus
-from gateway.commands import Disarmed, Pause
+from gateway.model.commands import Disarmed, Pause
 from gateway.nc.states import Source
 from talc.frame import FloatArray, Why
 from tests.benches.nc_link_bench import LinkBench, decision

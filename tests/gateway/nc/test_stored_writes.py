@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gateway.events import CompensationStepped
-from gateway.storage import Store
+from gateway.model.events import CompensationStepped
+from gateway.storage.store import Store
 from simulators.nc import MeanLoads
 from talc import kinematics
 from talc.frame import Decision, FloatArray

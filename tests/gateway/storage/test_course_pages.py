@@ -8,8 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gateway.events import DecisionMade, FrameMade, MeasurementEnded, ReadingsTaken, ReasonsGiven
-from gateway.storage import Store, StoreError, course_between
+from gateway.model.events import DecisionMade, FrameMade, MeasurementEnded, ReadingsTaken, ReasonsGiven
+from gateway.storage.course_pages import course_between
+from gateway.storage.faults import StoreError
+from gateway.storage.store import Store
 from talc.frame import Frame, Measurement
 from tests.benches import telemetry_examples as example
 from tests.benches.stepped_clock import SteppedClock

@@ -1,18 +1,14 @@
 """Whatever call of a gateway's life the disk refuses, no step is lost without a report, and it recovers by itself."""
 
 from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 
 from tests.benches.disk_calls import LivesProcess
 from tests.benches.disk_faults import FAULTS
-from tests.benches.planted_for_disks import PLANTED
 
 pytestmark = pytest.mark.slow
 _LIVES = 15
-_PLACES = 63
-"""The most calls at which a planted defect is looked for, spread evenly over the life; each shows at four or more."""
 
 
 @pytest.fixture(scope="module")
@@ -49,15 +45,3 @@ def test_a_synchronisation_that_hangs_changes_nothing(process: LivesProcess) -> 
     assert verdict.refused == 1
     assert verdict.wrong == []
     assert verdict.told_lost == verdict.not_started == 0
-
-
-@pytest.mark.parametrize("defect", PLANTED)
-def test_a_planted_defect_is_found(defect: str, tmp_path: Path) -> None:
-    with LivesProcess(tmp_path, defect) as process:
-        whole = process.life()
-        assert whole.wrong == [], "on a disk that works nobody notices it"
-        full = next(number for number, fault in enumerate(FAULTS) if fault.name == "ENOSPC, lasting")
-        # Which rows a call stores differs between runs, so the whole life is searched, coarse to fine, until the defect
-        # is found. Only even calls: at an odd one the gateway may go on while nothing can be stored.
-        places = (int(f"{n:06b}"[::-1], 2) / (_PLACES + 1) for n in range(1, _PLACES + 1))  # 1/2, 1/4, 3/4, 1/8, ...
-        assert any(process.life(full, 2 * int(place * len(whole.calls) / 2)).wrong for place in places)

@@ -9,8 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gateway.events import DecisionMade, FrameMade, ProbingRequested
-from gateway.storage import History, Store
+from gateway.model.events import DecisionMade, FrameMade, ProbingRequested
+from gateway.storage.history import History
+from gateway.storage.store import Store
 from talc.frame import Decision, FloatArray
 from tests.benches import telemetry_examples as example
 from tests.benches.database import applied

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from drivers.base import DriverError
-from gateway.commands import Command, CommandName, CommandOutcome
-from gateway.events import (
+from gateway.model.commands import Command, CommandName, CommandOutcome
+from gateway.model.events import (
     CommandGiven,
     ConfigurationApplied,
     DecisionMade,
@@ -21,7 +21,8 @@ from gateway.events import (
     ModelsAdopted,
     ProbingRequested,
 )
-from gateway.storage import History, Store
+from gateway.storage.history import History
+from gateway.storage.store import Store
 from tests.benches import telemetry_examples as example
 from tests.benches.stepped_clock import SteppedClock
 from tests.benches.store_writer import step

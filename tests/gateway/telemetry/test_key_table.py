@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gateway.events import (
+from gateway.model.events import (
     CompensationStepped,
     ConfigurationApplied,
     DecisionMade,
@@ -26,9 +26,13 @@ from gateway.events import (
     StorageChanged,
     StoreHealth,
 )
-from gateway.nc import NcState, Source, Step, Write
-from gateway.probing import Outcome, Outlook, Standing
-from gateway.telemetry import MESSAGE_TYPES, keys
+from gateway.nc.probing.cycle import Outcome
+from gateway.nc.probing.schedule import Outlook
+from gateway.nc.probing.standing import Standing
+from gateway.nc.slew import Step, Write
+from gateway.nc.states import NcState, Source
+from gateway.telemetry import keys
+from gateway.telemetry.codec import MESSAGE_TYPES
 from gateway.telemetry.json_schema import schemas
 from talc.frame import Event, EventKind, Frame, Measurement, Why
 from talc.sensor_check import Judgement
