@@ -30,6 +30,7 @@ class ControlScreen:
     def __init__(self) -> None:
         self.command, self.stat, self.errors = linuxcnc.command(), linuxcnc.stat(), linuxcnc.error_channel()
         self.sampled: tuple[str, ...] = ()
+        self.recorder: subprocess.Popen[bytes] | None = None
         self.sphere = _sphere() if Path("sphere.hal").exists() else None
 
     def until(self, what: str, condition: Any) -> None:
@@ -80,6 +81,12 @@ class ControlScreen:
 
     def send_mode(self, mode: int) -> None:
         self.command.mode(mode)
+
+    def send_off(self) -> None:
+        self.command.state(linuxcnc.STATE_OFF)
+
+    def send_abort(self) -> None:
+        self.command.abort()
 
     def run(self, program: str) -> None:
         """Start a program; it goes on by itself."""
@@ -201,6 +208,31 @@ class ControlScreen:
 
         The periods are the real-time thread's own, whatever else this computer does.
         """
+        self._sampler(signals)
+        with subprocess.Popen(["halsampler", "-n", str(count)], stdout=subprocess.PIPE, text=True) as reader:
+            self.hal("setp", "sampler.0.enable", "1")
+            rows = [[float(v) for v in line.split()] for line in reader.stdout or () if not line.startswith("overrun")]
+            self.hal("setp", "sampler.0.enable", "0")
+        return rows
+
+    def record(self, *signals: str) -> None:
+        """As `sample`, until `recorded`, while other commands are carried out."""
+        self._sampler(signals)
+        with Path("recorded.txt").open("w") as file:
+            self.recorder = subprocess.Popen(["halsampler"], stdout=file)
+        self.hal("setp", "sampler.0.enable", "1")
+
+    def recorded(self) -> list[list[float]]:
+        self.hal("setp", "sampler.0.enable", "0")
+        time.sleep(0.1)  # the reader looks at the queue 100 times a second
+        if self.recorder is None:
+            raise RuntimeError("nothing is recorded")
+        self.recorder.terminate()
+        self.recorder.wait()
+        lines = Path("recorded.txt").read_text().splitlines()
+        return [[float(v) for v in line.split()] for line in lines if not line.startswith("overrun")]
+
+    def _sampler(self, signals: tuple[str, ...]) -> None:
         if self.sampled != signals:
             self.hal("loadrt", "sampler", "depth=4000", f"cfg={'f' * len(signals)}")
             for i, name in enumerate(signals):
@@ -208,11 +240,6 @@ class ControlScreen:
             self.hal("setp", "sampler.0.enable", "0")
             self.hal("addf", "sampler.0", "servo-thread")
             self.sampled = signals
-        with subprocess.Popen(["halsampler", "-n", str(count)], stdout=subprocess.PIPE, text=True) as reader:
-            self.hal("setp", "sampler.0.enable", "1")
-            rows = [[float(v) for v in line.split()] for line in reader.stdout or () if not line.startswith("overrun")]
-            self.hal("setp", "sampler.0.enable", "0")
-        return rows
 
     def hal(self, *words: str) -> str:
         done = subprocess.run(["halcmd", *words], capture_output=True, text=True, timeout=_LIMIT_S, check=False)
@@ -271,6 +298,8 @@ VERBS = (
     "mdi",
     "send_mdi",
     "send_mode",
+    "send_off",
+    "send_abort",
     "modal",
     "run",
     "abort",
@@ -279,6 +308,8 @@ VERBS = (
     "state",
     "hal",
     "sample",
+    "record",
+    "recorded",
     "jog",
     "listening",
     "greeting",

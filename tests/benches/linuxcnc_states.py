@@ -50,6 +50,7 @@ GROUPS: Final[Mapping[str, tuple[str, ...]]] = {
     "shift": ("", "G92 X1 Y2 Z3 C4", "G92 X1 Y2\nG92.2"),
     "units": ("G21", "G20"),
     "path": ("G64", "G64 P0.0123456789 Q0.004", "G64 P0.5", "G61", "G61.1"),
+    "motion": ("G80", "G0", "G1 F1"),
     "feed": ("F600", "F0.123456", "G93", "G95 F0.0625", "F123.4\nG93"),
     "distance": ("G90", "G91"),
     "plane": ("G17", "G18", "G19"),
@@ -59,7 +60,6 @@ GROUPS: Final[Mapping[str, tuple[str, ...]]] = {
     "overrides": ("M48", "M49", "M50 P0", "M51 P0", "M52 P1", "M53 P1"),
     "spindle": ("M5", "M3 S800", "M4 S1234.5", "S77", "G96 D2500 S200 M3"),
     "coolant": ("M9", "M7", "M8", "M7\nM8"),
-    "motion": ("G80", "G0", "G1"),
 }
 """Blocks that bring about each state of each modal group."""
 PLAIN: Final = (
