@@ -86,7 +86,11 @@ def drawn(count: int, seed: int) -> list[dict[str, str]]:
         column = [values[i % len(values)] for i in range(count)]
         draw.shuffle(column)
         columns[group] = column
-    return [{group: column[i] for group, column in columns.items()} for i in range(count)]
+    states = [{group: column[i] for group, column in columns.items()} for i in range(count)]
+    for state in states:
+        if not state["tool"] and state["preselected"] == "T0":
+            state["preselected"] = ""  # to a program, an empty spindle prepared for no tool is one that is not prepared
+    return states
 
 
 @asynccontextmanager

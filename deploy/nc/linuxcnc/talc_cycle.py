@@ -38,7 +38,7 @@ class Cycle:
         self._since_idle_s: float | None = None
         self._mode_before: int | None = None
         self._started_s: float | None = None
-        self._begun, self._rests = False, True
+        self._begun, self._rests, self._ended = False, True, True
         self._began_in: tuple[int, str] | None = None
         """Mode, and in MDI the block, in which the control has taken the request."""
 
@@ -57,12 +57,12 @@ class Cycle:
             raise Refusal(f"cycle {self._number} is under way")
         if self._state == "requested":
             raise Refusal(f"request {self._number} waits for the control's next safe point")
-        told = STATES.get(round(self._pins["state"]))
-        if 0 != self._number == self._pins["answers"] and told not in FINAL and not self._rests:
+        if 0 != self._number == self._pins["answers"] and not self._ended:
             raise Refusal(f"the program of cycle {self._number} has not ended yet")
         self._number, self._state, self._reason, self._void = number, "requested", "", ""
         self._expires_s = now + valid_for_s if valid_for_s > 0 else math.inf
-        self._started_s, self._since_idle_s, self._began_in, self._begun = None, None, None, False
+        self._started_s, self._since_idle_s, self._began_in = None, None, None
+        self._begun = self._ended = False
         self._dry_run_mm = self._pins["dry-run"] = dry_run_mm
         self._pins["withdrawn"] = 0.0
 
@@ -103,6 +103,8 @@ class Cycle:
             self._follow(now, nc, command)
         elif self._state == "requested":
             self._wait(now, nc, command)
+        # A request may have been refused here at the moment at which the program has taken it.
+        self._ended = self._ended or (self._state in FINAL and (self._rests or self._told() in FINAL))
         if nc is not None and self._mode_before is not None and self._state in FINAL and self._rests:
             if nc.task_mode == linuxcnc.MODE_MDI:  # otherwise somebody has chosen another one
                 command.mode(self._mode_before)
@@ -112,14 +114,13 @@ class Cycle:
         """The program has taken the request: its state counts, unless it was stopped or was not alone."""
         if nc is not None:
             self._watch(nc, command)
-        told = STATES.get(round(self._pins["state"]), "accepted")
+        told = self._told()
         if told == "done" and self._pins["result-of"] != self._number:
             told = "running"  # its pins are not all written yet
         if told in FINAL:
-            self._end(
-                "failed" if told == "done" and self._void else told,
-                self._void or REASONS.get(round(self._pins["reason"]), f"reason {self._pins['reason']:g}"),
-            )
+            reason = round(self._pins["reason"])
+            void = "" if told == "refused" else self._void
+            self._end("failed" if void else told, void or REASONS.get(reason, f"reason {reason}"))
             return
         self._state = told
         if nc is None or not self._rests:
@@ -128,6 +129,9 @@ class Cycle:
             self._since_idle_s = now
         elif now - self._since_idle_s > IDLE_LIMIT_S:
             self._end("failed", self._void or "the program was stopped")
+
+    def _told(self) -> str:
+        return STATES.get(round(self._pins["state"]), "accepted")
 
     def _watch(self, nc: Any, command: Any) -> None:
         """Void the result if LinuxCNC does something that the cycle has not commanded.
