@@ -46,7 +46,9 @@ QUEUED: Final = ("G0 X5", "G91", "G20", "G55", "G43.1 Z1", "M3 S500")
 """Commanded in MDI meanwhile: LinuxCNC keeps it for after the cycle."""
 KINDS: Final = ("block", "mdi", "mode", "stop", "estop", "off", "limit", "travel", "transformation", "contact")
 STOPS: Final = ("mode", "stop", "estop", "off", "limit", "travel")
-"""After these LinuxCNC itself has stopped the program: the machine stands until the operator retracts."""
+"""After these LinuxCNC itself has stopped the program, as after a contact in a rapid move: the machine stands until the
+operator retracts."""
+STOPPED: Final = "the program was stopped"
 FINAL: Final = (ProbingState.DONE, ProbingState.REFUSED, ProbingState.FAILED)
 
 
@@ -73,9 +75,9 @@ class Disturbed:
 
 
 @asynccontextmanager
-async def disturbable(folder: Path) -> AsyncIterator[AgentBench]:
+async def disturbable(folder: Path, **settings: object) -> AsyncIterator[AgentBench]:
     """Beside the sphere, the cycle executes the block whose number is on analog input 20, once."""
-    async with running(folder, MACHINE, sphere=True, tools=TOOLS) as bench:
+    async with running(folder, {**MACHINE, **settings}, sphere=True, tools=TOOLS) as bench:
         nc = folder / "machine" / "nc"
         choice = "\n".join(
             f"o{700 + n} if [#<_hal[motion.analog-in-20]> EQ {n}]\n{block}\n#<_foreign> = 1\no{700 + n} endif"
@@ -150,25 +152,24 @@ async def disturbed(bench: AgentBench, kind: str, number: int, draw: random.Rand
     await until(at_rest)
     rows = np.array(await hal.ask("recorded"))
     # Something bigger than the sphere is in the way at once, or the probe is already within it.
-    contact_mm = min(BALL_MM + MORE_MM, _distances(rows)[0]) if kind == "contact" else BALL_MM
+    contact_mm = min(BALL_MM + MORE_MM, distances(rows)[0]) if kind == "contact" else BALL_MM
     status = await bench.nc.probing_status(number)
-    stands = rows[-1]
+    stands, stopped = rows[-1], kind in STOPS or status.reason == STOPPED
     await hal.ask("record", *SIGNALS)
     await bench.pass_time(0.3)
     await hal.ask("hal", "setp", "sphere-touch.in1", str(BALL_MM))
     await _mend(bench)
     await bench.pass_time(0.2)
     still = np.array(await hal.ask("recorded"))
-    moved = float(np.abs(still - stands).max()) if kind in STOPS else 0.0
+    moved = float(np.abs(still - stands).max()) if stopped else 0.0
     sideways = 0.0
-    if kind in STOPS:
+    if stopped:
         await hal.ask("record", *SIGNALS)
         await hal.ask("mdi", "o<talc_retract> call")
         up = np.array(await hal.ask("recorded"))
         sideways = float(max(np.ptp(up[:, [0, 1, 3, 4]], axis=0).max(), -np.diff(up[:, 2]).min(initial=0.0)))
         rows = np.vstack([rows, still, up])
-    deepest = max(contact_mm - _distances(rows).min(), BALL_MM - _distances(before).min())
-    await hal.ask("mdi", "G53 G1 F60000 Z240" if kind in STOPS else "G21 G90 G54 G94 G8 G92.1 G49 G80")
+    deepest = max(contact_mm - distances(rows).min(), BALL_MM - distances(before).min())
     await hal.ask("mdi", "G21 G90 G54 G94 G8 G92.1 G49 G80 M5")
     await hal.ask("mdi", "T0 M6")
     await hal.ask("send_mode", MANUAL)
@@ -176,7 +177,7 @@ async def disturbed(bench: AgentBench, kind: str, number: int, draw: random.Rand
     return Disturbed(kind, status, float(deepest), float(rows[-1, 2]) - LENGTH_MM, moved, sideways)
 
 
-def _distances(rows: FloatArray) -> FloatArray:
+def distances(rows: FloatArray) -> FloatArray:
     """Of the probe's tip from the sphere's centre in each servo period, mm."""
     tip = rows[:, :3] - (0.0, 0.0, LENGTH_MM)
     centres = np.array([centre_mm([0.0] * 9, a, c, RADIUS_MM, HEIGHT_MM) for a, c in rows[:, 3:]])
