@@ -56,7 +56,7 @@ def loaded_by(command: Sequence[str], asked: str = "") -> set[str]:
 
 def test_a_gateway_without_opc_ua_loads_none_of_the_heavy_libraries() -> None:
     heavy = {"scipy", "osqp", "matplotlib", "jinja2", "cantools", "numpy.random"} | PLANT
-    assert loaded("import gateway.cli.main, gateway.cli.running.run").isdisjoint(heavy)
+    assert loaded("import gateway.cli.main, gateway.service.run").isdisjoint(heavy)
 
 
 def test_the_page_loads_no_bus_and_no_learner() -> None:
@@ -144,7 +144,6 @@ def test_a_bus_loads_the_libraries_of_its_own_kind(kind: str, needed: str, forei
         ("from drivers.mqtt import MqttBusSettings, MqttBus, MqttDevice, MqttServer, number_in", set()),
         ("from drivers.mqtt import MqttConnection", {"paho"}),
         ("from drivers.sinumerik import SinumerikControl, SinumerikSettings, make_sinumerik", set()),
-        ("from gateway.config.opcua_cautions import server_cautions", set()),
         ("from gateway.listeners.outlets.mqtt import MqttOutlet, MqttOutletSettings", set()),
         ("from gateway.listeners.umati.settings import ShownMachine, check_serving, load_serving", set()),
         ("from gateway.listeners.umati.server import MachineToolServer", {"asyncua", "cryptography"}),

@@ -6,9 +6,10 @@ from itertools import takewhile
 
 import numpy as np
 
-from gateway.control.restart.earlier import decide_alike, from_stored, stored_config
+from gateway.control.restart.earlier import decide_alike
 from gateway.control.restart.rebuild import Rebuilt, rebuilt, start_of
 from gateway.control.trainer import has_failed
+from gateway.storage.configurations import from_stored, stored_config
 from gateway.storage.history import History
 from gateway.storage.stored import StoredStep
 from talc.frame import Decision
