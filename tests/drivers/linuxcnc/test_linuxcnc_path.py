@@ -1,4 +1,4 @@
-"""The probing cycle's path against the machine's travel, without LinuxCNC: by an independent kinematics of the table."""
+"""The probing cycle's path against the machine's travel, without LinuxCNC, by an independent kinematics."""
 
 import configparser
 from collections.abc import Iterator
@@ -49,7 +49,7 @@ def spindle_at() -> Iterator[tuple[int, FloatArray]]:
 
 
 def test_as_shipped_a_probe_of_up_to_100_mm_finds_room_and_a_longer_one_is_refused(modules: Any) -> None:
-    limits = {axis: (-300.0, 300.0) for axis in "XYZ"} | {"A": (-120.0, 120.0), "C": (-36000.0, 36000.0)}
+    limits = dict.fromkeys("XYZ", (-300.0, 300.0)) | {"A": (-120.0, 120.0), "C": (-36000.0, 36000.0)}
     it = path(modules)
     for length in (60.0, 100.0):
         assert it.beyond(PROBE | {"Z": length}, limits) == ""
