@@ -25,7 +25,7 @@ from tests.benches.linuxcnc_bench import AgentBench, running, until
 LENGTH_MM, SAFE_MM, BALL_MM, RADIUS_MM, HEIGHT_MM = 40.0, 200.0, 13.0, 120.0, 80.0
 TOOLS: Final = f"T99 P99 Z{LENGTH_MM:g} D6 ;probe\nT1 P1 Z100 D8 ;mill\n"
 MACHINE: Final = {**HURRY, "FEED": 300, "FIND_FEED": 2000, "APPROACH_FEED": 6000, "CYCLE_TIME": 0.001}
-SIGNALS: Final = ("x-drive", "y-drive", "z-drive", "a-drive", "c-drive")
+SIGNALS: Final = ("x-drive", "y-drive", "z-drive", "a-drive", "c-drive", "sphere-size")
 DEEP_MM: Final = 0.6
 """How far the stylus gives way: the way to stop from APPROACH_FEED is a quarter of a millimetre."""
 MORE_MM, STANDS_MM = 3.5, 1e-6
@@ -89,6 +89,8 @@ async def disturbable(folder: Path, **settings: object) -> AsyncIterator[AgentBe
         )
         near = (nc / "talc_near.ngc").read_text()
         (nc / "talc_near.ngc").write_text(near.replace("o<talc_check> call\n", "o<foreign> call\no<talc_check> call\n"))
+        for words in "newsig sphere-size float", f"sets sphere-size {BALL_MM}", "linkps sphere-touch.in1 sphere-size":
+            await bench.operator.ask("hal", *words.split())
         await bench.operator.ask("hal", "setp", "talc.may-start", "1")
         yield bench
 
@@ -115,7 +117,7 @@ async def _disturb(bench: AgentBench, kind: str, draw: random.Random) -> None:
         case "transformation":
             await hal.ask("hal", "setp", "motion.switchkins-type", "1")
         case _:
-            await hal.ask("hal", "setp", "sphere-touch.in1", str(BALL_MM + MORE_MM))
+            await hal.ask("hal", "sets", "sphere-size", str(BALL_MM + MORE_MM))
 
 
 async def _mend(bench: AgentBench) -> None:
@@ -151,17 +153,15 @@ async def disturbed(bench: AgentBench, kind: str, number: int, draw: random.Rand
     await until(lambda: in_state(*FINAL))
     await until(at_rest)
     rows = np.array(await hal.ask("recorded"))
-    # Something bigger than the sphere is in the way at once, or the probe is already within it.
-    contact_mm = min(BALL_MM + MORE_MM, distances(rows)[0]) if kind == "contact" else BALL_MM
     status = await bench.nc.probing_status(number)
     stands, stopped = rows[-1], kind in STOPS or status.reason == STOPPED
     await hal.ask("record", *SIGNALS)
     await bench.pass_time(0.3)
-    await hal.ask("hal", "setp", "sphere-touch.in1", str(BALL_MM))
+    await hal.ask("hal", "sets", "sphere-size", str(BALL_MM))
     await _mend(bench)
     await bench.pass_time(0.2)
     still = np.array(await hal.ask("recorded"))
-    moved = float(np.abs(still - stands).max()) if stopped else 0.0
+    moved = float(np.abs(still - stands)[:, :5].max()) if stopped else 0.0
     sideways = 0.0
     if stopped:
         await hal.ask("record", *SIGNALS)
@@ -169,7 +169,7 @@ async def disturbed(bench: AgentBench, kind: str, number: int, draw: random.Rand
         up = np.array(await hal.ask("recorded"))
         sideways = float(max(np.ptp(up[:, [0, 1, 3, 4]], axis=0).max(), -np.diff(up[:, 2]).min(initial=0.0)))
         rows = np.vstack([rows, still, up])
-    deepest = max(contact_mm - distances(rows).min(), BALL_MM - distances(before).min())
+    deepest = max(_deepest(rows), _deepest(before))
     await hal.ask("mdi", "G21 G90 G54 G94 G8 G92.1 G49 G80 M5")
     await hal.ask("mdi", "T0 M6")
     await hal.ask("send_mode", MANUAL)
@@ -180,9 +180,17 @@ async def disturbed(bench: AgentBench, kind: str, number: int, draw: random.Rand
 def distances(rows: FloatArray) -> FloatArray:
     """Of the probe's tip from the sphere's centre in each servo period, mm."""
     tip = rows[:, :3] - (0.0, 0.0, LENGTH_MM)
-    centres = np.array([centre_mm([0.0] * 9, a, c, RADIUS_MM, HEIGHT_MM) for a, c in rows[:, 3:]])
+    centres = np.array([centre_mm([0.0] * 9, a, c, RADIUS_MM, HEIGHT_MM) for a, c in rows[:, 3:5]])
     distances: FloatArray = np.linalg.norm(tip - centres, axis=1)
     return distances
+
+
+def _deepest(rows: FloatArray) -> float:
+    """In whatever is touched: it may grow, and the probe be within it already; mm."""
+    found, size = distances(rows), rows[:, 5]
+    grown = int(np.argmax(size > size[0])) if (size > size[0]).any() else 0
+    within = min(size[grown], found[grown]) if grown else size[0]
+    return float(max(within - found[grown:].min(), size[0] - found[: grown + 1].min()))
 
 
 async def run(count: int, seed: int, kinds: tuple[str, ...] = KINDS) -> list[Disturbed]:

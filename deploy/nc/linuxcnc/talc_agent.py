@@ -141,6 +141,7 @@ class Control:
         valid_for = not_negative(command, "valid_for_s")
         dry_run = not_negative(command, "dry_run_mm", 0.0)
         self._cycle.request(time.monotonic(), whole(command, "number"), valid_for, dry_run)
+        self.step()  # when this is answered, the next safe point sees the request, unless it is refused already
 
     def probing(self, command: dict[str, Any]) -> dict[str, Any]:
         """As Cycle.status; when done, also the offsets that stood still, µm."""

@@ -266,7 +266,7 @@ async def test_a_claim_after_a_release_that_the_real_time_thread_has_not_seen_ho
 async def test_what_an_earlier_claim_wanted_never_comes_back_in_whatever_order_real_time_sees_a_new_one(
     tmp_path: Path,
 ) -> None:
-    """As when the agent is interrupted in the middle of a claim: the silence is longer, and nothing else has changed."""
+    """As when the agent is interrupted in the middle of a claim: only the silence has become longer."""
     async with running(tmp_path, {"SLEW": 1.0}) as bench:
         await claimed(bench, WatchdogTerms(60.0, 1000.0))
         await bench.nc.write_compensation((2.0, 0.0, -1.0))
