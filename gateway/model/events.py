@@ -12,8 +12,9 @@ from gateway.nc.slew import Write
 from gateway.nc.states import NcState
 from gateway.runtime.ages import StepTime
 from gateway.runtime.problems import Notice
+from talc.explanation import Reasons
+from talc.forecast import Forecast, Misses, PlannedForecast
 from talc.frame import Decision, Event, EventKind, Frame
-from talc.learner import Forecast, Misses, PlannedForecast, Reasons
 from talc.models import ModelSet
 from talc.sensor_check import Judgement
 

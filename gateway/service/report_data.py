@@ -20,8 +20,8 @@ from gateway.storage.configurations import stored_config
 from gateway.storage.faults import StoreError
 from gateway.storage.history import History, TimeSpan
 from gateway.storage.stored import StoredMeasurement, StoredStep
+from talc.explanation import Reasons
 from talc.frame import FloatArray, Phase
-from talc.learner import Reasons
 from talc.names import THERMAL_ERRORS
 
 _DAY = timedelta(days=1)

@@ -10,10 +10,10 @@ from typing import Final
 
 import numpy as np
 
-from talc.arx import Regression, least_squares_fit, simulate
-from talc.criteria import bic
 from talc.frame import FloatArray
-from talc.window import Structure
+from talc.papers.arx import Regression, least_squares_fit, simulate
+from talc.papers.criteria import bic
+from talc.papers.window import Structure
 
 _INITIALISATIONS: Final = 30
 _SMALL_ENSEMBLE: Final = 10
@@ -169,7 +169,7 @@ def select_by_clusters(regression: Regression, sensors: Ensemble, *, most: int =
 
 def _clusters(u: FloatArray, inputs: list[int]) -> dict[int, int]:
     """Cluster of each input."""
-    from scipy.cluster.hierarchy import fcluster, linkage  # see talc.arx
+    from scipy.cluster.hierarchy import fcluster, linkage  # see talc.papers.arx
     from scipy.spatial.distance import squareform
 
     if len(inputs) < 2:

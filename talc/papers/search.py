@@ -22,8 +22,8 @@ import numpy as np
 from talc import _kernel
 from talc._kernel import Progress
 from talc.frame import FloatArray
-from talc.group_lasso import GroupLasso
-from talc.output_error import Design
+from talc.papers.group_lasso import GroupLasso
+from talc.papers.output_error import Design
 
 BLOCKS = 6
 """Number of blocks: of 4 h each on the first day. Fewer blocks say less; more let a fit see the neighbourhood of each

@@ -5,9 +5,9 @@ import pytest
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from talc.arx import Regression, followed, guarded_fit, least_squares_fit, refine, simulate
-from talc.output_error import Design, fit
-from talc.window import Coefficients, Structure, Window
+from talc.papers.arx import Regression, followed, guarded_fit, least_squares_fit, refine, simulate
+from talc.papers.output_error import Design, fit
+from talc.papers.window import Coefficients, Structure, Window
 
 Array = NDArray[np.float64]
 

@@ -9,9 +9,9 @@ from scipy.signal import lfilter
 
 from talc.frame import TrainingJob, Why
 from talc.models import ModelSet
-from talc.output_error import Design, fit
+from talc.papers.output_error import Design, fit
+from talc.papers.training import Cancelled, Progress, train
 from talc.settings import TrainingSettings
-from talc.training import Cancelled, Progress, train
 from tests.benches.thermal_series import ThermalSeries, series
 
 Array = NDArray[np.float64]

@@ -6,8 +6,8 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from talc.disturbance import Disturbance, disturbance_of
-from talc.free_running import FreeRunningModel
 from talc.models import ErrorModel
+from talc.papers.free_running import FreeRunningModel
 
 Array = NDArray[np.float64]
 

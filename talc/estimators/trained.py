@@ -1,8 +1,7 @@
-"""The papers' models, and the sparse output-error models beside them, with scikit-learn's conventions."""
+"""What the estimators with trained models share: a model for each error, with scikit-learn's conventions."""
 
-from abc import ABC, abstractmethod
 from operator import index as whole
-from typing import Any, Literal, Self, get_args, get_origin, get_type_hints
+from typing import Any, ClassVar, Literal, Self, get_args, get_origin, get_type_hints
 from warnings import warn
 
 import numpy as np
@@ -11,18 +10,20 @@ from talc.estimators.clock import RowClock
 from talc.estimators.conventions import Conventions, not_fitted
 from talc.estimators.rows import input_rows, names_or_numbers, outputs_of
 from talc.frame import FloatArray, Frame, TrainingJob, Why
-from talc.free_running import FreeRunningModel
 from talc.models import ErrorModel
 from talc.names import ERROR_UNITS, MICROMETRE, THERMAL_ERRORS
+from talc.papers.free_running import FreeRunningModel
+from talc.papers.training import train
 from talc.record import Record
 from talc.settings import TrainingSettings
-from talc.training import train
 
 _PLACES = tuple(i for i, name in enumerate(THERMAL_ERRORS) if ERROR_UNITS[name] == MICROMETRE)
 """A training makes nine models; these have one tolerance, the estimator's."""
+_FIELDS = {"tolerance": "tolerance_um"}
+"""Parameters that the settings of a training call otherwise."""
 
 
-class TrainedModels(Conventions, ABC):
+class TrainedModels(Conventions):
     """A model for each error, from all rows at once; what its subclasses share.
 
     Rows are a time series. `predict` takes the rows that follow the fitted ones, in free run: without measurements.
@@ -31,10 +32,14 @@ class TrainedModels(Conventions, ABC):
     """
 
     step_s: float | None
+    _selector: ClassVar[Literal["search", "pso", "tck"]]
 
-    @abstractmethod
     def _settings(self) -> TrainingSettings:
-        """What the parameters mean. ValueError names an invalid one."""
+        """What the parameters mean: those of the training, of errors in the unit of y. ValueError names an invalid
+        one."""
+        given: dict[str, Any] = {_FIELDS.get(name, name): getattr(self, name) for name in self._parameters()}
+        del given["step_s"]
+        return TrainingSettings(selector=self._selector, **given)
 
     def fit(self, X: object, y: object, times: object = None) -> Self:
         """Find the models.
@@ -108,157 +113,6 @@ class TrainedModels(Conventions, ABC):
         if self._flat:
             mean, std = mean[:, 0], std[:, 0]
         return (mean, std) if return_std else mean
-
-
-class GroupLassoARX(TrainedModels):
-    """ARX models whose inputs and orders a particle swarm chooses over the Group-LASSO (Zimmermann et al. 2022, §3).
-
-    Parameters
-    ----------
-    max_na, max_nb : int
-        Largest autoregressive order, 0 to 5, and largest order of an input, 0 to 5.
-    max_inputs : int
-        Largest number of inputs in a model.
-    criterion : {'adapted_bic', 'bic', 'aic', 'mdl'}
-        What the swarm minimises, of the free run's residuals (eq. 9).
-    tolerance, safety : float
-        T and ST of the adapted BIC; T in the unit of y.
-    estimator : {'guarded', 'least_squares', 'refined'}
-        The fit of the choice: under constraints on poles and gains; plain (eq. 5); or of the free run.
-    seed : int
-        Of the swarm.
-    step_s : float or None
-        Grid step, s. None: the median spacing of the rows' times, or 300 s where they have none.
-
-    Attributes
-    ----------
-    inputs_, poles_, static_gains_ : dict
-        By error: names of the chosen inputs, poles, and the response to a lasting unit step of each input.
-    error_names_, feature_names_in_, n_features_in_, step_s_
-        As of `talc.Learner`.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> import talc
-    >>> X = np.random.default_rng(1).normal(size=(300, 4)).cumsum(axis=0)
-    >>> y = np.zeros(300)
-    >>> for k in range(1, 300):
-    ...     y[k] = 0.8 * y[k - 1] + 2 * X[k, 1]
-    >>> model = talc.GroupLassoARX(max_inputs=2).fit(X[:200], y[:200])
-    >>> model.inputs_
-    {'y0': ('x1',)}
-    >>> round(model.static_gains_["y0"]["x1"], 1)
-    10.0
-    """
-
-    def __init__(
-        self,
-        *,
-        max_na: int = 1,
-        max_nb: int = 5,
-        max_inputs: int = 8,
-        criterion: Literal["adapted_bic", "bic", "aic", "mdl"] = "adapted_bic",
-        tolerance: float = 5.0,
-        safety: float = 0.75,
-        estimator: Literal["least_squares", "guarded", "refined"] = "guarded",
-        seed: int = 0,
-        step_s: float | None = None,
-    ) -> None:
-        self.max_na, self.max_nb, self.max_inputs = max_na, max_nb, max_inputs
-        self.criterion, self.tolerance, self.safety = criterion, tolerance, safety
-        self.estimator, self.seed, self.step_s = estimator, seed, step_s
-
-    def _settings(self) -> TrainingSettings:
-        return TrainingSettings(
-            selector="pso",
-            max_na=self.max_na,
-            max_nb=self.max_nb,
-            max_inputs=self.max_inputs,
-            criterion=self.criterion,
-            tolerance_um=self.tolerance,
-            safety=self.safety,
-            estimator=self.estimator,
-            seed=self.seed,
-        )
-
-
-class ClusterKernelARX(TrainedModels):
-    """ARX models whose inputs the Time Series Cluster Kernel chooses one by one (Zimmermann et al. 2022, §3).
-
-    Parameters
-    ----------
-    max_na, max_nb, max_inputs, estimator, seed, step_s
-        As of `GroupLassoARX`; the seed is of the kernel's ensemble.
-
-    Attributes
-    ----------
-    inputs_, poles_, static_gains_, error_names_, feature_names_in_, n_features_in_, step_s_
-        As of `GroupLassoARX`.
-    """
-
-    def __init__(
-        self,
-        *,
-        max_na: int = 1,
-        max_nb: int = 5,
-        max_inputs: int = 8,
-        estimator: Literal["least_squares", "guarded", "refined"] = "guarded",
-        seed: int = 0,
-        step_s: float | None = None,
-    ) -> None:
-        self.max_na, self.max_nb, self.max_inputs = max_na, max_nb, max_inputs
-        self.estimator, self.seed, self.step_s = estimator, seed, step_s
-
-    def _settings(self) -> TrainingSettings:
-        return TrainingSettings(
-            selector="tck",
-            max_na=self.max_na,
-            max_nb=self.max_nb,
-            max_inputs=self.max_inputs,
-            estimator=self.estimator,
-            seed=self.seed,
-        )
-
-
-class SparseOutputError(TrainedModels):
-    """Output-error models that best predict blocks of rows which their fit has not seen: `method = "models"`'s default.
-
-    Parameters
-    ----------
-    max_na : int
-        Largest number of poles, 0 to 3.
-    max_nb, max_inputs, step_s
-        As of `GroupLassoARX`.
-    judged_by : {'unseen', 'seen'}
-        A BIC of the residuals on rows left out of the fit, or on all rows.
-
-    Attributes
-    ----------
-    inputs_, poles_, static_gains_, error_names_, feature_names_in_, n_features_in_, step_s_
-        As of `GroupLassoARX`.
-    """
-
-    def __init__(
-        self,
-        *,
-        max_na: int = 1,
-        max_nb: int = 5,
-        max_inputs: int = 8,
-        judged_by: Literal["unseen", "seen"] = "unseen",
-        step_s: float | None = None,
-    ) -> None:
-        self.max_na, self.max_nb, self.max_inputs = max_na, max_nb, max_inputs
-        self.judged_by, self.step_s = judged_by, step_s
-
-    def _settings(self) -> TrainingSettings:
-        return TrainingSettings(
-            selector="search",
-            max_na=self.max_na,
-            max_nb=self.max_nb,
-            max_inputs=self.max_inputs,
-            judged_by=self.judged_by,
-        )
 
 
 def _check_parameters(estimator: TrainedModels) -> None:

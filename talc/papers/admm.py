@@ -23,7 +23,7 @@ def admm(
     tolerance: float = 1e-8,
     limit: int = 200_000,
 ) -> tuple[FloatArray, float, int]:
-    """min t'Gt - 2 m't + e + penalty sum_s sqrt(g_s) ||t_s||; see talc.group_lasso for the arguments.
+    """min t'Gt - 2 m't + e + penalty sum_s sqrt(g_s) ||t_s||; see talc.papers.group_lasso for the arguments.
 
     Returns the coefficients (p,), the relative duality gap they reach and the number of iterations.
     """

@@ -3,7 +3,7 @@
 The weights are 0 and 1: a row counts if its output was measured and the outputs before it are known, measured or
 estimated (`Window.past`). Static and FIR models are the case na = 0. One-step least squares shrinks the poles when
 outputs are noisy; starting there, `refine` fits the free run instead. For irregular or noisy measurements
-talc.output_error is the better method.
+talc.papers.output_error is the better method.
 
 SciPy and OSQP are imported where they are used: the default route needs neither, and on a small computer this saves
 half a second at start and tens of megabytes.
@@ -15,7 +15,7 @@ from itertools import product
 import numpy as np
 
 from talc.frame import BoolArray, FloatArray
-from talc.window import Coefficients, Structure, Window
+from talc.papers.window import Coefficients, Structure, Window
 
 _FAR = 1e6
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from talc.output_error import Design, fit
-from talc.search import BLOCKS, RIDGE, Candidates
-from talc.training import Progress
+from talc.papers.output_error import Design, fit
+from talc.papers.search import BLOCKS, RIDGE, Candidates
+from talc.papers.training import Progress
 from tests.benches.thermal_series import series
 
 Array = NDArray[np.float64]

@@ -12,11 +12,11 @@ import numpy as np
 
 from talc import _kernel
 from talc._kernel import Progress
-from talc.arx import Regression
-from talc.criteria import CRITERIA, Criterion
 from talc.frame import FloatArray
-from talc.group_lasso import GroupLasso
-from talc.window import Structure
+from talc.papers.arx import Regression
+from talc.papers.criteria import CRITERIA, Criterion
+from talc.papers.group_lasso import GroupLasso
+from talc.papers.window import Structure
 
 SWARM: Final = 40
 ITERATIONS: Final = 60

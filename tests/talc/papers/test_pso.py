@@ -7,12 +7,12 @@ import pytest
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from talc import criteria
-from talc.admm import admm
-from talc.arx import Regression
-from talc.pso import Chosen, select_by_swarm
-from talc.training import Progress
-from talc.window import Structure, Window
+from talc.papers import criteria
+from talc.papers.admm import admm
+from talc.papers.arx import Regression
+from talc.papers.pso import Chosen, select_by_swarm
+from talc.papers.training import Progress
+from talc.papers.window import Structure, Window
 from tests.benches.thermal_series import series
 
 Array = NDArray[np.float64]

@@ -6,16 +6,16 @@ from functools import partial
 
 import numpy as np
 
-from talc import pso, tck
 from talc._kernel import Progress
-from talc.arx import Regression, followed, guarded_fit, least_squares_fit, refine, simulate
-from talc.criteria import bic
 from talc.frame import BoolArray, FloatArray
 from talc.names import ERROR_UNITS, MICROMETRE, THERMAL_ERRORS
-from talc.output_error import Design, fit
-from talc.search import BLOCKS, RIDGE, Candidates
+from talc.papers import pso, tck
+from talc.papers.arx import Regression, followed, guarded_fit, least_squares_fit, refine, simulate
+from talc.papers.criteria import bic
+from talc.papers.output_error import Design, fit
+from talc.papers.search import BLOCKS, RIDGE, Candidates
+from talc.papers.window import Coefficients, Structure, Window
 from talc.settings import TrainingSettings
-from talc.window import Coefficients, Structure, Window
 
 _FIRST_ITERATIONS = 10
 """Settings of the swarm that finds a first model."""
@@ -69,7 +69,7 @@ class Shared:
 def by_search(
     shared: Shared, error: str, fixed: tuple[int, ...] | None, settings: TrainingSettings, within: Progress | None
 ) -> Fitted:
-    """An output-error model (talc.search). fixed: positions of inputs to keep; within: may end it early."""
+    """An output-error model (talc.papers.search). fixed: positions of inputs to keep; within: may end it early."""
     column = shared.column[error]
     most = min(settings.max_inputs, shared.scaled.shape[1])
     best = shared.candidates.choose(column, most, fixed, within, settings.judged_by)

@@ -5,9 +5,9 @@ import pytest
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from talc.arx import Regression
-from talc.tck import Ensemble, offered, select_by_clusters
-from talc.window import Structure, Window
+from talc.papers.arx import Regression
+from talc.papers.tck import Ensemble, offered, select_by_clusters
+from talc.papers.window import Structure, Window
 from tests.benches.thermal_series import series
 
 Array = NDArray[np.float64]

@@ -11,8 +11,8 @@ from scipy import sparse
 
 from simulators.cases import SEASONS, random_axes
 from simulators.plant import Plant, load_machine, record_drive
-from talc.admm import admm, duality_gap
-from talc.group_lasso import GroupLasso
+from talc.papers.admm import admm, duality_gap
+from talc.papers.group_lasso import GroupLasso
 
 Array = NDArray[np.float64]
 

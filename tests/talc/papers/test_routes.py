@@ -7,10 +7,10 @@ import pytest
 from scipy.signal import lfilter
 
 from talc.frame import FloatArray
-from talc.routes import Shared, by_arx, by_search
+from talc.papers.routes import Shared, by_arx, by_search
+from talc.papers.tck import Ensemble
+from talc.papers.window import Window
 from talc.settings import TrainingSettings
-from talc.tck import Ensemble
-from talc.window import Window
 
 POLE, NOISE = 0.9, 0.02
 SETTINGS = TrainingSettings(selector="pso", estimator="least_squares", max_na=1, max_nb=1, max_inputs=3)

@@ -7,16 +7,16 @@ from itertools import combinations
 
 import numpy as np
 
-from talc import tck
 from talc._kernel import Progress
 from talc.disturbance import Disturbance, disturbance_of
 from talc.frame import LEAST_VALID, BoolArray, FloatArray, TrainingJob
 from talc.models import ErrorModel, ModelSet
 from talc.names import THERMAL_ERRORS
-from talc.routes import Fitted, Shared, by_arx, by_search
-from talc.search import BLOCKS
+from talc.papers import tck
+from talc.papers.routes import Fitted, Shared, by_arx, by_search
+from talc.papers.search import BLOCKS
+from talc.papers.window import Window
 from talc.settings import TrainingSettings
-from talc.window import Window
 
 __all__ = ["Cancelled", "Progress", "train"]
 
@@ -43,8 +43,8 @@ def train(
     Inputs with fewer than 80 % good rows, or that never changed, are not offered. A missing value is replaced by the
     last good one; before the first good one, by that one (talc.record). With the selector `search` each error gets an
     output-error model: the poles, inputs and orders that best predict blocks of rows which the fit has not seen
-    (talc.search). With `pso` or `tck` it gets an ARX model as in the papers. An error with fewer than 24 measured rows
-    gets no model, nor does one whose model would be unstable.
+    (talc.papers.search). With `pso` or `tck` it gets an ARX model as in the papers. An error with fewer than 24
+    measured rows gets no model, nor does one whose model would be unstable.
 
     progress: called with the share done, 0 to 1, after each model; cancelled: called before each error, True ends the
     training; within: progress of the present error; its `cancel` ends the training from another thread.
