@@ -19,9 +19,9 @@ from drivers.problems import read_settings
 from drivers.sinumerik import SinumerikSettings, make_sinumerik
 from gateway.config.sections import Probing
 from gateway.control.grid import GridSampler, Instant
+from gateway.model.standing import Standing
 from gateway.nc.probing.cycle import End, Probe, probe_of
 from gateway.nc.probing.schedule import excess, schedule_of
-from gateway.nc.probing.standing import Standing
 from gateway.nc.routes import ByErrors
 from gateway.nc.slew import Slew
 from gateway.reporting.data import ReportData, Truth
@@ -32,8 +32,8 @@ from simulators.plant import RADIUS_MM, load_machine
 from talc.control import Controller
 from talc.frame import Decision, FloatArray, Frame, Measurement
 from talc.indicators import reduction
+from talc.papers.training import train
 from talc.settings import LearnerSettings, TalcSettings
-from talc.training import train
 
 SEEDS = range(1, 21)
 DEFAULT = TalcSettings(method="learner")

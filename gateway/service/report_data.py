@@ -12,7 +12,7 @@ from zoneinfo import ZoneInfo
 import numpy as np
 
 from gateway.config.model import GatewayConfig
-from gateway.nc.states import Source
+from gateway.model.compensation import Source
 from gateway.reporting.data import TRUTH_WIDTH, WORK_SHIFTS, AdoptedModels, CycleSeen, NotYet, ReportData, Truth
 from gateway.reporting.local import local_moment
 from gateway.reporting.page import nothing_learnt, nothing_that_day
@@ -20,8 +20,8 @@ from gateway.storage.configurations import stored_config
 from gateway.storage.faults import StoreError
 from gateway.storage.history import History, TimeSpan
 from gateway.storage.stored import StoredMeasurement, StoredStep
+from talc.explanation import Reasons
 from talc.frame import FloatArray, Phase
-from talc.learner import Reasons
 from talc.names import THERMAL_ERRORS
 
 _DAY = timedelta(days=1)

@@ -13,7 +13,7 @@ from gateway.storage.configurations import from_stored, stored_config
 from gateway.storage.history import History
 from gateway.storage.stored import StoredStep
 from talc.frame import Decision
-from talc.training import train
+from talc.papers.training import train
 
 _ARRAYS = ("predicted", "corrected", "sigma", "limits")
 

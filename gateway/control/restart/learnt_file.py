@@ -63,7 +63,7 @@ def take(config: GatewayConfig, file: Path, *, replace: bool) -> Iterator[str]:
     for label, names in (("not here, left out", theirs - here), ("new here, nothing is known of them", here - theirs)):
         if names:
             yield f"inputs {label}: {', '.join(sorted(names))}"
-    lost = [m[0].error for m in learnt.state.models if m is not None and not set(m[0].inputs) <= here]
+    lost = [m.error for m in learnt.state.models if m is not None and not set(m.inputs) <= here]
     if lost:
         yield f"models left out, because they use inputs that are not here: {', '.join(lost)}"
     yield "not imported: the record, and the times at which errors were measured; a measurement is wanted at once"
@@ -77,6 +77,6 @@ def _contents(learnt: Learnt) -> Iterator[str]:
         known = [f"{name} from {many}" for name, many in zip(THERMAL_ERRORS, counts, strict=True) if many]
         yield f"measurements of {', '.join(known)}" if known else "nothing was measured"
     else:
-        models = [known[0].error for known in state.models if known is not None]
+        models = [model.error for model in state.models if model is not None]
         yield f"models of {', '.join(models)}" if models else "no models"
     yield "no reference" if learnt.reference is None else f"reference of {learnt.reference.ended:%Y-%m-%d %H:%M} UTC"

@@ -17,16 +17,16 @@ from gateway.control.grid import GridSampler, Schedule
 from gateway.control.loop import GridLoop
 from gateway.control.measuring import Measuring
 from gateway.control.trainer import Trainings
+from gateway.model.compensation import Source
 from gateway.model.events import CompensationStepped, DecisionMade, ForecastMade, FrameMade, ModelsAdopted, ReasonsGiven
+from gateway.model.standing import Standing
 from gateway.nc.probing.schedule import ProbingSchedule, schedule_of
-from gateway.nc.probing.standing import Standing
-from gateway.nc.states import Source
 from gateway.service.service import Service
 from gateway.storage.store import Store
 from talc.control import Controller
 from talc.frame import Decision, EventKind, Frame, Measurement, Phase, Why
+from talc.papers.training import train
 from talc.settings import ControlSettings, LearnerSettings, TalcSettings
-from talc.training import train
 from tests.benches.kept_events import KeptEvents
 from tests.benches.nc_link_bench import LinkBench, ScriptedControl
 from tests.benches.restarted import restarted
