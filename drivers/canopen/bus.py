@@ -19,7 +19,9 @@ import canopen
 from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError
 
 from drivers.base import BadAnswer, ConnectError, DriverError, NoAnswer, Refused
-from drivers.can import KeptFrame, Receiver, interface_error, open_interface, shut
+from drivers.can.bus import KeptFrame
+from drivers.can.interface import interface_error, open_interface, shut
+from drivers.can.receiver import Receiver
 from drivers.canopen.events import NodeEvents
 from drivers.canopen.frames import FittingAnswers, LatestFrames, pass_on
 from drivers.canopen.place import CanObject

@@ -7,7 +7,7 @@ from typing import Any
 
 import can
 
-from drivers.can import KeptFrame
+from drivers.can.bus import KeptFrame
 from drivers.canopen.place import CanObject
 
 _SDO_ANSWERS = range(0x581, 0x600)

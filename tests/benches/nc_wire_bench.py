@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from drivers.nc import WatchdogTerms
-from drivers.sinumerik import SinumerikSettings
 from drivers.sinumerik.control import Sinumerik
+from drivers.sinumerik.settings import SinumerikSettings
 from gateway.config.extended import validate
 from gateway.nc.link import NcLink
 from gateway.nc.probing.cycle import Outcome

@@ -8,8 +8,8 @@ import pytest
 
 from drivers.base import BadAnswer, Refused
 from drivers.nc import FollowsErrors, NineErrors, NotSendable, ProbingState, WatchdogTerms
-from drivers.sinumerik import make_sinumerik
 from drivers.sinumerik.errors import SinumerikWithErrors
+from drivers.sinumerik.make import make_sinumerik
 from simulators.nc import Activity, CycleSettings, DayPart, EmulatedControl, LoadCase, MeanLoads
 from tests.benches.emulated_bench import Rigid
 from tests.benches.error_program import (

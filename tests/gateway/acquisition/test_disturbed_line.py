@@ -13,7 +13,7 @@ from pymodbus.client import AsyncModbusSerialClient
 from pymodbus.exceptions import ModbusException
 
 from drivers.base import Quality
-from drivers.modbus import Block
+from drivers.modbus.numbers import Block
 from simulators.devices import M7015
 from simulators.devices.pta8d08 import Pta8d08
 from tests.benches.disturbed_line import (
