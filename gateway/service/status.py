@@ -10,6 +10,7 @@ from pathlib import Path
 from drivers.base import Quality
 from gateway.config.consequences import unarmed
 from gateway.config.model import GatewayConfig
+from gateway.control.restart.proven import dry_run_wanted
 from gateway.nc.problems import still_wrong
 from gateway.runtime.terminal import duration_text, printable, terminal
 from gateway.runtime.time_service import clock_synchronised
@@ -88,7 +89,7 @@ def status_of(config: GatewayConfig, now: datetime, *, synchronised: bool = True
         phase=None if decision is None else decision[1],
         decision_age_s=age_s,
         armed=armed(config),
-        unarmed=unarmed(config),
+        unarmed=tuple(filter(None, (*unarmed(config), dry_run_wanted(config)))),
         paused=None if pause is None else str(pause),
         disarmed=None if disarmed is None else str(disarmed),
         readings=readings,

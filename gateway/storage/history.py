@@ -12,7 +12,7 @@ import numpy as np
 
 from gateway.config.outline import inputs_of_config
 from gateway.model.commands import CommandName, CommandOutcome, Disarmed, Pause
-from gateway.runtime.ages import StepTime
+from gateway.model.step_time import StepTime
 from gateway.storage import rows
 from gateway.storage.answers import DiskWork
 from gateway.storage.faults import StoreError
@@ -290,6 +290,24 @@ class History:
             (EventKind.PROBLEM.value, EventKind.PROBLEM_ENDED.value),
         )
         return [(at, event) for at, _, event in map(rows.event_of, found)]
+
+    def operator_texts(self) -> list[str]:
+        """What operators were told, newest first."""
+        found = "SELECT text FROM event WHERE kind = ? ORDER BY id DESC"
+        return [str(text) for (text,) in self._connection.execute(found, (EventKind.OPERATOR.value,))]
+
+    def configs_that_measured(self) -> list[str]:
+        """Canonical configurations of the runs in which a measurement was used, newest first.
+
+        A reference that a repair put back is before the first row, and counts for the first run that is left.
+        """
+        first = "m.id < 0 AND number = (SELECT min(number) FROM boot)"
+        ran = f"SELECT max(number) FROM boot WHERE began <= m.ended OR ({first})"
+        found = self._connection.execute(
+            f"SELECT config FROM boot WHERE number IN (SELECT DISTINCT ({ran}) FROM measurement m"
+            " WHERE errors IS NOT NULL) ORDER BY number DESC"
+        )
+        return list(dict.fromkeys(str(text) for (text,) in found))
 
     def commands(self) -> list[CommandOutcome]:
         """Every command that somebody gave, oldest first."""

@@ -18,6 +18,7 @@ from gateway.commissioning.doctor.power import power
 from gateway.config.model import GatewayConfig
 from gateway.config.rules import cautions
 from gateway.config.telemetry_rules import credential_problems
+from gateway.control.restart.proven import dry_run_wanted
 from gateway.runtime.terminal import terminal
 from gateway.runtime.time_service import clock_synchronised
 from gateway.storage.answers import answered
@@ -96,6 +97,12 @@ def health_findings(config: GatewayConfig, root: Path, *, synchronised: bool) ->
     for problem in credential_problems(config.telemetry, datetime.now(UTC)):
         if problem.where not in unread:
             yield HealthFinding(str(problem), *spoilt_file(config, problem))
+    if why := dry_run_wanted(config):
+        yield HealthFinding(
+            why,
+            "a cycle that was never driven at this machine may touch what it must not",
+            "do it with the feed override at hand: docs/machine-responsible.md",
+        )
     if answered(config.storage.path, config.storage.path.is_file):
         with History(config.storage.path) as history:
             yield from _other_masters(history, config)

@@ -17,6 +17,9 @@ from gateway.runtime.clocks import ServiceClock
 from talc import probing
 from talc.frame import FloatArray, Measurement, Why
 
+_FIRST_NUMBER_BELOW = 1_000_000
+"""Request numbers are sent in R-parameters (64-bit reals) and read by people."""
+
 
 class End(StrEnum):
     """How a request ended."""
@@ -134,25 +137,36 @@ async def run_cycle(
         await clock.sleep_until(clock.monotonic() + poll_s)
         with clock.hold():
             status = await to_its_end(nc.probing_status(number))
-        match status.state:
-            case ProbingState.DONE:
-                return status
-            case ProbingState.REFUSED:
-                raise NotBegun(f"the control refused the cycle: {status.reason or 'no reason given'}")
-            case ProbingState.FAILED:
-                raise Rejected(f"the cycle failed: {status.reason or 'no reason given'}")
-            case ProbingState.IDLE:
-                raise NotBegun("the control no longer knows the request: is another gateway probing?")
-            case ProbingState.REQUESTED | ProbingState.ACCEPTED | ProbingState.RUNNING:
-                pass
-            case _:
-                assert_never(status.state)
+        if ended(status):
+            return status
         if clock.monotonic() > deadline:
             with clock.hold():
                 await to_its_end(nc.withdraw_probing(number))
             begun = status.state in (ProbingState.ACCEPTED, ProbingState.RUNNING)
             text = f"the cycle did not {'end' if begun else 'begin'} within {timeout_s:g} s"
             raise Rejected(text) if begun else NotBegun(text)
+
+
+def ended(status: RequestStatus) -> bool:
+    """Whether a cycle is done. Raises NotBegun or Rejected when it will not be."""
+    match status.state:
+        case ProbingState.DONE:
+            return True
+        case ProbingState.REFUSED:
+            raise NotBegun(f"the control refused the cycle: {status.reason or 'no reason given'}")
+        case ProbingState.FAILED:
+            raise Rejected(f"the cycle failed: {status.reason or 'no reason given'}")
+        case ProbingState.IDLE:
+            raise NotBegun("the control no longer knows the request: is another gateway probing?")
+        case ProbingState.REQUESTED | ProbingState.ACCEPTED | ProbingState.RUNNING:
+            return False
+        case _:
+            assert_never(status.state)
+
+
+def number_after(last: int | None, now: datetime) -> int:
+    """Number of the next request; last: of the latest that is stored, None: there is none."""
+    return (int(now.timestamp()) % _FIRST_NUMBER_BELOW if last is None else last) + 1
 
 
 def centres(status: RequestStatus, poses: int) -> FloatArray:
