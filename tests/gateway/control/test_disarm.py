@@ -172,9 +172,9 @@ async def test_a_reload_is_answered_with_what_is_applied_or_with_what_needs_a_re
             raise ReloadError("[nc], [compensation] changed: restart the gateway to apply it")
         return "it is being applied"
 
-    async with commanded(bench) as at:
-        assert (await at.give(RELOAD)).text == "this gateway has no file to read again"
-        at.taker.reload = reload
+    async with commanded(LinkBench("monitor")) as without:
+        assert (await without.give(RELOAD)).text == "this gateway has no file to read again"
+    async with commanded(bench, reload=reload) as at:
         refused = await at.give(RELOAD)
         assert (refused.accepted, refused.text) == (
             False,
