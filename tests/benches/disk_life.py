@@ -19,7 +19,7 @@ from gateway.config.model import GatewayConfig
 from gateway.control.replay.stored import replay
 from gateway.control.restart.earlier import Past, past_in
 from gateway.control.restart.snapshots import SnapshotKeeper
-from gateway.model.events import DecisionMade, GatewayEvent, in_order
+from gateway.model.events import DecisionMade, Events, GatewayEvent
 from gateway.nc.settings import Identity
 from gateway.service.service import Service
 from gateway.storage.damage import damage_found
@@ -195,7 +195,7 @@ class Life:
 
         with patch("gateway.service.service.control_of", lambda *_: WithoutDryRun(self._nck, self._clock)):
             service = Service(
-                self._config, self._clock, in_order([store.record, self._note, keeper.take]), past,
+                self._config, self._clock, Events(store.record, self._note, keeper.take).publish, past,
                 health=lambda: store.health, identity=Identity.of(name, store.predecessor),
                 on_disk=on_disk,
             )  # fmt: skip

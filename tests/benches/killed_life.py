@@ -16,7 +16,7 @@ import numpy as np
 from drivers.nc import NcSnapshot, RequestStatus
 from gateway.control.restart.earlier import past_in
 from gateway.control.restart.snapshots import SnapshotKeeper
-from gateway.model.events import DecisionMade, GatewayEvent, in_order
+from gateway.model.events import DecisionMade, Events, GatewayEvent
 from gateway.nc.settings import Identity
 from gateway.service.service import Service
 from gateway.storage.store import Store
@@ -128,7 +128,7 @@ class GatewayLife:
                 with patch("gateway.service.service.control_of", lambda *_: control):
                     sinks = self._note, store.record, partial(self._flush, store), keeper.take
                     service = Service(
-                        self._config, self._clock, in_order(sinks), past,
+                        self._config, self._clock, Events(*sinks).publish, past,
                         health=lambda: store.health, identity=Identity.of(self._name, store.predecessor),
                         on_disk=partial(self._on_disk, store),
                     )  # fmt: skip
