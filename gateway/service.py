@@ -32,6 +32,7 @@ from gateway.control import (
     SensorWatch,
     Trainings,
 )
+from gateway.model.codes import NoticeCode
 from gateway.model.commands import Command, CommandOutcome
 from gateway.model.events import (
     CompensationStepped,
@@ -42,15 +43,15 @@ from gateway.model.events import (
     Sink,
     StoreHealth,
     in_order,
-    problem_event,
 )
+from gateway.model.notice import Notice, event_of, problem_event
+from gateway.model.text import NOTHING, Text, failure
 from gateway.nc import Earlier, Identity, LinkSettings, Listeners, NcLink, control_of
 from gateway.past import Past
-from gateway.polling import Notice
 from gateway.probing import NotBegun, schedule_of
 from gateway.storage import StoreError
 from gateway.watches import ClockWatch, HealthWatch, StoreWatch
-from talc.frame import Decision, Event, EventKind, FloatArray, Frame, TrainingJob, Why
+from talc.frame import Decision, EventKind, FloatArray, Frame, TrainingJob, Why
 
 log = logging.getLogger(__name__)
 
@@ -169,7 +170,7 @@ class Service:
             prepared = await self.prepare(prepared.new)
         acquisition = self._acquisition
         if acquisition is None:
-            raise ReloadError("the service is not running")
+            raise ReloadError(Text(NoticeCode.RELOAD_NOT_RUNNING))
         change = await apply(acquisition, prepared)
         self._config = prepared.new
         self._sink(ConfigurationApplied(prepared.new))
@@ -178,7 +179,7 @@ class Service:
         )
         return change
 
-    async def obey(self, command: Command, refused: str = "") -> CommandOutcome:
+    async def obey(self, command: Command, refused: Text = NOTHING) -> CommandOutcome:
         """Obey a command, or refuse it; see CommandTaker. Raises OSError while the service does not run."""
         if self._acquisition is None:
             raise OSError("the gateway is starting or stopping; give the command again")
@@ -190,9 +191,9 @@ class Service:
         """Set what reads the configuration again when a command says so."""
         self._commands.reload = reload
 
-    def tell(self, text: str) -> None:
+    def tell(self, text: Text) -> None:
         """Report an event for people."""
-        self._sink(EventReported(Event(EventKind.OPERATOR, text), None))
+        self._sink(EventReported(event_of(EventKind.OPERATOR, text), None))
 
     async def run(self, stop: asyncio.Event) -> None:
         """Run until `stop` is set. Raises an exception group if a part of the service fails."""
@@ -286,7 +287,7 @@ class Service:
         try:
             await self._on_disk()
         except StoreError as error:  # after a restart the number would be used again
-            raise NotBegun(f"its number cannot be stored: {error}") from error
+            raise NotBegun(Text(NoticeCode.NUMBER_NOT_STORED, error=failure(error))) from error
 
     def _measured_s(self) -> list[float]:
         return [self._ages.monotonic_of(k) for k in self._past.measured]

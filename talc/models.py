@@ -205,6 +205,8 @@ class ModelSet:
     """In the order of THERMAL_ERRORS; None: no usable model for that error."""
     notes: tuple[str, ...] = ()
     """Remarks of the training: inputs not offered, fall-backs, errors without a model."""
+    failed: bool = False
+    """They stand for a training that ended without a result: there is no model, and the former ones stay."""
 
     def __post_init__(self) -> None:
         if len(self.models) != len(THERMAL_ERRORS):
@@ -228,15 +230,20 @@ class ModelSet:
             "input_names": list(self.input_names),
             "models": [None if m is None else m.to_dict() for m in self.models],
             "notes": list(self.notes),
-        }
+        } | ({"failed": True} if self.failed else {})
 
     @classmethod
     def from_dict(cls, plain: Mapping[str, Any]) -> "ModelSet":
         """The inverse of `to_dict`."""
+        models = tuple(None if m is None else ErrorModel.from_dict(m) for m in plain["models"])
+        notes = tuple(plain["notes"])
+        # Earlier programs did not say so. A training that ends gives a remark on each error without a model.
+        failed = plain.get("failed", len(notes) == 1 and not any(models))
         return cls(
             k=plain["k"],
             why=plain["why"],
             input_names=tuple(plain["input_names"]),
-            models=tuple(None if m is None else ErrorModel.from_dict(m) for m in plain["models"]),
-            notes=tuple(plain["notes"]),
+            models=models,
+            notes=notes,
+            failed=failed,
         )

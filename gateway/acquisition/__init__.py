@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from gateway.acquisition.line import Line
     from gateway.acquisition.once import read_once
     from gateway.acquisition.reload import BusChanges, PreparedReload, ReloadError, apply, bus_changes, prepare
-    from gateway.acquisition.reports import NO_OTHER_MASTER, OTHER_MASTER
+    from gateway.acquisition.reports import channel_bad
     from gateway.acquisition.sample import Sample
     from gateway.acquisition.text import number_text, reading_text
 else:
@@ -24,15 +24,13 @@ else:
             ".line": ("Line",),
             ".once": ("read_once",),
             ".reload": ("BusChanges", "PreparedReload", "ReloadError", "apply", "bus_changes", "prepare"),
-            ".reports": ("NO_OTHER_MASTER", "OTHER_MASTER"),
+            ".reports": ("channel_bad",),
             ".sample": ("Sample",),
             ".text": ("number_text", "reading_text"),
         },
     )
 
 __all__ = [
-    "NO_OTHER_MASTER",
-    "OTHER_MASTER",
     "Acquisition",
     "Board",
     "BusChanges",
@@ -42,6 +40,7 @@ __all__ = [
     "Sample",
     "apply",
     "bus_changes",
+    "channel_bad",
     "lines_of",
     "number_text",
     "prepare",

@@ -13,7 +13,7 @@ from gateway.acquisition.runner import BusRunner, Publish
 from gateway.acquisition.sample import Sample
 from gateway.acquisition.stale import StaleWatch
 from gateway.clock import ServiceClock
-from gateway.polling import Notify
+from gateway.model.notice import Notify
 
 
 class Acquisition:

@@ -9,6 +9,8 @@ from gateway.acquisition.bus import close
 from gateway.acquisition.line import Line
 from gateway.acquisition.plausibility import Check
 from gateway.clock import ServiceClock
+from gateway.model.codes import NoticeCode
+from gateway.model.text import Text
 from gateway.polling import Breaker, uncancelled
 
 
@@ -49,9 +51,9 @@ class PolledDevice:
         self._checks = {name: Check(limits) for name, limits in line.plausible.items() if name in self._units}
 
     @property
-    def subject(self) -> str:
+    def subject(self) -> Text:
         """Its name in reports."""
-        return f"device {self.driver.device}"
+        return Text(NoticeCode.DEVICE, name=self.driver.device)
 
     async def read(self, *, again: bool = False) -> list[Reading]:
         """Its readings, each judged by the limits that the configuration states for its channel.

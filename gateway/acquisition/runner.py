@@ -13,7 +13,8 @@ from gateway.acquisition.line import Line
 from gateway.acquisition.reports import LineReports
 from gateway.acquisition.sample import Sample, samples
 from gateway.clock import ServiceClock
-from gateway.polling import Notify, Periodic, Problems
+from gateway.model.notice import Notify
+from gateway.polling import Periodic, Problems
 
 log = logging.getLogger(__name__)
 

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from gateway.control.measuring import Measuring
     from gateway.control.planned_loads import PlannedLoads, rows_remembered
     from gateway.control.sensor_watch import SeenBefore, SensorWatch
-    from gateway.control.trainer import Trainings, has_failed
+    from gateway.control.trainer import Trainings
 else:
     __getattr__ = on_first_use(
         __name__,
@@ -24,7 +24,7 @@ else:
             ".measuring": ("Measuring",),
             ".planned_loads": ("PlannedLoads", "rows_remembered"),
             ".sensor_watch": ("SeenBefore", "SensorWatch"),
-            ".trainer": ("Trainings", "has_failed"),
+            ".trainer": ("Trainings",),
         },
     )
 
@@ -41,6 +41,5 @@ __all__ = [
     "SeenBefore",
     "SensorWatch",
     "Trainings",
-    "has_failed",
     "rows_remembered",
 ]

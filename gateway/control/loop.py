@@ -13,6 +13,7 @@ from gateway.control.grid import GridSampler, Instant, Schedule
 from gateway.control.measuring import Measuring
 from gateway.control.trainer import Trainings
 from gateway.model.events import DecisionMade, EventReported, FrameMade, Sink
+from gateway.model.notice import worded
 from talc.control import Controller
 from talc.frame import Decision, FloatArray, Frame
 
@@ -102,7 +103,7 @@ class GridLoop:
         self._sink(FrameMade(frame, self._moment(instant)))
         self._sink(DecisionMade(decision))
         for event in decision.events:
-            self._sink(EventReported(event, decision.k))
+            self._sink(EventReported(worded(event), decision.k))
         self._measuring.want(decision)
         self._trainings.want(decision.training, frame.k)
         for follow in self._followers:

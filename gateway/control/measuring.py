@@ -6,10 +6,11 @@ import logging
 from gateway.clock import ServiceClock
 from gateway.config import Probing
 from gateway.model.events import EventReported, MeasurementEnded, OutlookChanged, Sink
+from gateway.model.notice import event_of
 from gateway.nc import NcLink
 from gateway.polling import Periodic
 from gateway.probing import Bulletin, End, Outcome, Outlook, ProbingSchedule, Standing, excess
-from talc.frame import Decision, Event, EventKind, Measurement, Why
+from talc.frame import Decision, EventKind, Measurement, Why
 
 log = logging.getLogger(__name__)
 
@@ -104,7 +105,7 @@ class Measuring:
         self._sink(MeasurementEnded(outcome))
         if outcome.end is End.REJECTED:
             log.warning("measurement rejected: %s", outcome.reason)
-            self._sink(EventReported(Event(EventKind.MEASUREMENT_REJECTED, outcome.reason), self._k))
+            self._sink(EventReported(event_of(EventKind.MEASUREMENT_REJECTED, outcome.reason), self._k))
         self._finished = outcome.measurement
         self._tell(self._plan.ended(outcome.end, outcome.reason, self._clock.monotonic()))
 

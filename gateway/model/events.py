@@ -7,10 +7,10 @@ from gateway.acquisition import Sample
 from gateway.clock import StepTime
 from gateway.config import GatewayConfig
 from gateway.model.commands import CommandOutcome, Disarmed, Pause
+from gateway.model.text import NOTHING, Text
 from gateway.nc import NcState, Write
-from gateway.polling import Notice
 from gateway.probing import Outcome, Outlook
-from talc.frame import Decision, Event, EventKind, Frame
+from talc.frame import Decision, Event, Frame
 from talc.learner import Forecast, Misses, PlannedForecast, Reasons
 from talc.models import ModelSet
 from talc.sensor_check import Judgement
@@ -108,7 +108,7 @@ class SensorsJudged:
 class StoreHealth:
     """The state of storing."""
 
-    problem: str = ""
+    problem: Text = NOTHING
     """Why rows wait in memory or were refused; empty: all is well."""
     failing_s: float = 0.0
     """For how long nothing could be stored, real seconds."""
@@ -118,8 +118,8 @@ class StoreHealth:
     """Rows that were dropped because too many waited: raw readings, steps of the compensation, events; never more."""
     free_mb: float | None = None
     """Free space on the disk; None: unknown."""
-    mended: str = ""
-    """What became of a damaged database, in words; empty: it was whole."""
+    mended: Text = NOTHING
+    """What became of a damaged database; empty: it was whole."""
     oldest_s: float | None = None
     """How long the oldest of the waiting rows has waited, real seconds; None: none waits."""
 
@@ -144,7 +144,7 @@ class Health:
     nc: NcState
     clock_synchronised: bool | None
     """Whether the computer's clock is kept by a time server; None: unknown, or the clock is simulated."""
-    waits_for: tuple[str, ...]
+    waits_for: tuple[Text, ...]
     """What must happen before the gateway learns and corrects fully, one text each."""
     store: StoreHealth
     paused: Pause | None = None
@@ -206,11 +206,6 @@ GatewayEvent = (
 
 Sink = Callable[[GatewayEvent], None]
 """Receives every event in order, in the event loop's thread, and returns at once."""
-
-
-def problem_event(notice: Notice) -> Event:
-    """A problem that began or ended, as an event."""
-    return Event(EventKind.PROBLEM_ENDED if notice.ended else EventKind.PROBLEM, notice.text)
 
 
 def in_order(sinks: Sequence[Sink]) -> Sink:

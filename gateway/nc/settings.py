@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from drivers.nc import LARGEST_NUMBER
 from gateway.config import Compensation, GatewayConfig, Probing
 from gateway.model.commands import Disarmed, Pause
+from gateway.model.notice import Notify
 from gateway.nc.slew import Write
-from gateway.polling import Notify
 from talc.frame import FloatArray
 
 

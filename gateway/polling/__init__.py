@@ -8,7 +8,7 @@ if TYPE_CHECKING:
     from gateway.polling.boundary import UnexpectedError, contained, uncancelled, unexpected
     from gateway.polling.breaker import Breaker
     from gateway.polling.periodic import Periodic
-    from gateway.polling.problems import Notice, Notify, Problems, TurnTime
+    from gateway.polling.problems import Problems, TurnTime
 else:
     __getattr__ = on_first_use(
         __name__,
@@ -16,14 +16,12 @@ else:
             ".boundary": ("UnexpectedError", "contained", "uncancelled", "unexpected"),
             ".breaker": ("Breaker",),
             ".periodic": ("Periodic",),
-            ".problems": ("Notice", "Notify", "Problems", "TurnTime"),
+            ".problems": ("Problems", "TurnTime"),
         },
     )
 
 __all__ = [
     "Breaker",
-    "Notice",
-    "Notify",
     "Periodic",
     "Problems",
     "TurnTime",

@@ -279,17 +279,22 @@ class History:
 
     def events(self, within: TimeSpan | None = None) -> list[tuple[datetime, int | None, Event]]:
         """Every event, or those of a span, oldest first."""
-        return [rows.event_of(row) for row in self._rows(rows.EVENT_COLUMNS, "event", "time", within)]
+        return [rows.coded_event_of(row) for row in self._rows(self._event_columns, "event", "time", within)]
 
     def troubles(self) -> list[tuple[datetime, Event]]:
         """Problems and their ends since the latest run began, or took another configuration, oldest first."""
         changed = " UNION SELECT began FROM running" if self._has("running") else ""
         found = self._connection.execute(
-            f"SELECT {rows.EVENT_COLUMNS} FROM event WHERE kind IN (?, ?)"
+            f"SELECT {self._event_columns} FROM event WHERE kind IN (?, ?)"
             f" AND time >= (SELECT max(began) FROM (SELECT began FROM boot{changed})) ORDER BY id",
             (EventKind.PROBLEM.value, EventKind.PROBLEM_ENDED.value),
         )
-        return [(at, event) for at, _, event in map(rows.event_of, found)]
+        return [(at, event) for at, _, event in map(rows.coded_event_of, found)]
+
+    @property
+    def _event_columns(self) -> str:
+        """With code and values; an earlier program stored only what it said."""
+        return f"{rows.EVENT_COLUMNS}, {rows.CODE_OF_EVENT if self._has('coded') else 'NULL, NULL'}"
 
     def commands(self) -> list[CommandOutcome]:
         """Every command that somebody gave, oldest first."""

@@ -15,6 +15,8 @@ import numpy as np
 from gateway.clock import StepTime
 from gateway.config import inputs_if_known, outlined, step_s_of
 from gateway.model.commands import Command, CommandName, CommandOutcome
+from gateway.model.notice import worded
+from gateway.model.text import plain, restored, values_of
 from gateway.nc import Write
 from gateway.probing import Outcome
 from gateway.storage.learnt import Reference
@@ -45,6 +47,7 @@ STEP_COLUMNS = (
 RUN_COLUMNS = "number, began, config, fingerprint, versions"
 MEASUREMENT_COLUMNS = "number, why, ended, centres, in_force, errors, reason"
 EVENT_COLUMNS = "time, k, kind, text, error, value, bound"
+CODE_OF_EVENT = ", ".join(f"(SELECT {name} FROM coded WHERE coded.text = event.text)" for name in ("code", "content"))
 COMPENSATION_COLUMNS = "time, mode, source, offsets, written"
 COMMAND_COLUMNS = "time, name, by, accepted, text"
 
@@ -85,7 +88,7 @@ def of_moment(moment: StepTime) -> Row:
 
 def of_decision(decision: Decision) -> Row:
     """Row of `decision`."""
-    events = [[e.kind.value, e.text, e.error, e.value, e.limit] for e in decision.events]
+    events = [[e.kind.value, e.text, e.error, e.value, e.limit] for e in map(worded, decision.events)]
     return (
         decision.k, decision.phase.value, _blob(decision.predicted), _blob(decision.corrected),
         _blob(decision.sigma), _blob(decision.limits), decision.measure and decision.measure.value,
@@ -133,6 +136,12 @@ def of_event(event: Event, k: int | None, time: datetime) -> Row:
     return time.isoformat(), k, event.kind.value, event.text, event.error, event.value, event.limit
 
 
+def of_text(text: str) -> Row | None:
+    """Row of `coded`, without its id; None: it is only words."""
+    code, values = values_of(text)
+    return (str(text), code, json.dumps(values)) if code else None
+
+
 def of_command(outcome: CommandOutcome) -> Row:
     """Row of `command`, without its id."""
     name, by = outcome.command.name.value, outcome.command.by
@@ -151,7 +160,7 @@ def of_write(write: Write) -> Row:
 def command_of(row: Sequence[Any]) -> CommandOutcome:
     """From COMMAND_COLUMNS."""
     time, name, by, accepted, text = row
-    return CommandOutcome(Command(CommandName(name), by), datetime.fromisoformat(time), bool(accepted), text)
+    return CommandOutcome(Command(CommandName(name), by), datetime.fromisoformat(time), bool(accepted), plain(text))
 
 
 def models_of(text: str) -> ModelSet:
@@ -228,6 +237,16 @@ def event_of(row: Sequence[Any]) -> tuple[datetime, int | None, Event]:
     """From EVENT_COLUMNS: UTC, grid index and event."""
     time, k, *parts = row
     return datetime.fromisoformat(time), k, _event(parts)
+
+
+def coded_event_of(row: Sequence[Any]) -> tuple[datetime, int | None, Event]:
+    """From EVENT_COLUMNS and CODE_OF_EVENT."""
+    *plain_row, code, content = row
+    at, k, event = event_of(plain_row)
+    if code is None:
+        return at, k, event
+    text = restored(event.text, code, json.loads(content))
+    return at, k, replace(event, text=text, code=text.code, values=text.values)
 
 
 def compensation_of(row: Sequence[Any]) -> StoredCompensation:

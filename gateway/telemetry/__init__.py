@@ -24,11 +24,12 @@ if TYPE_CHECKING:
         StoredRows,
         StoredTable,
     )
-    from gateway.telemetry.asking import COMMAND_LIMIT_S, SeveralAnswer, ask, ask_only, command, running
+    from gateway.telemetry.asking import COMMAND_LIMIT_S, QueryRefusal, SeveralAnswer, ask, ask_only, command, running
     from gateway.telemetry.codec import MESSAGE_TYPES, decode, decode_answer, encode
     from gateway.telemetry.command_door import CommandDoor, Entitled
     from gateway.telemetry.command_signer import CommandSigner, SignedCommand
     from gateway.telemetry.compose import Composer, reason_of_each
+    from gateway.telemetry.fields import text_from, texts_from
     from gateway.telemetry.history_queries import CourseRequest, CourseSource, HistoryRequest, HistorySource
     from gateway.telemetry.messages import (
         CompensationMessage,
@@ -83,11 +84,12 @@ else:
                 "StoredRows",
                 "StoredTable",
             ),
-            ".asking": ("COMMAND_LIMIT_S", "SeveralAnswer", "ask", "ask_only", "command", "running"),
+            ".asking": ("COMMAND_LIMIT_S", "QueryRefusal", "SeveralAnswer", "ask", "ask_only", "command", "running"),
             ".codec": ("MESSAGE_TYPES", "decode", "decode_answer", "encode"),
             ".command_door": ("CommandDoor", "Entitled"),
             ".command_signer": ("CommandSigner", "SignedCommand"),
             ".compose": ("Composer", "reason_of_each"),
+            ".fields": ("text_from", "texts_from"),
             ".history_queries": ("CourseRequest", "CourseSource", "HistoryRequest", "HistorySource"),
             ".keys": (),
             ".messages": (
@@ -161,6 +163,7 @@ __all__ = [
     "Published",
     "PublishedCourse",
     "PublishedReason",
+    "QueryRefusal",
     "ReadingMessage",
     "ReasonsMessage",
     "ReportPage",
@@ -197,4 +200,6 @@ __all__ = [
     "reading_session",
     "reason_of_each",
     "running",
+    "text_from",
+    "texts_from",
 ]

@@ -18,6 +18,8 @@ from drivers.opcua import application_uri, check_key, valid_certificate
 from drivers.section import host_and_port
 from gateway.clock import RealClock
 from gateway.heard import SiteSeen
+from gateway.model.codes import NoticeCode
+from gateway.model.text import Text
 from gateway.polling import Periodic, Problems
 from gateway.umati.model import URIS, machine_nodes
 from gateway.umati.readers import Readers
@@ -119,9 +121,9 @@ class MachineToolServer:
         try:
             await self.show()
         except (UaError, ValueError, TypeError) as error:
-            self._problems.report("values", type(error).__name__, "values could not be shown", bug=error)
+            self._problems.report("values", Text(NoticeCode.VALUES_NOT_SHOWN), type(error).__name__, bug=error)
         else:
-            self._problems.clear("values", "values are shown again")
+            self._problems.clear("values", Text(NoticeCode.VALUES_SHOWN))
 
 
 async def _secure(server: Server, security: ServerSecurity | None) -> None:

@@ -19,10 +19,11 @@ from starlette.routing import Route
 from drivers.base import SetupError
 from gateway.config import certificate_end
 from gateway.heard import SiteSeen, SiteSubscription
+from gateway.model.text import languages
 from gateway.web import room
 from gateway.web.access import Guard
 from gateway.web.at_tool import WorkPoint
-from gateway.web.catalogue import LANGUAGES, chosen_language, texts
+from gateway.web.catalogue import chosen_language, page_texts
 from gateway.web.commands import GivePageCommand, PageCommands
 from gateway.web.day_report import DayReportPages
 from gateway.web.older import OlderPages
@@ -130,7 +131,7 @@ class _Pages:
             only = next(iter(machines)) if len(machines) == 1 else None
         if only is not None and "all" not in request.query_params:
             language = request.query_params.get("lang")
-            return RedirectResponse(f"/machine/{only}" + (f"?lang={language}" if language in LANGUAGES else ""), 303)
+            return RedirectResponse(f"/machine/{only}" + (f"?lang={language}" if language in languages() else ""), 303)
         return self._page(request, "list.html", "")
 
     async def machine(self, request: Request) -> Response:
@@ -182,8 +183,8 @@ class _Pages:
             machine=machine,
             first=self._first(machine or None),
             language=language,
-            languages=LANGUAGES,
-            t=texts(language),
+            languages=languages(),
+            t=page_texts(language),
             use=self._uses.get(machine, MachineUse()),
             declared=machine in self._uses,
             token=self._commands.token(request),

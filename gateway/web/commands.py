@@ -8,6 +8,7 @@ import hashlib
 import hmac
 import os
 from collections.abc import Callable
+from dataclasses import asdict
 from typing import Final
 from urllib.parse import urlsplit
 
@@ -17,7 +18,9 @@ from starlette.responses import JSONResponse
 from drivers.base import SetupError
 from drivers.error_words import in_words
 from gateway.model.commands import CommandName
-from gateway.telemetry import CommandAnswer, CommandSigner
+from gateway.model.text import plain, text_of
+from gateway.telemetry import CommandAnswer, CommandSigner, text_from
+from gateway.web.sentences import in_each
 from gateway.web.settings import WebSettings
 
 TOKEN_HEADER: Final = "x-command-token"
@@ -75,9 +78,10 @@ class PageCommands:
             async with self._turns:
                 found = await asyncio.to_thread(self._give, machine, self._signers[request.state.user], name)
         except (OSError, ValueError) as error:
-            return _refused(502, str(error))
-        return JSONResponse({"accepted": found.accepted, "text": found.text})
+            return _refused(502, text_of(error))
+        text = text_from(found.text, found.text_coded)
+        return JSONResponse({"accepted": found.accepted, "text": found.text, "said": asdict(in_each(text))})
 
 
 def _refused(status: int, text: str) -> JSONResponse:
-    return JSONResponse({"accepted": False, "text": text}, status)
+    return JSONResponse({"accepted": False, "text": text, "said": asdict(in_each(plain(text)))}, status)

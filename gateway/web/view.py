@@ -11,8 +11,7 @@ from gateway.web import parts
 from gateway.web.ahead import ahead
 from gateway.web.at_tool import course, moved
 from gateway.web.past import ShownPast, columns
-from gateway.web.said import told
-from gateway.web.sentences import Amount, SaidRow, Sentence, ToldName, Word, at, um
+from gateway.web.sentences import Amount, SaidRow, Sentence, ToldName, Word, at, in_each, um
 from gateway.web.verdict import Verdict, Viewpoint, judged, tool_now, verdict_of
 from gateway.web.waiting import cost_of_waiting
 from talc.frame import FloatArray
@@ -233,7 +232,7 @@ def listed(
             verdict.colour.value,
             verdict.word,
             verdict.because,
-            (*_orders(seen), *(Sentence("notice.unarmed", {"text": told(text)}) for text in seen.unarmed)),
+            (*_orders(seen), *(Sentence("notice.unarmed", {"text": in_each(text)}) for text in seen.unarmed)),
             None if seen.heard is None else seen.heard.isoformat(timespec="minutes"),
         )
         for seen, verdict in found

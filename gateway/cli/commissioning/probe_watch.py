@@ -18,7 +18,7 @@ from gateway.cli.conventions.signals import stop_on_signals, until
 from gateway.cli.conventions.terminal import duration_text, terminal
 from gateway.clock import RealClock, ServiceClock
 from gateway.config import GatewayConfig
-from gateway.polling import Notice, Notify
+from gateway.model.notice import Notice, Notify
 
 _WINDOW = 60
 """Number of reads over which rate and jitter are computed."""

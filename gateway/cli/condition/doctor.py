@@ -11,13 +11,14 @@ from pathlib import Path
 import numpy as np
 
 from drivers.can import CanInterfaceSettings
-from gateway.acquisition import NO_OTHER_MASTER, OTHER_MASTER
 from gateway.cli.condition.doctor_files import spoilt_file, unread_files
 from gateway.cli.condition.doctor_power import power
 from gateway.cli.condition.kernel_files import kernel_text
 from gateway.cli.conventions.terminal import terminal
 from gateway.clock import clock_synchronised
 from gateway.config import GatewayConfig, cautions, credential_problems
+from gateway.model.codes import NoticeCode
+from gateway.model.text import NOTHING, Text, plain
 from gateway.storage import History, answered
 from talc.frame import FloatArray
 from talc.steps import DAY_S, steps_in
@@ -174,13 +175,13 @@ def _open_files(process: Path) -> Iterator[str]:
 
 def _other_masters(history: History, config: GatewayConfig) -> Iterator[Ailment]:
     """Buses on which the gateway hears another master, by the last event of each."""
-    last: dict[str, str] = {}
+    last: dict[str, Text] = {}
     for _, _, event in history.events():
-        if OTHER_MASTER in event.text or NO_OTHER_MASTER in event.text:
-            last[event.text.partition(":")[0]] = event.text
+        text = plain(event.text)
+        if text.says(NoticeCode.OTHER_MASTER) or text.says(NoticeCode.NO_OTHER_MASTER):
+            last[str(text.value_of("bus"))] = text
     for bus in config.buses:
-        text = last.get(f"bus {bus.name}", "")
-        if OTHER_MASTER in text:
+        if (text := last.get(bus.name, NOTHING)).says(NoticeCode.OTHER_MASTER):
             yield Ailment(
                 text,
                 "two masters on one line destroy each other's answers",

@@ -12,6 +12,7 @@ from gateway.cli.conventions.terminal import duration_text, printable, terminal
 from gateway.cli.running.opening import armed
 from gateway.clock import clock_synchronised
 from gateway.config import GatewayConfig, unarmed
+from gateway.model.text import plain
 from gateway.nc import still_wrong
 from gateway.storage import History, answered
 from talc.frame import Event, EventKind
@@ -74,7 +75,7 @@ def status_of(config: GatewayConfig, now: datetime, *, synchronised: bool = True
                 lead_s = moment.lead_s
             longest_s = max((channel.period_s for channel in config.channels), default=step_s)
             readings = history.latest_readings(now - timedelta(seconds=max(step_s, 3 * longest_s)))
-            control = still_wrong(event.text for _, event in history.troubles())
+            control = still_wrong(plain(event.text) for _, event in history.troubles())
             problems = _latest((at, e) for at, _, e in history.events((now - _RECENT, _NEVER)))
     usable = {quality.value for quality in Quality if quality.usable}  # a newer program may have stored other ones
     missing = tuple(name for name in channels if name not in readings or readings[name][2] not in usable)
@@ -87,8 +88,8 @@ def status_of(config: GatewayConfig, now: datetime, *, synchronised: bool = True
         decision_age_s=age_s,
         armed=armed(config),
         unarmed=unarmed(config),
-        paused=None if pause is None else str(pause),
-        disarmed=None if disarmed is None else str(disarmed),
+        paused=None if pause is None else pause.text,
+        disarmed=None if disarmed is None else disarmed.text,
         readings=readings,
         missing=missing,
         control=control if running else (),
@@ -126,7 +127,7 @@ def _latest(events: Iterable[tuple[datetime, Event]]) -> tuple[str, ...]:
     found: dict[str, str] = {}
     for at, event in events:
         if event.kind in (EventKind.PROBLEM, EventKind.PROBLEM_ENDED):
-            subject = event.text.partition(": ")[0].rpartition(", ")[2]  # bus rtu1, device rtd1: ...
+            subject = str(event.values.get("subject", event.text))
             found.pop(subject, None)
             found[subject] = f"{at:%H:%M} {event.text}"
     return tuple(found.values())[-_EVENTS:]

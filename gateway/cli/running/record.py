@@ -12,7 +12,7 @@ from gateway.cli.conventions.signals import stop_on_signals, until
 from gateway.cli.conventions.terminal import counted, terminal
 from gateway.clock import RealClock
 from gateway.config import GatewayConfig, packed_toml
-from gateway.polling import Notice
+from gateway.model.notice import Notice
 from gateway.recordings import WireLogWriter
 
 _LOOK_EVERY_S = 1.0

@@ -12,7 +12,10 @@ from gateway.answers import DayReports, course_of, history_of, rows_of
 from gateway.cli.conventions.extras import missing_of
 from gateway.clock import ServiceClock, clock_synchronised
 from gateway.config import GatewayConfig, packed_toml
+from gateway.model.codes import NoticeCode
 from gateway.model.events import ConfigurationApplied, EventReported, GatewayEvent, Sink, in_order
+from gateway.model.notice import event_of
+from gateway.model.text import Text
 from gateway.nc import Identity
 from gateway.past import Interrupted, Past, Rebuilt, SnapshotKeeper, past_in
 from gateway.recordings import WireLogWriter
@@ -20,7 +23,7 @@ from gateway.service import Service
 from gateway.storage import DiskWork, Retention, Store, boot_id
 from gateway.telemetry import TelemetryPublisher
 from gateway.versions import versions
-from talc.frame import Event, EventKind
+from talc.frame import EventKind
 
 log = logging.getLogger(__name__)
 
@@ -60,7 +63,7 @@ async def serve(
             return
         news = _news(past, config)
         if store.migrated_from is not None:
-            news.insert(0, f"storage: the database was migrated; the old one is kept as {store.migrated_from.name}")
+            news.insert(0, Text(NoticeCode.STORE_MIGRATED, aside=store.migrated_from.name))
         prior = None if config.prior is None else (config.prior.content_hash, config.prior.text)
         store.begin(config.canonical(), config.fingerprint(), versions(*_WIRES), prior)
         sinks: list[Sink] = [store.record]
@@ -95,7 +98,7 @@ async def serve(
         sink = in_order([*sinks, *more])
         for text in news:
             log.warning("%s", text)
-            sink(EventReported(Event(EventKind.OPERATOR, text), past.last_k))
+            sink(EventReported(event_of(EventKind.OPERATOR, text), past.last_k))
         synchronised = (lambda: None) if simulated else clock_synchronised
 
         async def on_disk() -> None:
@@ -127,23 +130,18 @@ def _store(config: GatewayConfig, boot: str, clock: ServiceClock) -> Store:
     )
 
 
-def _news(past: Past, config: GatewayConfig) -> list[str]:
+def _news(past: Past, config: GatewayConfig) -> list[Text]:
     """What has changed since the latest run, and what became of what was learnt."""
     news, method = [], config.talc.method
     if past.former_method is not None:
-        news.append(
-            f"[talc] method: {method} continues the record that {past.former_method} made, with all that it learns from"
-            f" the record; to stay with the former method, write method = '{past.former_method}' under [talc] and"
-            " restart"
-        )
-    if past.other_prior:
-        now = "none is set now" if config.prior is None else f"{config.talc.prior} differs from the former one"
-        news.append(f"[talc] prior: {now}; the learner starts again with it and learns from the whole record")
+        news.append(Text(NoticeCode.METHOD_CONTINUES, method=method, former=past.former_method))
+    if past.other_prior and config.prior is None:
+        news.append(Text(NoticeCode.PRIOR_GONE))
+    elif past.other_prior:
+        news.append(Text(NoticeCode.PRIOR_DIFFERS, path=str(config.talc.prior)))
     if past.changes:
-        kept = (
-            "it learnt from the whole record again" if method == "learner" else "models of inputs still here are kept"
-        )
-        news.append(f"inputs or [talc] settings differ from the latest run's ({'; '.join(past.changes)}): {kept}")
+        code = NoticeCode.SETTINGS_LEARNT_AGAIN if method == "learner" else NoticeCode.SETTINGS_MODELS_KEPT
+        news.append(Text(code, changes="; ".join(past.changes)))
     return news
 
 
