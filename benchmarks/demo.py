@@ -19,6 +19,7 @@ from drivers.problems import read_settings
 from drivers.sinumerik import SinumerikSettings, make_sinumerik
 from gateway.config import Probing
 from gateway.control import GridSampler, Instant
+from gateway.model.text import plain
 from gateway.nc import ByErrors, Slew
 from gateway.probing import End, Probe, Standing, excess, probe_of, schedule_of
 from gateway.report import ReportData, Summary, SummaryRow, Truth, summary
@@ -201,7 +202,7 @@ class DemoLoop:
             self._reference = found + np.array(held_um) * 1e-3
         result = self._probe.solve(self._probe.deviations_um(found, self._reference, held_um))
         self._finished = Measurement(result.errors, result.sigma)
-        self._plan.ended(End.MEASURED, "", self._clock.now)
+        self._plan.ended(End.MEASURED, plain(""), self._clock.now)
 
     def _step(self) -> None:
         measurement, self._finished = self._finished, None

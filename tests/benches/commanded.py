@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from gateway.config import Probing
 from gateway.control import CommandTaker, GridLoop, GridSampler, Measuring, Schedule, Trainings
 from gateway.model.commands import Command, CommandName, CommandOutcome
+from gateway.model.text import plain
 from gateway.probing import schedule_of
 from gateway.storage import StoreError
 from talc.control import Controller
@@ -31,7 +32,7 @@ class Commanded:
     disk_fails: str = ""
 
     async def give(self, name: CommandName, by: str = "anna", refused: str = "") -> CommandOutcome:
-        return await self.taker.take(Command(name, by), refused)
+        return await self.taker.take(Command(name, by), plain(refused))
 
     async def on_disk(self) -> None:
         if self.disk_fails:

@@ -11,6 +11,7 @@ from drivers.base import SystemClock
 from gateway.config import Operator, Telemetry
 from gateway.model.commands import Command, CommandName, CommandOutcome, Pause
 from gateway.model.events import EventReported, Health, HealthChecked, StoreHealth
+from gateway.model.text import plain
 from gateway.nc import NcState
 from gateway.telemetry import CoursePage, PublishedCourse, TelemetryPublisher
 from talc.frame import Event, EventKind
@@ -42,7 +43,7 @@ async def main(port: int, machine: str, operator: str, key_file: Path) -> None:
             print(command.by, command.name.value, refused, flush=True)
             publisher.publish(EventReported(Event(EventKind.COMMAND, f"{command.by}: {command.name.value}"), None))
             tell()
-            return CommandOutcome(command, clock.utc(), not refused, refused or "it is done")
+            return CommandOutcome(command, clock.utc(), not refused, plain(refused or "it is done"))
 
         publisher.take_commands(obey)
 

@@ -25,6 +25,7 @@ from drivers.mtconnect.items import factors, number
 from drivers.mtconnect.suggest import suggested_items
 from gateway.collect.tables import arrow_of, by_day, check_end
 from gateway.model.commands import UNPROVED, Command, CommandName, CommandOutcome
+from gateway.model.text import plain
 from gateway.outlets import OutletError, OutletMessage
 from gateway.outlets.influxdb import InfluxDbOutlet, InfluxDbSettings
 from gateway.outlets.line_protocol import lines
@@ -267,7 +268,7 @@ def _queries(draw: random.Random, _: Path) -> None:
 
     def give(command: Command, refused: str) -> CommandOutcome:
         given.append(command)
-        return CommandOutcome(command, BEGAN, not refused, refused)
+        return CommandOutcome(command, BEGAN, not refused, plain(refused))
 
     door = CommandDoor("mill", {"anna": Entitled(b"a" * 64, frozenset(CommandName))}, give, lambda: 1.0)
     terms = decode_answer(CommandTerms, door.answer(AskedQuery("", "", b"", b"")).payload)

@@ -29,8 +29,8 @@ from drivers.sinumerik import ErrorTerms, OffsetRoute, SinumerikSettings, errors
 from drivers.sinumerik.settings import PAIRS
 from gateway.clock import RealClock
 from gateway.config import validate
+from gateway.model.notice import Notice
 from gateway.nc import Earlier, Identity, LinkSettings, Listeners, NcLink
-from gateway.polling import Notice
 from simulators.nc import Activity, CycleSettings, DayPart, EmulatedControl, LoadCase, MeanLoads, Nck
 from simulators.nc.nck import CEC_TABLES, R_OFFSETS
 from talc.frame import Decision, FloatArray, Phase

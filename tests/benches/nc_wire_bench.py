@@ -14,8 +14,8 @@ from drivers.nc import WatchdogTerms
 from drivers.sinumerik import SinumerikSettings
 from drivers.sinumerik.control import Sinumerik
 from gateway.config import validate
+from gateway.model.notice import Notice
 from gateway.nc import Earlier, Identity, LinkSettings, Listeners, NcLink, Write
-from gateway.polling import Notice
 from gateway.probing import Outcome
 from simulators.nc import Activity, CycleSettings, DayPart, EmulatedControl, LoadCase, MachineState, MeanLoads, User
 from talc.frame import Decision, Phase

@@ -8,7 +8,7 @@ from typing import NoReturn
 from drivers.base import NoAnswer, Quality, Reading
 from gateway.acquisition import Acquisition, Line, Sample
 from gateway.config import Limits
-from gateway.polling import Notice
+from gateway.model.notice import Notice
 from tests.benches.stepped_clock import SteppedClock
 
 

@@ -30,6 +30,7 @@ from gateway.model.events import (
     ReadingsTaken,
     StoreHealth,
 )
+from gateway.model.text import plain
 from gateway.nc import NcState
 from tests.benches import telemetry_examples as example
 from tests.benches.free_port import free_port
@@ -52,8 +53,8 @@ def whole() -> GatewayFigures:
     figures.take(MeasurementEnded(example.OUTCOME))
     figures.take(MeasurementEnded(example.REFUSED))
     figures.take(EventReported(example.PROBLEM, None))
-    store = StoreHealth("disk is full", 5.0, 40, 3, 900.0)
-    figures.take(HealthChecked(Health(60.0, 30, 29, NcState.STALE, True, ("an operator",), store)))
+    store = StoreHealth(plain("disk is full"), 5.0, 40, 3, 900.0)
+    figures.take(HealthChecked(Health(60.0, 30, 29, NcState.STALE, True, (plain("an operator"),), store)))
     return figures
 
 

@@ -14,6 +14,7 @@ import pytest
 
 from gateway.config import GatewayConfig, validate
 from gateway.model.events import MeasurementEnded, StoreHealth
+from gateway.model.text import plain
 from gateway.nc import Identity, NcLink
 from gateway.past import Past
 from gateway.probing import End, Outcome
@@ -232,10 +233,10 @@ async def test_while_nothing_can_be_stored_the_offsets_go_where_it_is_configured
         await bench.clock.run_until(2.0)
         gateway.link.follow(decision(6.0))
         await bench.clock.run_until(15.0)
-        health = StoreHealth("database or disk is full", failing_s=59.0)
+        health = StoreHealth(plain("database or disk is full"), failing_s=59.0)
         await bench.clock.run_until(25.0)
         assert bench.in_force_um == pytest.approx((0.0, 0.0, 6.0)), "not at once"
-        health = StoreHealth("database or disk is full", failing_s=61.0)
+        health = StoreHealth(plain("database or disk is full"), failing_s=61.0)
         await bench.clock.run_until(40.0)
         assert bench.in_force_um == pytest.approx((0.0, 0.0, left))
         health = StoreHealth()

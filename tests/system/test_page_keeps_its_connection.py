@@ -11,7 +11,7 @@ from urllib.parse import urlsplit
 import pytest
 from playwright.sync_api import Page, expect
 
-from gateway.web.catalogue import LANGUAGES, texts
+from gateway.model.text import languages, texts
 from gateway.web.streams import MOST_BROWSERS
 from tests.benches.page_rig import LIMIT_MS, page_rig, played_mill
 from tests.benches.page_wire import page_wire
@@ -143,7 +143,7 @@ def test_one_browser_too_many_says_so_and_goes_on_when_another_is_closed(setting
     with page_rig() as rig:
         played_mill(rig, settings)
         with open_streams(rig.address, MOST_BROWSERS) as streams:
-            for language in LANGUAGES:
+            for language in languages():
                 with rig.page(f"/machine/mill?lang={language}", locale=f"{language}-CH") as page:
                     said = texts(language)
                     expect(page.locator("#word")).to_have_text(said["word.full"])

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Route, expect
 
-from gateway.web.catalogue import LANGUAGES, texts
+from gateway.model.text import languages, texts
 from tests.benches.page_rig import LIMIT_MS, SCREENS, page_rig, played_mill, ports
 from tests.benches.page_shifts import TWO_FRAMES, note_shifts, shifts, top_of, tops
 from tests.benches.played_telemetry import recorded
@@ -100,7 +100,7 @@ VERDICTS = (
 """Key, what changes in its last message, and the verdict."""
 
 
-@pytest.mark.parametrize("language", LANGUAGES)
+@pytest.mark.parametrize("language", languages())
 @pytest.mark.parametrize(("width", "height"), SCREENS)
 def test_another_verdict_moves_nothing(settings: Path, width: int, height: int, language: str) -> None:
     with page_rig() as rig:
@@ -190,7 +190,7 @@ OCCURRENCES = (
 )
 
 
-@pytest.mark.parametrize("language", LANGUAGES)
+@pytest.mark.parametrize("language", languages())
 @pytest.mark.parametrize(("width", "height"), SCREENS)
 def test_orders_failures_and_returns_move_nothing(settings: Path, width: int, height: int, language: str) -> None:
     said = texts(language)

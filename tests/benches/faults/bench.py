@@ -13,7 +13,7 @@ from drivers.base import Quality, Reading
 from gateway.acquisition import Acquisition, Line
 from gateway.clock import RealClock
 from gateway.config import Limits
-from gateway.polling import Notice
+from gateway.model.notice import Notice
 from tests.benches.faults.actions import PERIOD_S
 from tests.benches.faults.plant import FaultyPlant
 

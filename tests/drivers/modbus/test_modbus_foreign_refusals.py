@@ -14,7 +14,7 @@ from drivers.build import make_device
 from drivers.modbus.numbers import Block
 from gateway.acquisition import Acquisition, Line
 from gateway.clock import RealClock
-from gateway.polling import Notice
+from gateway.model.notice import Notice
 from tests.benches.rtu_talk import TWO, RtuPeer, frame, honest, line
 
 pytestmark = pytest.mark.simulated_time

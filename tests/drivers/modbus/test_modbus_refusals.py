@@ -12,7 +12,7 @@ from drivers.build import make_device
 from drivers.modbus.numbers import Block
 from gateway.acquisition import Acquisition, Line
 from gateway.clock import RealClock
-from gateway.polling import Notice
+from gateway.model.notice import Notice
 from gateway.scan import read_words
 from tests.benches.modbus_host import modbus_host
 

@@ -9,7 +9,7 @@ from drivers.base import Quality, Reading, SystemClock
 from drivers.build import make_device
 from gateway.acquisition import Acquisition, Line
 from gateway.clock import RealClock
-from gateway.polling import Notice
+from gateway.model.notice import Notice
 from tests.benches.rtu_talk import frame, line
 
 pytestmark = pytest.mark.simulated_time

@@ -17,7 +17,7 @@ from drivers.build import make_device
 from gateway.acquisition.acquisition import Acquisition
 from gateway.acquisition.line import Line
 from gateway.clock import RealClock
-from gateway.polling import Notice
+from gateway.model.notice import Notice
 from simulators.devices import M7015, RtuLine
 from tests.benches.buses import make_bus
 

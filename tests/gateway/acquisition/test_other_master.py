@@ -4,7 +4,8 @@ import logging
 
 from gateway.acquisition.line import Line
 from gateway.acquisition.reports import LineReports
-from gateway.polling import Notice, Problems
+from gateway.model.notice import Notice
+from gateway.polling import Problems
 from tests.benches.scripted_bus import ScriptedBus
 from tests.benches.stepped_clock import SteppedClock
 

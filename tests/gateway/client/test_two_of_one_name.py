@@ -17,6 +17,7 @@ from gateway.client import Machine, MachineError
 from gateway.config import Operator, Telemetry
 from gateway.model.commands import Command, CommandName, CommandOutcome
 from gateway.model.events import Health, HealthChecked, StoreHealth
+from gateway.model.text import plain
 from gateway.nc import NcState
 from gateway.telemetry import CommandSigner, HistoryPage, HistoryRequest, TelemetryPublisher
 from tests.benches.free_port import free_port
@@ -81,7 +82,7 @@ async def test_what_two_gateways_of_one_name_say_is_not_mixed(tmp_path: Path) ->
 
     async def obey(command: Command, no: str) -> CommandOutcome:
         obeyed.append(command)
-        return CommandOutcome(command, BEGIN, not no, no or "it is done")
+        return CommandOutcome(command, BEGIN, not no, plain(no or "it is done"))
 
     def ask(where: str) -> None:
         with Machine(connect=where, operator=CommandSigner.of_file("anna", key)) as machine:

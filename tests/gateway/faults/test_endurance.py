@@ -20,7 +20,7 @@ import pytest
 from drivers.base import Quality, Reading
 from gateway.acquisition import Acquisition, Line
 from gateway.clock import RealClock
-from gateway.polling import Notice
+from gateway.model.notice import Notice
 from tests.benches.faults.actions import restarted, whole
 from tests.benches.faults.matrix import HARMLESS, MATRIX
 from tests.benches.faults.plant import FaultyPlant

@@ -16,12 +16,13 @@ import pytest
 from drivers.base import NoAnswer
 from drivers.nc import Triple
 from gateway.config import Compensation
+from gateway.model.notice import Notice
 from gateway.nc import Identity, Write
 from gateway.nc.lease import Lease
 from gateway.nc.routes import form_of
 from gateway.nc.states import Source
 from gateway.nc.writer import OffsetWriter
-from gateway.polling import Notice, Problems
+from gateway.polling import Problems
 from tests.benches.nc_link_bench import LinkBench, ScriptedControl, decision
 from tests.benches.stepped_clock import SteppedClock
 

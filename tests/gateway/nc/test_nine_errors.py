@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from drivers.nc import NineErrors, ProbingState, RequestStatus, TakesSlopes
+from gateway.model.notice import Notice
 from gateway.nc import Earlier, Identity, LinkSettings, Listeners, NcLink, Write
 from gateway.nc.routes import AsGreeted, ByErrors, differ
 from gateway.nc.slew import Slew
-from gateway.polling import Notice
 from gateway.probing import End
 from talc import kinematics
 from talc.frame import Why

@@ -2,8 +2,9 @@
 
 import logging
 
+from gateway.model.notice import Notice
 from gateway.nc.pace import NcPace
-from gateway.polling import Notice, Problems
+from gateway.polling import Problems
 from tests.benches.stepped_clock import SteppedClock
 
 PERIOD_S = 0.5

@@ -6,7 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gateway.polling import Notice, Problems, TurnTime
+from gateway.model.notice import Notice
+from gateway.model.text import plain
+from gateway.polling import Problems, TurnTime
 from tests.benches.manual_clock import ManualClock
 
 WINDOW_S = 60.0
@@ -24,13 +26,13 @@ class Seen:
     def bad(self, subject: str, kind: str, now_s: float) -> Notice | None:
         self.clock.move_to(now_s)
         self.notices.clear()
-        self.problems.report(subject, kind, f"{subject}: {kind}")
+        self.problems.report(subject, plain(kind), f"{subject}: {kind}")
         return self.notices[0] if self.notices else None
 
     def well(self, subject: str, now_s: float) -> Notice | None:
         self.clock.move_to(now_s)
         self.notices.clear()
-        self.problems.clear(subject, f"{subject}: well")
+        self.problems.clear(subject, plain(f"{subject}: well"))
         return self.notices[0] if self.notices else None
 
 
@@ -105,10 +107,10 @@ async def test_what_is_reported_is_logged_once_and_a_bug_with_its_traceback(capl
     caplog.set_level(logging.INFO, logger=LOG.name)
     seen, bug = Seen(), ValueError("no rows")
     for _ in range(3):
-        seen.problems.report("a", "ValueError", "a: unexpected", bug=bug)
-    seen.problems.report("a", "silent", "a: silent")
+        seen.problems.report("a", plain("ValueError"), "a: unexpected", bug=bug)
+    seen.problems.report("a", plain("silent"), "a: silent")
     for _ in range(2):
-        seen.problems.clear("a", "a: well")
+        seen.problems.clear("a", plain("a: well"))
     assert [(r.levelname, r.getMessage(), r.exc_info is not None) for r in caplog.records] == [
         ("WARNING", "a: unexpected", True),
         ("WARNING", "a: silent", False),
@@ -131,8 +133,8 @@ def test_a_quiet_one_logs_each_unexpected_exception_once_and_notifies_of_all(cap
     problems = Problems(ManualClock(), 1.0, notices.append, LOG, quiet=True)
     bug = ValueError("no rows")
     for subject in ("a", "b", "a"):
-        problems.report(subject, "ValueError", f"{subject}: unexpected", bug=bug)
-    problems.report("c", "silent", "c: silent")
+        problems.report(subject, plain("ValueError"), f"{subject}: unexpected", bug=bug)
+    problems.report("c", plain("silent"), "c: silent")
     assert notices == [Notice("a", "a: unexpected"), Notice("b", "b: unexpected"), Notice("c", "c: silent")]
     assert [(r.getMessage(), r.exc_info is not None) for r in caplog.records] == [("a: unexpected", True)]
 
@@ -142,11 +144,11 @@ def test_what_is_given_its_time_at_each_turn_is_steady_by_that_time() -> None:
     problems = Problems(time, 1.0, notices.append, LOG, most=1)
     for now_s in (0.0, 10.0):
         time.now_s = now_s
-        problems.report("a", "silent", "silent")
-        problems.clear("a", "well")
+        problems.report("a", plain("silent"), "silent")
+        problems.clear("a", plain("well"))
     notices.clear()
     for now_s in (10.0 + WINDOW_S - 0.1, 10.0 + WINDOW_S):
         assert notices == []
         time.now_s = now_s
-        problems.clear("a", "well")
+        problems.clear("a", plain("well"))
     assert notices == [Notice("a", "well", ended=True)]

@@ -16,6 +16,7 @@ from gateway.answers import own_zone
 from gateway.cli import main
 from gateway.config import GatewayConfig
 from gateway.model.events import DecisionMade, FrameMade, MeasurementEnded, ReadingsTaken
+from gateway.model.text import plain
 from gateway.past import past_in
 from gateway.probing import End, Outcome
 from gateway.storage import Store
@@ -45,7 +46,7 @@ def page_of(path: Path, config: GatewayConfig, steps: int, refused: bool = False
                         (0.0, 0.0, 0.0),
                         None,
                         float("nan"),
-                        REFUSED,
+                        plain(REFUSED),
                         End.REJECTED,
                     )
                 )

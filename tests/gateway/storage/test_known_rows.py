@@ -21,6 +21,7 @@ from gateway.model.events import (
     ModelsAdopted,
     ProbingRequested,
 )
+from gateway.model.text import plain
 from gateway.storage import History, Store
 from tests.benches import telemetry_examples as example
 from tests.benches.stepped_clock import SteppedClock
@@ -31,7 +32,7 @@ LONG_S = 3600.0
 
 
 def given(name: CommandName, by: str, *, accepted: bool = True) -> CommandGiven:
-    return CommandGiven(CommandOutcome(Command(name, by), example.NOW, accepted, "text"))
+    return CommandGiven(CommandOutcome(Command(name, by), example.NOW, accepted, plain("text")))
 
 
 def count(path: Path, table: str) -> int:

@@ -24,6 +24,7 @@ from gateway.model.events import (
     ReadingsTaken,
     ReasonsGiven,
 )
+from gateway.model.text import plain
 from gateway.probing import Outcome
 from gateway.storage import NUMBERS, Position, Retention, RowsPage, Store, StoreError, rows_after
 from gateway.storage.readings import Pruning
@@ -120,7 +121,7 @@ def test_commands_and_starts_come_too(tmp_path: Path) -> None:
         with Store(path, f"boot-{run}", SteppedClock()) as store:
             store.begin(config.canonical(), config.fingerprint(), "python 3")
             store.record(
-                CommandGiven(CommandOutcome(Command(name, "anna"), EPOCH, accepted=run == 0, text=f"no {run}"))
+                CommandGiven(CommandOutcome(Command(name, "anna"), EPOCH, accepted=run == 0, text=plain(f"no {run}")))
             )
     asker.catch_up()
     assert asker.cells["commands"] == [[EPOCH, "pause", "anna", 1, "no 0"], [EPOCH, "resume", "anna", 0, "no 1"]]

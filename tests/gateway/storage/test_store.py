@@ -26,6 +26,7 @@ from gateway.model.events import (
     ModelsAdopted,
     ReadingsTaken,
 )
+from gateway.model.text import plain
 from gateway.nc import Identity, Source, Step, Write
 from gateway.probing import End, Outcome
 from gateway.storage import History, Store, StoreError, boot_id
@@ -127,7 +128,16 @@ def test_measurements_keep_the_raw_centres_and_why_they_were_refused(tmp_path: P
         store.record(
             MeasurementEnded(
                 Outcome(
-                    2, Why.RETRY, EPOCH, later, None, (0.0, 0.0, 0.0), None, math.nan, "refused: alarm", End.REFUSED
+                    2,
+                    Why.RETRY,
+                    EPOCH,
+                    later,
+                    None,
+                    (0.0, 0.0, 0.0),
+                    None,
+                    math.nan,
+                    plain("refused: alarm"),
+                    End.REFUSED,
                 )
             )
         )

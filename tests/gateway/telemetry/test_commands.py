@@ -15,6 +15,7 @@ from gateway.client import Machine, MachineError
 from gateway.config import Operator, Telemetry
 from gateway.model.commands import Command, CommandName, CommandOutcome, Pause
 from gateway.model.events import Health, HealthChecked, StoreHealth
+from gateway.model.text import plain
 from gateway.nc import NcState
 from gateway.telemetry import CommandSigner, TelemetryPublisher
 from gateway.telemetry.codec import decode_refusal
@@ -45,7 +46,7 @@ class Obeyed:
 
     async def __call__(self, command: Command, refused: str) -> CommandOutcome:
         (self.refused if refused else self.commands).append(command)
-        return CommandOutcome(command, NOW, not refused, refused or "it is done")
+        return CommandOutcome(command, NOW, not refused, plain(refused or "it is done"))
 
 
 async def test_a_program_and_the_command_line_give_commands_and_print_the_answer(tmp_path: Path) -> None:

@@ -19,8 +19,8 @@ from gateway.clock import Ages, StepTime
 from gateway.config import GatewayConfig, Probing, parse
 from gateway.control import GridLoop, GridSampler, Measuring, Schedule, Trainings
 from gateway.model.events import DecisionMade, FrameMade, ReadingsTaken
+from gateway.model.notice import Notice
 from gateway.past import Past, controller_of, past_of
-from gateway.polling import Notice
 from gateway.probing import schedule_of
 from gateway.replay import replay
 from gateway.storage import History, Store

@@ -12,6 +12,7 @@ from gateway.acquisition import Board
 from gateway.clock import clock_synchronised
 from gateway.config import parse
 from gateway.model.events import ConfigurationApplied, DecisionMade, HealthChecked, OutlookChanged, StoreHealth
+from gateway.model.text import plain
 from gateway.past import Past
 from gateway.probing import Outlook, Standing
 from gateway.service import Service
@@ -56,8 +57,10 @@ def test_a_gateway_with_all_that_it_needs_waits_for_nothing() -> None:
 def test_each_thing_that_is_missing_is_named_with_its_reason() -> None:
     at = WatchedHealth()
     at.read("t1", Quality.SENSOR_FAULT, "wire break")
-    at.store, at.synchronised = StoreHealth("database or disk is full"), False
-    at.watch.take(OutlookChanged(Outlook(Standing.BLOCKED, Why.INTERVAL, "alarm 21612", 2, "clean the sphere")))
+    at.store, at.synchronised = StoreHealth(plain("database or disk is full")), False
+    at.watch.take(
+        OutlookChanged(Outlook(Standing.BLOCKED, Why.INTERVAL, plain("alarm 21612"), 2, plain("clean the sphere")))
+    )
     at.clock.spend(2 * STEP_S + 12.0)
     health = at.watch.health()
     assert health.channels_good == 0

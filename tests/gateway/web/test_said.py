@@ -4,10 +4,10 @@ import json
 import re
 
 import pytest
+from gateway.web.said import told
 
 from gateway.config import unarmed
 from gateway.web.catalogue import texts
-from gateway.web.said import told
 from gateway.web.sentences import Amount, Sentence, ToldName, Word
 from tests.benches.played_telemetry import SAMPLES
 from tests.benches.telemetry_examples import configuration

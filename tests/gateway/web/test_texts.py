@@ -10,10 +10,11 @@ from starlette.testclient import TestClient
 
 from drivers.base import Quality
 from gateway.heard import SiteSeen
+from gateway.model.text import languages, texts
 from gateway.nc import NcState, Source
 from gateway.probing import Standing
 from gateway.web import MachineUse, WebSettings, build_app
-from gateway.web.catalogue import LANGUAGES, chosen_language, texts
+from gateway.web.catalogue import chosen_language
 from talc.frame import EventKind, Phase, Why
 from talc.names import THERMAL_ERRORS
 from tests.benches.heard import BEGAN
@@ -52,7 +53,7 @@ def test_the_texts_that_are_said_were_found() -> None:
     assert {"word.ready", "because.left", "label.phase", "part.tool", "events.no_match", "why.novelty"} <= SAID
 
 
-@pytest.mark.parametrize("language", LANGUAGES)
+@pytest.mark.parametrize("language", languages())
 def test_every_text_that_is_said_is_in_the_catalogue(language: str) -> None:
     assert SAID - texts(language).keys() == set()
 
@@ -68,7 +69,7 @@ def test_every_language_fills_in_the_same_names() -> None:
     def names(text: str) -> set[str]:
         return {name for _, name, _, _ in Formatter().parse(text) if name}
 
-    first, *others = (texts(language) for language in LANGUAGES)
+    first, *others = (texts(language) for language in languages())
     for other in others:
         assert {key: names(text) for key, text in first.items()} == {key: names(text) for key, text in other.items()}
 

@@ -24,6 +24,7 @@ from gateway.model.events import (
     FrameMade,
     ReadingsTaken,
 )
+from gateway.model.text import plain
 from gateway.nc.problems import CONNECTED_AGAIN, NOT_CONNECTED
 from gateway.storage import Store
 from talc.frame import Event, EventKind, Frame
@@ -61,7 +62,9 @@ def test_a_gateway_that_runs_decides_and_reads_is_well_and_later_is_not(tmp_path
         assert well.problems[-1].endswith("device rtd1: silent")
         assert well.unarmed[0] == "nothing will be learnt and nothing corrected: there is no [nc]"
         assert well.paused is None
-        store.record(CommandGiven(CommandOutcome(Command(CommandName.PAUSE, "anna"), now, accepted=True, text="")))
+        store.record(
+            CommandGiven(CommandOutcome(Command(CommandName.PAUSE, "anna"), now, accepted=True, text=plain("")))
+        )
         store.flush()
         assert status_of(config, now).paused == "paused by anna since 2026-03-02 06:00 UTC"
         assert not status_of(config, now + timedelta(seconds=3 * STEP_S)).well, "it has stopped deciding"
