@@ -16,7 +16,7 @@ bench: $(VENV)/.ready
 		$(BIN)/python -m benchmarks $(SUBJECTS)
 
 # One of the papers' studies in full (docs/studies.md); continues where it was stopped, and renews its table in
-# docs/results.md and its page in docs/studies.
+# docs/results.md and the figures of its page in docs/studies.
 study: $(VENV)/.ready
 	$(BIN)/python -m studies $(NAME) --results docs/results.md --pages docs/studies
 
@@ -32,7 +32,7 @@ pictures: $(VENV)/.ready
 	cp $(OUT)/demo/report.png $(PICTURES)/demo.png
 	PAGE_PICTURES=$(PICTURES) $(PYTEST) $(SHOTS)  # needs Debian's chromium, and npm
 
-# The documentation as a site, out/site; links and references that lead nowhere are errors.
+# The documentation as a site, out/site, with the studies' pages; links and references that lead nowhere are errors.
 site: $(VENV)/.ready
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 

@@ -27,10 +27,13 @@ import zenoh
 from benchmarks.emulators import CHANNELS, UNITS
 from benchmarks.rows import BenchRow
 from drivers.base import Quality, SystemClock
-from gateway.config import GatewayConfig, load
+from gateway.config.file import load
+from gateway.config.model import GatewayConfig
 from gateway.model.events import DecisionMade, FrameMade
-from gateway.storage import Store
-from gateway.telemetry import ReadingMessage, decode, keys
+from gateway.storage.store import Store
+from gateway.telemetry import keys
+from gateway.telemetry.codec import decode
+from gateway.telemetry.messages import ReadingMessage
 from simulators.bench import gateway_toml
 from simulators.clock import SharedClock
 from talc.control import Controller

@@ -17,12 +17,16 @@ from benchmarks.rows import BenchRow
 from drivers.nc import FollowsErrors, NcSnapshot, OperatingMode, ProgramState
 from drivers.problems import read_settings
 from drivers.sinumerik import SinumerikSettings, make_sinumerik
-from gateway.config import Probing
-from gateway.control import GridSampler, Instant
+from gateway.config.sections import Probing
+from gateway.control.grid import GridSampler, Instant
 from gateway.model.text import plain
-from gateway.nc import ByErrors, Slew
-from gateway.probing import End, Probe, Standing, excess, probe_of, schedule_of
-from gateway.report import ReportData, Summary, SummaryRow, Truth, summary
+from gateway.nc.probing.cycle import End, Probe, probe_of
+from gateway.nc.probing.schedule import excess, schedule_of
+from gateway.nc.probing.standing import Standing
+from gateway.nc.routes import ByErrors
+from gateway.nc.slew import Slew
+from gateway.reporting.data import ReportData, Truth
+from gateway.reporting.figures import Summary, SummaryRow, summary
 from simulators.bench.machine import DEMO_TERMS, BenchMachine
 from simulators.nc import MachineState
 from simulators.plant import RADIUS_MM, load_machine

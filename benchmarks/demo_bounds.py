@@ -15,7 +15,8 @@ from scipy.optimize import nnls
 from benchmarks.demo import LEARNER, DemoLoop, spread
 from benchmarks.learner_bounds import bounded_predictions
 from benchmarks.rows import BenchRow
-from gateway.report import ReportData, SummaryRow, summary
+from gateway.reporting.data import ReportData
+from gateway.reporting.figures import SummaryRow, summary
 from studies import Days
 from talc.frame import FloatArray, Frame
 

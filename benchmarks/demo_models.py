@@ -10,7 +10,7 @@ import numpy as np
 
 from benchmarks.demo import DemoLoop, spread
 from benchmarks.rows import BenchRow
-from gateway.report import ReportData
+from gateway.reporting.data import ReportData
 from talc.indicators import rms
 from talc.names import ERROR_UNITS, MICROMETRE, THERMAL_ERRORS
 from talc.settings import TalcSettings

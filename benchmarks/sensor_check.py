@@ -15,9 +15,9 @@ import numpy as np
 
 from benchmarks.data import machine_days
 from benchmarks.rows import BenchRow
-from gateway.clock import RealClock
-from gateway.control import SensorWatch
+from gateway.control.sensor_watch import SensorWatch
 from gateway.model.events import EventReported, GatewayEvent
+from gateway.runtime.clocks import RealClock
 from talc.frame import BoolArray, EventKind, FloatArray, Frame
 from talc.sensor_check import judge, rows_needed
 from talc.sensor_model import SensorModel, learn

@@ -14,13 +14,18 @@ import numpy as np
 
 from benchmarks.rows import BenchRow
 from drivers.base import Clock, Quality, SystemClock
-from gateway.acquisition import Sample
-from gateway.config import GatewayConfig, parse
+from gateway.acquisition.sample import Sample
+from gateway.config.file import parse
+from gateway.config.model import GatewayConfig
+from gateway.control.restart.earlier import Past, past_in
+from gateway.control.restart.rebuild import controller_of
+from gateway.control.restart.snapshots import SnapshotKeeper
 from gateway.model.events import CompensationStepped, DecisionMade, FrameMade, MeasurementEnded, ReadingsTaken
-from gateway.nc import Source, Step, Write
-from gateway.past import Past, SnapshotKeeper, controller_of, past_in
-from gateway.probing import Outcome
-from gateway.storage import Retention, Store
+from gateway.nc.probing.cycle import Outcome
+from gateway.nc.slew import Step, Write
+from gateway.nc.states import Source
+from gateway.storage.readings import Retention
+from gateway.storage.store import Store
 from talc.frame import FloatArray, Frame, Measurement, Why
 
 _DEVICES, _EACH = 7, 4

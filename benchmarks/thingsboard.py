@@ -31,7 +31,7 @@ from paho.mqtt.enums import CallbackAPIVersion
 from benchmarks.acquisition import Windows, buses_config, emulated, readings_of, run_in_windows
 from benchmarks.emulators import CHANNELS, HOSTS, LINES, UNITS
 from benchmarks.rows import BenchRow
-from gateway.config import load
+from gateway.config.file import load
 
 _VENV = Path(__file__).parents[1] / "out" / "thingsboard"
 _PINNED = ("thingsboard-gateway==3.8.5", "pymodbus==3.9.2", "pyserial==3.5", "pyserial-asyncio==0.6")

@@ -22,6 +22,8 @@ LARGEST_UM: Final = 500.0
 """Larger offsets are never sent to a control, unless its settings say otherwise."""
 REQUEST_VALID_FOR_S: Final = 900.0
 """For so long a request for a probing cycle waits for a safe point, unless the settings say otherwise."""
+LARGEST_HEIGHT_MM: Final = 1000.0
+"""No dry run is higher above the sphere."""
 LARGEST_NUMBER: Final = 2**31 - 1
 """Largest request or owner number that a control stores exactly, both as an integer and as a floating-point number."""
 
@@ -173,12 +175,16 @@ class NumericalControl(Protocol):
 
     async def snapshot(self) -> NcSnapshot: ...
 
-    async def request_probing(self, number: int) -> None:
+    async def request_probing(self, number: int, dry_run_mm: float = 0.0) -> None:
         """Request a cycle, which the control begins at its next safe point, never in a cut.
 
         `number` must differ from the last one, so that an old result is never taken for a new one. Raises Refused while
         another request waits (unless withdrawn) or a cycle is in progress: the control does not know which gateway
         asked.
+
+        dry_run_mm: above 0, a dry run: the control follows the cycle's path raised by this height, at reduced feed and
+        without touching. When done, `centres_mm` are the positions that it reached, one for each pose. Raises Refused
+        before anything is asked, unless the control RunsDry.
         """
         ...
 
@@ -283,6 +289,16 @@ class FollowsErrors(NumericalControl, Protocol):
 
 
 @runtime_checkable
+class RunsDry(Protocol):
+    """A control whose probing program may know dry runs."""
+
+    @property
+    def runs_dry(self) -> bool:
+        """Whether it does. Known once connected."""
+        ...
+
+
+@runtime_checkable
 class ForgetsWrites(Protocol):
     """A control that refuses what reaches it too late."""
 
@@ -308,6 +324,12 @@ def check_number(number: int, what: str) -> None:
     """Raises ValueError for a request or an owner outside 1 .. 2**31 - 1."""
     if not 1 <= number <= LARGEST_NUMBER:
         raise ValueError(f"{what} = {number!r}: expected 1 to {LARGEST_NUMBER}")
+
+
+def check_height(dry_run_mm: float) -> None:
+    """Raises ValueError for the height of a dry run outside 0 .. 1000 mm."""
+    if not 0 <= dry_run_mm <= LARGEST_HEIGHT_MM:
+        raise ValueError(f"dry_run_mm = {dry_run_mm!r}: expected 0 to {LARGEST_HEIGHT_MM:g}")
 
 
 def check_errors(errors: NineErrors, largest_um: float) -> None:

@@ -9,7 +9,7 @@ ONLY_READ = "the control is only read"
 class OnlyRead:
     """Base of controls that offer neither probing nor offsets. They report nothing in force, and never had a claim."""
 
-    async def request_probing(self, number: int) -> None:  # noqa: ARG002
+    async def request_probing(self, number: int, dry_run_mm: float = 0.0) -> None:  # noqa: ARG002
         raise Refused(ONLY_READ, device="nc")
 
     async def probing_status(self, number: int) -> RequestStatus:

@@ -2,7 +2,7 @@
 
 import os
 from pathlib import Path
-from shutil import copyfile
+from shutil import copytree, rmtree
 
 import click
 from rich.console import Console
@@ -21,7 +21,7 @@ from studies.frame import Only, chosen
 @click.option("--only", multiple=True, metavar="PARAMETER=VALUE,...",
               help="Only the runs with one of these values, such as repetition=0,1,2.")  # fmt: skip
 @click.option("--results", type=click.Path(exists=True, dir_okay=False, path_type=Path), help="File with its table.")
-@click.option("--pages", type=click.Path(file_okay=False, path_type=Path), help="Folder that its page is copied to.")
+@click.option("--pages", type=click.Path(file_okay=False, path_type=Path), help="Folder with a folder for its page.")
 def main(
     name: str | None,
     out: Path | None,
@@ -50,8 +50,8 @@ def main(
             f"{results}: has no lines <!-- study {name} --> and <!-- end -->", param_hint="--results"
         )
     if pages is not None:
-        pages.mkdir(parents=True, exist_ok=True)
-        copyfile(folder / "report.html", pages / f"{name}.html")
+        rmtree(pages / name, ignore_errors=True)
+        copytree(folder / "page", pages / name)
 
 
 def run_study(

@@ -4,10 +4,11 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from simulators.cases import LONG_TERM_H
 from studies.frame import Run
-from studies.page import Claim, PageSection, Picture, Report, Table, TableRow, figure, rounded_text, style, svg
+from studies.page import Claim, PageSection, Picture, Report, Rows, Table, TableRow, columns, figure, rounded_text
 from studies.paired import paired
 from talc.frame import FloatArray
 from talc.names import ERROR_UNITS, MICROMETRE, THERMAL_ERRORS
@@ -24,7 +25,19 @@ PAPER_EX0C, PAPER_UPDATES = (72.7, 20.4), (13.0, 3.5)
 _PAPER_SMALL = ("EY0A", "EY0C")
 """Errors that did not improve in Z22."""
 _EX0C = THERMAL_ERRORS.index("EX0C")
-_COLOURS = dict(zip(WAYS, ("#93c5fd", "#1f6feb", "#fdba74", "#c2410c", "#86efac", "#15803d", "#7c3aed"), strict=True))
+_COLOURS = {
+    "none": "#cbd5e1",
+    "hold": "#9aa5b1",
+    "regression": "#111111",
+    "pso, static": "#93c5fd",
+    "pso, adaptive": "#1f6feb",
+    "tck, static": "#fdba74",
+    "tck, adaptive": "#c2410c",
+    "search, static": "#86efac",
+    "search, adaptive": "#15803d",
+    "learner, adaptive": "#7c3aed",
+}
+_COURSE = ("without compensation", "left", "limit")
 _ASKED = """Is it worth choosing a model's inputs again at every model update (adaptive), rather than once in the
 calibration (static)? As in Z22 a machine runs 196 h, 72 h and 72 h in three seasons under a new random load of one
 axis at a time each 5 min; a day of calibration, then a measurement each 2 h, and 16 in a row with a model update when
@@ -256,52 +269,85 @@ def _small_errors(way: Pairing, runs: list[Run]) -> Claim:
 
 
 def _bars(groups: Mapping[Pairing, list[Run]], name: str) -> Picture:
-    with style():
-        made = figure(12, 4)
-        ax = made.subplots()
-        everyone = [run for found in groups.values() for run in found]
-        x, width = np.arange(len(THERMAL_ERRORS)), 0.8 / (len(groups) + 3)
-        series = [
-            ("none", _values(everyone, "none", name), "#cbd5e1"),
-            ("hold", _values(everyone, "hold", name), "#9aa5b1"),
-        ]
-        if plain := _regression(groups):
-            series.append(("regression", _values(plain, "regression", name), "#111111"))
-        series += [(_name(way), _values(found, "models", name), _COLOURS[way]) for way, found in groups.items()]
-        for i, (label, values, colour) in enumerate(series):
-            reach = 2 * values.std(axis=0, ddof=1) if len(values) > 1 else None
-            at = x + (i - len(series) / 2 + 0.5) * width
-            ax.bar(at, values.mean(axis=0), width, yerr=reach, color=colour, label=label, error_kw={"lw": 0.7})
-        ax.set_xticks(x, [f"{e}\n{ERROR_UNITS[e]}" for e in THERMAL_ERRORS])
-        ax.set_ylabel(name)
-        ax.legend(loc="upper right", fontsize=7.5, frameon=False, ncols=4)
-        return Picture(svg(made), "Mean over the repetitions; error bars: twice the standard deviation (k = 2).")
+    everyone = [run for found in groups.values() for run in found]
+    series = {method: _values(everyone, method, name) for method in ("none", "hold")}
+    if plain := _regression(groups):
+        series["regression"] = _values(plain, "regression", name)
+    series |= {_name(way): _values(found, "models", name) for way, found in groups.items()}
+    rows = [["figure", "method", "error", "mean", "k = 2"]]
+    for method, values in series.items():
+        reach = 2 * values.std(axis=0, ddof=1) if len(values) > 1 else np.zeros(len(THERMAL_ERRORS))
+        lines = zip(THERMAL_ERRORS, values.mean(axis=0), reach, strict=True)
+        rows += [[name, method, error, f"{mean:.4g}", f"{about:.3g}"] for error, mean, about in lines]
+    return Picture(bars, rows, "Mean over the repetitions; error bars: twice the standard deviation (k = 2).")
+
+
+def bars(rows: Rows) -> Figure:
+    """Bars by error, one for each method."""
+    methods = list(dict.fromkeys(row[1] for row in rows[1:]))
+    made = figure(12, 4)
+    ax = made.subplots()
+    x, width = np.arange(len(THERMAL_ERRORS)), 0.8 / len(methods)
+    for i, method in enumerate(methods):
+        mean, reach = np.array([row[3:] for row in rows[1:] if row[1] == method], dtype=np.float64).T
+        at = x + (i - len(methods) / 2 + 0.5) * width
+        drawn = reach if reach.any() else None
+        ax.bar(at, mean, width, yerr=drawn, color=_COLOURS[method], label=method, error_kw={"lw": 0.7})
+    ax.set_xticks(x, [f"{e}\n{ERROR_UNITS[e]}" for e in THERMAL_ERRORS])
+    ax.set_ylabel(rows[1][0])
+    ax.legend(loc="upper right", fontsize=7.5, frameon=False, ncols=4)
+    return made
 
 
 def _course(run: Run) -> Picture:
+    """A limit stands where it begins."""
     drawn: Mapping[str, Any] = run.result["drawn"]
-    truth, left, limits = (np.array(drawn[name], dtype=np.float64) for name in ("truth", "left", "limits"))
-    hours = np.arange(truth.shape[1]) * drawn["step_h"]
-    with style():
-        made = figure(12, 15)
-        axes = made.subplots(len(THERMAL_ERRORS), 1, sharex=True)
-        for e, (ax, error) in enumerate(zip(axes, THERMAL_ERRORS, strict=True)):
-            ax.plot(hours, truth[e], color="#9aa5b1", lw=0.8, label="without compensation")
-            ax.plot(hours, left[e], color="#c2410c", lw=0.6, label="left")
-            for sign in (1, -1):
-                ax.step(
-                    hours, sign * limits[e], where="post", color="#b08900", lw=0.8, label="ACL" if sign > 0 else None
-                )
-            for k in run.result["updates"]:
-                ax.axvline(k / 12.0, color="#16a34a", lw=0.6, ls="--")
-            for border in borders(float(hours[-1])):
-                ax.axvline(border, color="#111111", lw=1.0)
-            ax.set_ylabel(f"{error}, {ERROR_UNITS[error]}", fontsize=8)
-        axes[0].legend(loc="upper right", fontsize=7.5, frameon=False, ncols=3)
-        axes[-1].set_xlabel(
-            "hours (dashed green: model update; black: the next season begins, a day later on the controller's grid)"
-        )
-        return Picture(svg(made), "Every third step.")
+    truth, left, limits = (np.array(drawn[name], dtype=np.float64).T for name in ("truth", "left", "limits"))
+    hours = np.arange(len(truth)) * drawn["step_h"]
+    updated = np.zeros(len(hours), dtype=np.bool_)
+    updated[np.searchsorted(hours, np.array(run.result["updates"]) / 12.0, side="right") - 1] = True
+    before = np.vstack([np.full(limits.shape[1], np.nan), limits[:-1]])
+    begins = ~((limits == before) | (np.isnan(limits) & np.isnan(before)))
+    rows = [["hour", "update", *(f"{error} {what}" for what in _COURSE for error in THERMAL_ERRORS)]]
+    for k, hour in enumerate(hours):
+        values = [f"{v:.3g}" for v in (*truth[k], *left[k])]
+        values += [f"{v:.3g}" if new else "" for v, new in zip(limits[k], begins[k], strict=True)]
+        rows.append([f"{hour:g}", "1" if updated[k] else "", *values])
+    return Picture(course, rows, "Every third step.")
+
+
+def course(rows: Rows) -> Figure:
+    """A panel per error: without compensation, what is left, limits, and the hours of model updates."""
+    cells = columns(rows)
+    hours = np.array(cells["hour"], dtype=np.float64)
+    made = figure(12, 15)
+    axes = made.subplots(len(THERMAL_ERRORS), 1, sharex=True)
+    for ax, error in zip(axes, THERMAL_ERRORS, strict=True):
+        truth, left = (np.array(cells[f"{error} {what}"], dtype=np.float64) for what in _COURSE[:2])
+        limit = _last_known(cells[f"{error} {_COURSE[2]}"])
+        ax.plot(hours, truth, color="#9aa5b1", lw=0.8, label="without compensation")
+        ax.plot(hours, left, color="#c2410c", lw=0.6, label="left")
+        for sign in (1, -1):
+            ax.step(hours, sign * limit, where="post", color="#b08900", lw=0.8, label="ACL" if sign > 0 else None)
+        for hour, update in zip(hours, cells["update"], strict=True):
+            if update:
+                ax.axvline(float(hour), color="#16a34a", lw=0.6, ls="--")
+        for border in borders(float(hours[-1])):
+            ax.axvline(border, color="#111111", lw=1.0)
+        ax.set_ylabel(f"{error}, {ERROR_UNITS[error]}", fontsize=8)
+    axes[0].legend(loc="upper right", fontsize=7.5, frameon=False, ncols=3)
+    axes[-1].set_xlabel(
+        "hours (dashed green: model update; black: the next season begins, a day later on the controller's grid)"
+    )
+    return made
+
+
+def _last_known(cells: Sequence[str]) -> FloatArray:
+    """An empty cell has the value above it; NaN before the first."""
+    values, last = np.empty(len(cells)), float("nan")
+    for i, cell in enumerate(cells):
+        values[i] = last = float(cell) if cell else last
+    return values
 
 
 def borders(until_h: float) -> list[float]:
@@ -311,32 +357,34 @@ def borders(until_h: float) -> list[float]:
 
 
 def _chosen(run: Run) -> Picture:
-    """A row per input, a column per model update, a mark per error that uses it."""
     sets: list[Mapping[str, Any]] = run.result["inputs"]
-    used = sorted({name for models in sets for error in THERMAL_ERRORS for name in models.get(error, ())})
-    with style():
-        made = figure(12, 1.0 + 0.22 * len(used))
-        ax = made.subplots()
-        for e, error in enumerate(THERMAL_ERRORS):
-            points = [
-                (u + (e - 4) * 0.085, used.index(name))
-                for u, models in enumerate(sets)
-                for name in models.get(error, ())
-            ]
-            if points:
-                ax.plot(*zip(*points, strict=True), "s", ms=3.5, color=f"C{e}", label=error)
-        after_h = [models["after"] / 12 for models in sets]
-        for border in borders(after_h[-1]):
-            ax.axvline(sum(h < border for h in after_h) - 0.5, color="#111111", lw=1.0)
-        ax.set_yticks(range(len(used)), used, fontsize=7)
-        ax.set_ylim(len(used) - 0.5, -0.5)
-        ax.set_xticks(range(len(sets)), [f"{h:.0f} h" for h in after_h])
-        ax.legend(loc="lower center", bbox_to_anchor=(0.45, 1.0), ncols=9, fontsize=7.5, frameon=False)
-        return Picture(
-            svg(made),
-            "Inputs that each model update chose; the first column ends the calibration, lines "
-            "are the seasons' borders.",
-        )
+    rows = [["hour", *THERMAL_ERRORS]]
+    rows += [[f"{m['after'] / 12:g}", *(" ".join(m.get(error, ())) for error in THERMAL_ERRORS)] for m in sets]
+    caption = (
+        "Inputs that each model update chose; the first column ends the calibration, lines are the seasons' borders."
+    )
+    return Picture(chosen, rows, caption)
+
+
+def chosen(rows: Rows) -> Figure:
+    """A row per input, a column per model update, a mark per error that uses it."""
+    cells = columns(rows)
+    sets = {error: [cell.split() for cell in cells[error]] for error in THERMAL_ERRORS}
+    used = sorted({name for found in sets.values() for names in found for name in names})
+    after_h = [float(hour) for hour in cells["hour"]]
+    made = figure(12, 1.0 + 0.22 * len(used))
+    ax = made.subplots()
+    for e, error in enumerate(THERMAL_ERRORS):
+        points = [(u + (e - 4) * 0.085, used.index(name)) for u, names in enumerate(sets[error]) for name in names]
+        if points:
+            ax.plot(*zip(*points, strict=True), "s", ms=3.5, color=f"C{e}", label=error)
+    for border in borders(after_h[-1]):
+        ax.axvline(sum(h < border for h in after_h) - 0.5, color="#111111", lw=1.0)
+    ax.set_yticks(range(len(used)), used, fontsize=7)
+    ax.set_ylim(len(used) - 0.5, -0.5)
+    ax.set_xticks(range(len(after_h)), [f"{h:.0f} h" for h in after_h])
+    ax.legend(loc="lower center", bbox_to_anchor=(0.45, 1.0), ncols=9, fontsize=7.5, frameon=False)
+    return made
 
 
 def _figures(runs: list[Run]) -> list[list[object]]:

@@ -1,9 +1,10 @@
 """Report of the study arx-vs-static: medians beside the paper's table, where ARX loses, pictures."""
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from studies.frame import Run
-from studies.page import Claim, PageSection, Picture, Report, Table, TableRow, figure, rounded_text, style, svg
+from studies.page import Claim, PageSection, Picture, Report, Rows, Table, TableRow, columns, figure, rounded_text
 from talc.frame import FloatArray
 
 MODELS = ("none", "hold", "static", "FIR", "ARX", "ARX guarded", "ARX refined", "output error", "learner")
@@ -24,6 +25,8 @@ PAPER = {
 _DIVERGED = 10.0
 """A model that leaves more than this many times the uncompensated error has run away."""
 _EIGHT = [(direction, name) for direction in PAPER for name in FIGURES]
+_BOX = {"least": "whislo", "lower quartile": "q1", "median": "med", "upper quartile": "q3", "largest": "whishi"}
+"""Headings of a box's figures, and matplotlib's names for them."""
 _ASKED = """Does one autoregressive term make a thermal model better than more delays of the inputs, or none, and when
 does it not? A machine of three bodies (base, column, spindle; finite elements, reduced) is warmed by two heat sources;
 each load pair is two records of 48 h at 5 min. Models learn from the first, all rows measured, and run freely over the
@@ -188,18 +191,37 @@ def _all(runs: list[Run]) -> list[list[object]]:
 
 
 def _picture(runs: list[Run], conditions: list[tuple[str, bool]]) -> Picture:
-    with style():
-        made = figure(12, 6.5)
-        axes = made.subplots(len(PAPER), len(conditions), squeeze=False, sharex=True)
-        for row, direction in enumerate(PAPER):
-            for column, (sensors, noise) in enumerate(conditions):
-                ax, here = axes[row][column], _at(runs, sensors, noise)
-                found = [values(here, direction, model, "RMSE") for model in MODELS]
-                ax.boxplot([v[~np.isnan(v)] for v in found], tick_labels=list(MODELS), whis=(0, 100))
-                ax.set_yscale("log")
-                ax.tick_params(axis="x", rotation=60)
-                if row == 0:
-                    ax.set_title(_title(sensors, noise), fontsize=8)
-                if column == 0:
-                    ax.set_ylabel(f"RMSE {direction}, µm")
-        return Picture(svg(made), "Boxes: quartiles over the load pairs; whiskers: the least and the largest.")
+    rows = [["direction", "sensors", "noise", "model", *_BOX]]
+    for direction in PAPER:
+        for sensors, noise in conditions:
+            here = _at(runs, sensors, noise)
+            for model in MODELS:
+                found = values(here, direction, model, "RMSE")
+                known = found[~np.isnan(found)]
+                box = [f"{q:.5g}" for q in np.percentile(known, (0, 25, 50, 75, 100))] if known.size else [""] * 5
+                rows.append([direction, sensors, str(int(noise)), model, *box])
+    return Picture(boxes, rows, "Boxes: quartiles over the load pairs; whiskers: the least and the largest.")
+
+
+def boxes(rows: Rows) -> Figure:
+    """RMSE by model; a row of panels per direction, a column per condition."""
+    *places, models, _, _, _, _, _ = columns(rows).values()
+    panels = list(dict.fromkeys(zip(*places, strict=True)))
+    directions = list(dict.fromkeys(places[0]))
+    made = figure(12, 6.5)
+    axes = made.subplots(len(directions), len(panels) // len(directions), squeeze=False, sharex=True)
+    for i, (ax, panel) in enumerate(zip(axes.flat, panels, strict=True)):
+        direction, sensors, noise = panel
+        found = [dict(zip(rows[0], row, strict=True)) for row in rows[1:] if tuple(row[:3]) == panel]
+        found = [one for one in found if one["median"]]
+        stats = [{key: float(one[name]) for name, key in _BOX.items()} for one in found]
+        at = [list(dict.fromkeys(models)).index(one["model"]) + 1 for one in found]
+        ax.bxp(stats, positions=at, widths=0.5, showfliers=False)
+        ax.set_xticks(range(1, len(MODELS) + 1), MODELS)
+        ax.set_yscale("log")
+        ax.tick_params(axis="x", rotation=60)
+        if i < len(panels) // len(directions):
+            ax.set_title(_title(sensors, noise == "1"), fontsize=8)
+        if i % (len(panels) // len(directions)) == 0:
+            ax.set_ylabel(f"RMSE {direction}, µm")
+    return made

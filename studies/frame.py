@@ -22,7 +22,8 @@ from typing import Any
 
 import simulators
 import talc
-from studies.page import Origin, Report, write_page
+from studies.page import Origin, Report
+from studies.published import write_report
 
 RunParameters = Mapping[str, Any]
 """JSON-able; contains everything that a run depends on, including its seed."""
@@ -127,7 +128,7 @@ def carry_out(
         runs += yield from _do(study, kept, study.then(runs), workers, len(runs))
     again = f"python -m studies {study.name} --seed {seed}" + (" --small" if small else "")
     again += "".join(f" --only {name}={','.join(values)}" for name, values in only.items())
-    write_page(
+    write_report(
         folder, study.summary, study.report(runs), _origin(study, runs, again, workers, whole=not (small or only))
     )
 

@@ -1,11 +1,9 @@
-"""A study's report as values, and the HTML page, CSV files and Markdown table made from it."""
+"""A study's report as values, and the HTML page and the Markdown table made from it."""
 
-import csv
 import io
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from importlib.resources import files
-from pathlib import Path
 from textwrap import fill
 from typing import Any
 
@@ -54,12 +52,30 @@ class Table:
         return "\n".join(lines) + "\n"
 
 
+Rows = Sequence[Sequence[str]]
+"""Lines of a CSV file, a heading first."""
+Drawing = Callable[[Rows], Figure]
+"""Draws a picture from its figures."""
+
+
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """An SVG and its caption."""
+    """Figures, how to draw them, and a caption."""
 
-    svg: str
+    draw: Drawing
+    """One of the study's drawings."""
+    rows: Rows
     caption: str
+
+    def svg(self) -> str:
+        """Inline SVG, the same for the same figures."""
+        buffer = io.StringIO()
+        with mpl.rc_context(_STYLE):
+            FigureCanvasSVG(self.draw(self.rows)).print_svg(  # type: ignore[no-untyped-call]
+                buffer, metadata={"Date": None}
+            )
+        text = buffer.getvalue()
+        return text[text.index("<svg") :]
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,21 +128,8 @@ class Origin:
 
 
 def figure(width: float, height: float) -> Figure:
-    """An empty figure, size in inches. Draw it inside `style`."""
+    """An empty figure, size in inches."""
     return Figure(figsize=(width, height), layout="constrained")
-
-
-def style() -> Any:
-    """Context in which a picture is drawn and turned into SVG."""
-    return mpl.rc_context(_STYLE)
-
-
-def svg(made: Figure) -> str:
-    """The figure as inline SVG, the same for the same figure."""
-    buffer = io.StringIO()
-    FigureCanvasSVG(made).print_svg(buffer, metadata={"Date": None})  # type: ignore[no-untyped-call]
-    text = buffer.getvalue()
-    return text[text.index("<svg") :]
 
 
 def rounded_text(value: float, digits: int = 3) -> str:
@@ -136,31 +139,22 @@ def rounded_text(value: float, digits: int = 3) -> str:
     return f"{value:.0f}" if 10**digits <= abs(value) < 1e6 else f"{value:.{digits}g}"
 
 
-def write_page(folder: Path, title: str, report: Report, origin: Origin) -> None:
-    """Make report.html, summary.md and figures.csv in `folder`."""
+def columns(rows: Rows) -> dict[str, list[str]]:
+    """The cells below each heading."""
+    return dict(zip(rows[0], map(list, zip(*rows[1:], strict=True)), strict=True))
+
+
+def page_html(title: str, report: Report, origin: Origin) -> str:
+    """One page that loads nothing else."""
     template = files("studies").joinpath("page.html").read_text(encoding="utf-8")
     environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True)
-    environment.filters["svg"] = Markup
+    environment.filters["svg"] = lambda picture: Markup(picture.svg())
     environment.tests["table"] = lambda block: isinstance(block, Table)
     environment.tests["picture"] = lambda block: isinstance(block, Picture)
-    page = environment.from_string(template).render(title=title, report=report, origin=origin)
-    (folder / "report.html").write_text(page, encoding="utf-8")
-    (folder / "summary.md").write_text(summary_markdown(report, origin), encoding="utf-8")
-    with (folder / "figures.csv").open("w", newline="", encoding="utf-8") as file:
-        csv.writer(file).writerows(report.figures)
+    return environment.from_string(template).render(title=title, report=report, origin=origin)
 
 
 def summary_markdown(report: Report, origin: Origin) -> str:
     """The block of docs/results.md."""
     made = f"`{origin.again}`, {origin.runs} runs, {origin.took}, code {origin.code}, {origin.date}"
     return f"{report.summary.markdown()}\n{fill(made, _PROSE_WIDTH, break_long_words=False, break_on_hyphens=False)}\n"
-
-
-def renew(results: Path, name: str, text: str) -> bool:
-    """Put `text` between the study's marks in a Markdown file; False: there are none."""
-    head, begin, rest = results.read_text(encoding="utf-8").partition(f"<!-- study {name} -->\n")
-    _, end, tail = rest.partition("<!-- end -->")
-    if not (begin and end):
-        return False
-    results.write_text(head + begin + text + end + tail, encoding="utf-8")
-    return True

@@ -1,9 +1,10 @@
 """Report of the study test-piece: how far features drift over the hours, by method, with and without growth."""
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from studies.frame import Run
-from studies.page import Claim, PageSection, Picture, Report, Table, TableRow, figure, rounded_text, style, svg
+from studies.page import Claim, PageSection, Picture, Report, Rows, Table, TableRow, figure, rounded_text
 from studies.paired import paired
 from talc.frame import FloatArray
 
@@ -36,6 +37,16 @@ with each of the same measurements. TALC: sparse models (`search`) with their de
 measurements."""
 
 
+_SHOWN = {
+    "none": "#9aa5b1",
+    "hold": "#b08900",
+    "regression": "#86efac",
+    "TALC": "#1f6feb",
+    "regression + growth": "#15803d",
+    "TALC + growth": "#c2410c",
+    "learner": "#7c3aed",
+}
+"""Methods in the picture, and their colours."""
 _BASE = ("base", "speed_c", False)
 _TERMS = ("", " + growth")
 _EQUAL = 1.05
@@ -219,30 +230,31 @@ def _figures(runs: list[Run]) -> list[list[object]]:
 
 
 def _picture(runs: list[Run]) -> Picture:
-    shown = {
-        "none": "#9aa5b1",
-        "hold": "#b08900",
-        "regression": "#86efac",
-        "TALC": "#1f6feb",
-        "regression + growth": "#15803d",
-        "TALC + growth": "#c2410c",
-        "learner": "#7c3aed",
-    }
-    with style():
-        made = figure(12, 6.5)
-        axes = made.subplots(2, 3, sharex=True, squeeze=False)
-        for i, feature in enumerate(runs[0].result["features"]):
-            ax = axes[i // 3][i % 3]
-            for name, colour in shown.items():
-                lines: FloatArray = np.array([np.array(run.result[name])[:, i] for run in runs])
-                hours = np.arange(lines.shape[1])
-                ax.plot(hours, np.median(lines, axis=0), ".-", color=colour, lw=1.2, label=name)
-                ax.fill_between(hours, lines.min(axis=0), lines.max(axis=0), color=colour, alpha=0.12, lw=0)
-            ax.axvline(4, color="#cbd5e1", lw=0.8, ls="--")
-            ax.set_title(feature, fontsize=9)
-        axes[0][0].legend(loc="upper right", fontsize=7.5, frameon=False)
-        for row in axes:
-            row[0].set_ylabel("µm")
-        for ax in axes[1]:
-            ax.set_xlabel("hours (dashed: the axis stops)")
-        return Picture(svg(made), "Medians over the repetitions; bands from the least to the largest.")
+    rows = [["feature", "method", "hour", "median", "least", "largest"]]
+    for i, feature in enumerate(runs[0].result["features"]):
+        for name in _SHOWN:
+            lines: FloatArray = np.array([np.array(run.result[name])[:, i] for run in runs])
+            bands = zip(np.median(lines, axis=0), lines.min(axis=0), lines.max(axis=0), strict=True)
+            rows += [[feature, name, str(hour), *(f"{v:.2f}" for v in band)] for hour, band in enumerate(bands)]
+    return Picture(features, rows, "Medians over the repetitions; bands from the least to the largest.")
+
+
+def features(rows: Rows) -> Figure:
+    """A panel per feature: its deviation over the hours by method."""
+    names = list(dict.fromkeys(row[0] for row in rows[1:]))
+    made = figure(12, 6.5)
+    axes = made.subplots(2, 3, sharex=True, squeeze=False)
+    for ax, feature in zip(axes.flat, names, strict=True):
+        for name, colour in _SHOWN.items():
+            line = np.array([row[2:] for row in rows[1:] if row[:2] == [feature, name]], dtype=np.float64)
+            hours, median, least, largest = line.T
+            ax.plot(hours, median, ".-", color=colour, lw=1.2, label=name)
+            ax.fill_between(hours, least, largest, color=colour, alpha=0.12, lw=0)
+        ax.axvline(4, color="#cbd5e1", lw=0.8, ls="--")
+        ax.set_title(feature, fontsize=9)
+    axes[0][0].legend(loc="upper right", fontsize=7.5, frameon=False)
+    for row in axes:
+        row[0].set_ylabel("µm")
+    for ax in axes[1]:
+        ax.set_xlabel("hours (dashed: the axis stops)")
+    return made

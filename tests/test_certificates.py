@@ -9,8 +9,8 @@ import pytest
 from cryptography import x509
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
-from gateway.config import credential_problems, parse
-from gateway.config.telemetry_rules import telemetry_problems
+from gateway.config.file import parse
+from gateway.config.telemetry_rules import credential_problems, telemetry_problems
 from tests.benches.service_file import TEXT
 
 FOLDER = Path(__file__).parents[1] / "deploy" / "zenoh"

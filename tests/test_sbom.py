@@ -28,9 +28,9 @@ def environments(folder: Path) -> tuple[Path, Path]:
     site, build = folder / "site", folder / "build"
     for name, version in (("typing_extensions", "4.16.0"), ("Jinja2", "3.1.6"), ("zope.interface", "7.0")):
         distribution(site, name, version)
-    charts = site / "gateway/report/uplot"
+    charts = site / "gateway/reporting/uplot"
     charts.mkdir(parents=True)
-    shutil.copy(ROOT / "gateway/report/uplot/uPlot.iife.min.js", charts)
+    shutil.copy(ROOT / "gateway/reporting/uplot/uPlot.iife.min.js", charts)
     shutil.copytree(LICENCES, site / "talc" / "licences")
     distribution(build, "ninja", "1.13.2")
     licences = (

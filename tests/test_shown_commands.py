@@ -16,7 +16,7 @@ import pytest
 from click.testing import CliRunner
 
 from drivers.signature import shared_key
-from gateway.cli import main
+from gateway.cli.main import main
 from tests.benches.command import LIMIT_S, Done, talc_gateway
 from tests.benches.file_waits import appears, text_of
 from tests.benches.free_port import free_port

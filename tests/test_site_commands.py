@@ -5,7 +5,7 @@ import re
 import pytest
 from click.testing import CliRunner
 
-from gateway.cli import main
+from gateway.cli.main import main
 from tests.benches.linuxcnc_module import module_at
 from tests.benches.pages import ROOT
 

@@ -131,13 +131,13 @@ def test_the_wheel_names_what_of_others_is_in_it(wheel: Path) -> None:
 
 def test_no_wheel_is_built_with_another_script_for_the_charts(source: Path, tmp_path: Path) -> None:
     changed = shutil.copytree(source, tmp_path / "changed")
-    with (changed / "gateway/report/uplot/uPlot.iife.min.js").open("a", encoding="utf-8") as script:
+    with (changed / "gateway/reporting/uplot/uPlot.iife.min.js").open("a", encoding="utf-8") as script:
         script.write(" ")
     command = [sys.executable, "-m", "pip", "wheel", "--no-deps", "--wheel-dir", tmp_path / "wheels", changed]
     done = subprocess.run(list(map(str, command)), capture_output=True, text=True)
     assert done.returncode != 0
     said = " ".join((done.stdout + done.stderr).split())
-    assert "uPlot.iife.min.js: not the file whose SHA-512 is in gateway/report/uplot/SHA512SUMS" in said
+    assert "uPlot.iife.min.js: not the file whose SHA-512 is in gateway/reporting/uplot/SHA512SUMS" in said
 
 
 def test_whatever_builds_a_package_is_installed_by_hash() -> None:

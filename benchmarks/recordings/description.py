@@ -10,8 +10,9 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationErr
 
 from drivers.problems import problems_of
 from drivers.section import NotNegative, Positive
-from gateway.config import ConfigError, Problem, place, suggestion
-from gateway.recordings import TIME_UNITS, line_ranges
+from gateway.config.problems import ConfigError, Problem, place, suggestion
+from gateway.reporting.recordings.layout import line_ranges
+from gateway.reporting.recordings.times import TIME_UNITS
 from talc.names import MICROMETRE_PER_METRE
 from talc.units import COLUMN_UNITS, plain_unit
 

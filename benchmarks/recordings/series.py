@@ -10,18 +10,12 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.recordings.description import Description, InputColumn, description_of
-from gateway.config import ConfigError, Problem, shown, suggestion
-from gateway.recordings import (
-    TIME_UNITS,
-    FileProblems,
-    FileTable,
-    RecordingError,
-    TextLayout,
-    Unknown,
-    forms_of,
-    open_table,
-    second_of,
-)
+from gateway.config.problems import ConfigError, Problem, shown, suggestion
+from gateway.reporting.recordings.chunks import FileTable
+from gateway.reporting.recordings.files import open_table
+from gateway.reporting.recordings.layout import TextLayout, Unknown
+from gateway.reporting.recordings.problems import FileProblems, RecordingError
+from gateway.reporting.recordings.times import TIME_UNITS, forms_of, second_of
 from talc.frame import LARGEST_ERROR, LARGEST_INPUT, BoolArray, FloatArray, IntArray
 from talc.units import named_unit
 

@@ -19,8 +19,8 @@ from benchmarks.recordings.policy import FIXED_MIN, LIMITS_UM, Saving, Sweep, sa
 from benchmarks.recordings.result import JUDGED_UNITS, Cell, Result, table_rows, write_result
 from benchmarks.recordings.series import Series, read_series
 from benchmarks.rows import BenchRow
-from gateway.config import ConfigError
-from gateway.recordings import RecordingError
+from gateway.config.problems import ConfigError
+from gateway.reporting.recordings.problems import RecordingError
 
 SHIPPED = Path(__file__).with_name("fl_thermal")
 OUT = Path("out/recordings")

@@ -73,7 +73,7 @@ def compiled_in(site: Path, build: Path) -> Iterator[tuple[dict[str, object], st
 
 def script(site: Path) -> dict[str, object]:
     """The entry of the report's charts: a script that is part of our own wheel."""
-    first = (site / "gateway/report/uplot/uPlot.iife.min.js").read_text(encoding="utf-8").partition("\n")[0]
+    first = (site / "gateway/reporting/uplot/uPlot.iife.min.js").read_text(encoding="utf-8").partition("\n")[0]
     found = re.search(r"\(v([\d.]+)\)", first)
     if found is None:
         raise SystemExit(f"uPlot.iife.min.js: expected its version in the first line, found {first!r}")

@@ -9,7 +9,7 @@ import click
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 
-from gateway.cli import main
+from gateway.cli.main import main
 
 _HEAD = """\
 # Every command

@@ -21,6 +21,7 @@ from drivers.nc import (
     RequestStatus,
     WatchdogTerms,
     check_errors,
+    check_height,
     check_number,
     check_offsets,
 )
@@ -90,11 +91,20 @@ class AgentControl:
             cannot_probe=cannot_probe if isinstance(cannot_probe, str) else None,
         )
 
-    async def request_probing(self, number: int) -> None:
-        """Raises ValueError for a number outside 1 .. 2**31 - 1, Refused when the control saw this number last or has
-        another request pending."""
+    @property
+    def runs_dry(self) -> bool:
+        """Implements RunsDry."""
+        return {Capability.PROBE, Capability.DRY_RUN} <= self._greeting.can
+
+    async def request_probing(self, number: int, dry_run_mm: float = 0.0) -> None:
+        """Raises ValueError for a number outside 1 .. 2**31 - 1 or a height outside 0 .. 1000 mm, Refused when the
+        control saw this number last or has another request pending."""
         check_number(number, "request number")
-        await self._agent.ask("probe", number=number, valid_for_s=self._settings.request_valid_for_s)
+        check_height(dry_run_mm)
+        if dry_run_mm and self._agent.is_open and not self.runs_dry:
+            raise Refused("the agent knows no dry runs", device=self._settings.device, hint="update the agent")
+        height: dict[str, Json] = {"dry_run_mm": dry_run_mm} if dry_run_mm else {}
+        await self._agent.ask("probe", number=number, valid_for_s=self._settings.request_valid_for_s, **height)
 
     async def probing_status(self, number: int) -> RequestStatus:
         """State of request `number`; idle when the control has since received another one, or has received none."""

@@ -18,6 +18,8 @@ class Capability(StrEnum):
     """What an agent may be able to do; it tells those that it has."""
 
     PROBE = "probe"
+    DRY_RUN = "dry_run"
+    """With PROBE: a cycle that is only driven, above the sphere."""
     SHIFT = "shift"
     SLOPES = "slopes"
     ERRORS = "errors"

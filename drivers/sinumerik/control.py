@@ -13,6 +13,7 @@ from drivers.nc import (
     RequestStatus,
     Triple,
     WatchdogTerms,
+    check_height,
     check_number,
     check_offsets,
 )
@@ -59,9 +60,13 @@ PROBING_REASONS: Final = {
     6: "a touch found no sphere",
     7: "the program was stopped",
     8: "TALC_SAFE_Z on the control is lower than the sphere at one of the poses",
+    9: "a transformation or the control's own dry run is active",
 }
+_SAME_MM: Final = 1e-6
 _EMERGENCY_STOP: Final = 3000
 """Alarm while an emergency stop is pressed or not yet acknowledged."""
+_KNOWS_DRY_RUNS: Final = 2
+"""Version of TALC_SAFE_POINT that does."""
 SESSION_ALIVE: Final = 1
 """State of the control's watchdog while it receives the gateway's heartbeat."""
 
@@ -100,6 +105,10 @@ class Sinumerik:
         results = range(hand.results, hand.results + 3 * settings.poses)
         self._request = (*self._status, settings.r(hand.withdraw))
         self._asked = tuple(settings.r(n) for n in (hand.request, hand.withdraw, hand.valid_for))
+        self._program, self._height = settings.r(hand.version), settings.r(hand.dry_run)
+        self._runs_dry = False
+        self._heights: dict[int, float] = {}
+        """Number of the last request to the height that it was asked with."""
         self._result = (*self._status, settings.r(hand.result_of), *(settings.r(n) for n in (*results, hand.spread)))
         self._offsets, self._in_force = settings.offset_nodes, settings.in_force_nodes
         lease = settings.lease
@@ -125,11 +134,22 @@ class Sinumerik:
             await self._session.read(self._in_force)
             if self._settings.asks:
                 await self._session.read((*self._request, *self._asked))
+                await self._look_for_dry_runs()
             if self._settings.writes:
                 await self._session.read((*self._lease, *self._leased))
         except BaseException:
             await self._session.close()
             raise
+
+    @property
+    def runs_dry(self) -> bool:
+        """Implements RunsDry."""
+        return self._runs_dry
+
+    async def _look_for_dry_runs(self) -> None:
+        """The program may be loaded, or first called, while the gateway is connected."""
+        [version] = await self._session.read((self._program,))
+        self._runs_dry = _code(version) >= _KNOWS_DRY_RUNS
 
     async def _look_at_units(self) -> None:
         """Raises WrongDevice for an inch system. A gateway that only reads goes on if it may not read the unit."""
@@ -192,10 +212,19 @@ class Sinumerik:
             quality=Quality.GOOD,
         )
 
-    async def request_probing(self, number: int) -> None:
-        """Raises ValueError for a number outside 1 .. 2**31 - 1, Refused when the control saw this number last or has
-        another request pending."""
+    async def request_probing(self, number: int, dry_run_mm: float = 0.0) -> None:
+        """Raises ValueError for a number outside 1 .. 2**31 - 1 or a height outside 0 .. 1000 mm, Refused when the
+        control saw this number last or has another request pending."""
         check_number(number, "request number")
+        check_height(dry_run_mm)
+        await self._look_for_dry_runs()
+        if dry_run_mm and not self._runs_dry:
+            hand = self._settings.handshake
+            raise Refused(
+                f"the program on the control knows no dry runs (R{hand.version} is not 2 or more)",
+                device=self._settings.device,
+                hint="load the present TALC_SAFE_POINT and TALC_SPHERE, and call TALC_SAFE_POINT once",
+            )
         request, answers, state, _, taken_back = self._numbers(self._request, await self._session.read(self._request))
         if number in (request, answers):
             raise Refused(
@@ -210,7 +239,24 @@ class Sinumerik:
         hand = self._settings.handshake
         # The number is written last, in a separate request, because the control acts on it.
         await self._session.write({self._settings.r(hand.valid_for): hand.request_valid_for_s})
+        if self._runs_dry:  # an older program leaves this parameter to others
+            await self._set_height(dry_run_mm)
+        self._heights = {number: dry_run_mm}
         await self._session.write({self._settings.r(hand.request): float(number)})
+
+    async def _set_height(self, dry_run_mm: float) -> None:
+        """Raises BadAnswer when the control does not keep it: a dry run must not touch, and a cycle must."""
+        await self._session.write({self._height: dry_run_mm})
+        await self._check_height(dry_run_mm)
+
+    async def _check_height(self, dry_run_mm: float) -> None:
+        [found] = self._numbers((self._height,), await self._session.read((self._height,)))
+        if abs(found - dry_run_mm) > _SAME_MM:
+            raise BadAnswer(
+                f"R{self._settings.handshake.dry_run} (height of a dry run) is {found:g}, not {dry_run_mm:g}",
+                device=self._settings.device,
+                hint="does another program write it? [nc.handshake] dry_run gives it another number",
+            )
 
     async def probing_status(self, number: int) -> RequestStatus:
         """State of request `number`; idle when the control holds another request and has not answered this one."""
@@ -234,6 +280,8 @@ class Sinumerik:
                 device=self._settings.device,
                 hint="the NC program must write the results and their number before the state",
             )
+        if self._runs_dry and number in self._heights:
+            await self._check_height(self._heights[number])  # no dry run is ever taken for a measurement
         centres = tuple(self._from_origin(*values[i : i + 3]) for i in range(0, len(values), 3))
         return RequestStatus(number, known, centres_mm=centres, spread_mm=spread)
 
@@ -280,7 +328,8 @@ class Sinumerik:
     @property
     def _writable(self) -> tuple[tuple[str, ...], ...]:
         """Everything that this gateway writes, one request each."""
-        return self._asked, self._leased, self._offsets
+        asked = (*self._asked, self._height) if self._runs_dry else self._asked
+        return asked, self._leased, self._offsets
 
     async def claim(self, owner: int, terms: WatchdogTerms, predecessor: int | None = None) -> None:
         """Raises ValueError for an owner outside 1 .. 2**31 - 1."""

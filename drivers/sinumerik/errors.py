@@ -121,7 +121,7 @@ class SinumerikWithErrors(Sinumerik):
         errors[EX0C], errors[EY0A], errors[EZ0A] = offsets_um
         await self._put(errors)
 
-    async def request_probing(self, number: int) -> None:
+    async def request_probing(self, number: int, dry_run_mm: float = 0.0) -> None:
         """Raises Refused also while errors are in force that no gateway keeps alive: the program then holds nothing,
         and the offsets would change from pose to pose."""
         if self._terms is not None:
@@ -132,7 +132,7 @@ class SinumerikWithErrors(Sinumerik):
                     device=self._device,
                     hint="wait until the watchdog has taken them to zero",
                 )
-        await super().request_probing(number)
+        await super().request_probing(number, dry_run_mm)
 
     async def probing_status(self, number: int) -> RequestStatus:
         status = await super().probing_status(number)

@@ -106,7 +106,7 @@ def default_states(axis_numbers: Mapping[str, int]) -> dict[str, StateNode]:
 
 
 class Handshake(Section):
-    """R-parameters of the probing handshake (docs/nc.md). The gateway writes the first three, the control the rest."""
+    """R-parameters of the probing handshake (docs/nc.md). The gateway writes the first four, the control the rest."""
 
     request: RNumber = 60
     """Number of the request."""
@@ -114,6 +114,8 @@ class Handshake(Section):
     """Number of a withdrawn request."""
     valid_for: RNumber = 62
     """Time in seconds within which the cycle must begin."""
+    dry_run: RNumber = 63
+    """Height in mm of a dry run above the sphere; 0: the cycle touches. Written if the program knows dry runs."""
     answers: RNumber = 64
     """Number of the request to which state and reason refer."""
     state: RNumber = 65
@@ -126,6 +128,8 @@ class Handshake(Section):
     """First of three R-parameters per pose."""
     spread: RNumber = 88
     """Largest difference between repeated touches in the cycle, mm."""
+    version: RNumber = 89
+    """Version of TALC_SAFE_POINT, which shows it at each call; from 2 on it knows dry runs."""
     request_valid_for_s: NotNegative = REQUEST_VALID_FOR_S
     """A control that reaches its safe point later than this refuses: the gateway may be gone by then. 0: no limit."""
 

@@ -15,7 +15,7 @@ from pathlib import Path
 POSES = ((0, 0), (0, 90), (0, 180), (0, 270), (90, 0), (-90, 0))
 CENTRES = ((120, 0, 80), (0, 120, 80), (-120, 0, 80), (0, -120, 80), (120, -80, 0), (120, 80, 0))
 BOUND_UM, SLEW_UM_PER_S, TICK_S, POSE_S = 200.0, 20.0, 0.02, 0.1
-LOGIN_S, QUIET_S, LONGEST_LINE = 2.0, 3.0, 4096
+LOGIN_S, QUIET_S, LONGEST_LINE, CAN = 2.0, 3.0, 4096, ("probe", "dry_run", "shift")
 NEXT = {"requested": "accepted", "accepted": "running", "running": "running"}
 
 
@@ -29,11 +29,10 @@ class Machine:
     verbs = ("status", "read", "write", "claim", "heartbeat", "release", "probe", "probing", "withdraw")
 
     def __init__(self):
-        self.greeting = {"version": 3, "capabilities": ["probe", "shift"], "poses": POSES, "bound_um": BOUND_UM}
-        self.wanted, self.um = [0.0] * 3, [0.0] * 3
+        self.greeting = {"version": 3, "capabilities": CAN, "poses": POSES, "bound_um": BOUND_UM}
+        self.wanted, self.um, self.held = [0.0] * 3, [0.0] * 3, [0.0] * 3
         self.owner, self.silence, self.ramp, self.beat_s = 0, 0.0, 0.0, -math.inf
         self.number, self.state, self.reason, self.since_s, self.expires_s, self.touched = 0, "idle", "", 0.0, 0.0, 0
-        self.held = [0.0] * 3
 
     def tick(self):
         """Each TICK_S: the cycle; otherwise the slew, and the watchdog, which takes the shift to zero."""
@@ -91,15 +90,17 @@ class Machine:
 
     def probe(self, it):
         asked, valid_s = number(it, "number"), number(it, "valid_for_s", 0)
+        raised_mm = number({"dry_run_mm": 0, **it}, "dry_run_mm", 0, 1000)
         if self.state in NEXT or asked == self.number:
             raise Refusal(f"request number {self.number} waits or is under way, or was the last one")
-        self.number, self.state, self.reason, self.touched = asked, "requested", "", 0
+        self.number, self.state, self.reason, self.touched, self.raised_mm = asked, "requested", "", 0, raised_mm
         self.since_s, self.expires_s = time.monotonic(), time.monotonic() + (valid_s or math.inf)
 
     def probing(self, it):
         if number(it, "number") != self.number:
             return {"state": "idle", "reason": ""}
-        result = {"centres": CENTRES, "spread": 0.0, "in_force": self.held} if self.state == "done" else {}
+        centres = [(x, y, z + self.raised_mm) for x, y, z in CENTRES] if self.state == "done" else []
+        result = {"centres": centres, "spread": 0.0, "in_force": self.held} if centres else {}
         return {"state": self.state, "reason": self.reason, **result}
 
     def withdraw(self, it):

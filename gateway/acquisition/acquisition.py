@@ -12,8 +12,8 @@ from gateway.acquisition.line import Line
 from gateway.acquisition.runner import BusRunner, Publish
 from gateway.acquisition.sample import Sample
 from gateway.acquisition.stale import StaleWatch
-from gateway.clock import ServiceClock
 from gateway.model.notice import Notify
+from gateway.runtime.clocks import ServiceClock
 
 
 class Acquisition:

@@ -6,8 +6,10 @@ from drivers.base import Bus, Driver
 from drivers.build import bus_from_settings, make_device
 from drivers.tap import Tap
 from gateway.acquisition.line import Line
-from gateway.clock import ServiceClock
-from gateway.config import BusSection, GatewayConfig, OtherBus
+from gateway.config.buses import BusSection
+from gateway.config.extensions import OtherBus
+from gateway.config.model import GatewayConfig
+from gateway.runtime.clocks import ServiceClock
 
 _APART_S = 0.01
 """Time from the beginning of one bus's periods to the beginning of the next bus's. Buses that begin at one instant wait

@@ -10,7 +10,8 @@ from drivers.base import Bus, Driver, LimitedBus
 from gateway.acquisition.line import Line
 from gateway.model.codes import NoticeCode
 from gateway.model.text import Text
-from gateway.polling import Breaker, uncancelled
+from gateway.runtime.boundary import uncancelled
+from gateway.runtime.breaker import Breaker
 
 log = logging.getLogger(__name__)
 

@@ -8,10 +8,11 @@ from drivers.base import AsksLater, Driver, DriverError, Quality, Reading
 from gateway.acquisition.bus import close
 from gateway.acquisition.line import Line
 from gateway.acquisition.plausibility import Check
-from gateway.clock import ServiceClock
 from gateway.model.codes import NoticeCode
 from gateway.model.text import Text
-from gateway.polling import Breaker, uncancelled
+from gateway.runtime.boundary import uncancelled
+from gateway.runtime.breaker import Breaker
+from gateway.runtime.clocks import ServiceClock
 
 
 class PolledDevice:

@@ -4,7 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from drivers.base import Bus, Driver
-from gateway.config import PERIOD_S, READ_LIMIT_S, RETRY_MAX_PERIODS, Limits
+from gateway.config.polled import PERIOD_S, READ_LIMIT_S, RETRY_MAX_PERIODS
+from gateway.config.sections import Limits
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,7 +7,7 @@ from itertools import count
 from drivers.base import Reading
 from gateway.acquisition.line import Line
 from gateway.acquisition.runner import BusRunner
-from gateway.clock import ServiceClock
+from gateway.runtime.clocks import ServiceClock
 
 
 @dataclass(frozen=True, slots=True)

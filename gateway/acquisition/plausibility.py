@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from drivers.base import Quality, Reading
-from gateway.config import Limits
+from gateway.config.sections import Limits
 
 _WINDOW_S = 60.0
 """A rate is judged over a minute or more: one step of a sensor's resolution in a second is not a rate."""

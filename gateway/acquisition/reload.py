@@ -7,10 +7,10 @@ from drivers.tap import Tap
 from gateway.acquisition.acquisition import Acquisition
 from gateway.acquisition.build import lines_of
 from gateway.acquisition.line import Line
-from gateway.clock import ServiceClock
-from gateway.config import GatewayConfig
+from gateway.config.model import GatewayConfig
 from gateway.model.codes import NoticeCode
 from gateway.model.text import Text
+from gateway.runtime.clocks import ServiceClock
 
 _NEEDS_RESTART = (
     "machine",

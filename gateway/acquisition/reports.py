@@ -7,7 +7,7 @@ from gateway.acquisition.line import Line
 from gateway.acquisition.pace import Pace
 from gateway.model.codes import NoticeCode
 from gateway.model.text import Text, failure
-from gateway.polling import Problems
+from gateway.runtime.problems import Problems
 
 
 class LineReports:

@@ -12,9 +12,10 @@ from gateway.acquisition.device import PolledDevice
 from gateway.acquisition.line import Line
 from gateway.acquisition.reports import LineReports
 from gateway.acquisition.sample import Sample, samples
-from gateway.clock import ServiceClock
 from gateway.model.notice import Notify
-from gateway.polling import Periodic, Problems
+from gateway.runtime.clocks import ServiceClock
+from gateway.runtime.periodic import Periodic
+from gateway.runtime.problems import Problems
 
 log = logging.getLogger(__name__)
 

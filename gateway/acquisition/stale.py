@@ -5,7 +5,7 @@ from collections.abc import Callable
 from gateway.acquisition.board import Board
 from gateway.acquisition.runner import Publish
 from gateway.acquisition.sample import samples
-from gateway.clock import ServiceClock
+from gateway.runtime.clocks import ServiceClock
 
 
 class StaleWatch:

@@ -21,9 +21,9 @@ from gateway.cli.conventions.arguments import (
     read_config,
 )
 from gateway.cli.conventions.exits import EXIT_WORLD, Commands
-from gateway.cli.conventions.extras import need_extra
 from gateway.cli.conventions.log import log_to_stderr
-from gateway.config import DEFAULT_PREFIX, LOOPBACK
+from gateway.config.fields import DEFAULT_PREFIX, LOOPBACK
+from gateway.runtime.extras import need_extra
 
 _ELSEWHERE = {
     "agent-test": "gateway.cli.commissioning.agent_test",
@@ -94,8 +94,12 @@ def init(config: Path, answers: Path | None, limit: float) -> None:
 def check(config: Path) -> None:
     """Check CONFIG without touching the network."""
     from gateway.cli.running.opening import armed, contents
-    from gateway.config import ConfigError, credential_problems, described, other_kinds, unarmed
-    from gateway.scan import to_confirm
+    from gateway.commissioning.scan.first import to_confirm
+    from gateway.config.consequences import unarmed
+    from gateway.config.extended import other_kinds
+    from gateway.config.prior import described
+    from gateway.config.problems import ConfigError
+    from gateway.config.telemetry_rules import credential_problems
 
     checked = read_config(config)
     if wrong := list(credential_problems(checked.telemetry, datetime.now(UTC))):
@@ -185,7 +189,7 @@ def play(file: Path, folder: Path | None, seconds: float | None, multicast: str 
     """
     _with_simulators()
     from drivers.can import is_multicast_group
-    from gateway.cli.emulated.play import play as be_devices
+    from gateway.demo.play import play as be_devices
 
     group = None
     if multicast is not None:
@@ -205,7 +209,7 @@ def play(file: Path, folder: Path | None, seconds: float | None, multicast: str 
 def run(config: Path, wires: Path | None, record_mb: float) -> None:
     """Run the gateway of CONFIG until SIGINT or SIGTERM."""
     from gateway.cli.running.run import run_service
-    from gateway.config import credential_problems
+    from gateway.config.telemetry_rules import credential_problems
 
     checked = read_config(config)
     for problem in credential_problems(checked.telemetry, datetime.now(UTC)):  # no reason not to run the machine
@@ -253,13 +257,13 @@ def demo(
     """Run an emulated machine and its gateway over real protocols, on this computer only."""
     _with_simulators()
     if nc == "linuxcnc":
-        from gateway.cli.emulated.demo_linuxcnc import run_linuxcnc_demo
+        from gateway.demo.demo_linuxcnc import run_linuxcnc_demo
 
         run_linuxcnc_demo(folder / "linuxcnc")
         return
     need_extra("report")
-    from gateway.cli.emulated.demo import run_demo
-    from gateway.cli.emulated.demo_machine import Demo
+    from gateway.demo.demo import run_demo
+    from gateway.demo.demo_machine import Demo
 
     if preset is not None and method == "learner":
         raise click.UsageError(f"--preset {preset} is a system of models, not the learner")

@@ -233,7 +233,7 @@ class Extension:
             raise self._unusable(f"{type(error).__name__}: {error}") from error
         is_one = isinstance(found, type) and issubclass(found, base)
         if not is_one:
-            public = ".".join(base.__module__.split(".")[:2])
+            public = base.__module__
             raise self._unusable(f"{self.entry.value} is not a class derived from {public}.{base.__name__}")
         if inspect.isabstract(found):
             missing = ", ".join(sorted(found.__abstractmethods__))

@@ -3,8 +3,8 @@
 import math
 from collections.abc import Callable, Mapping
 
-from gateway.clock import ServiceClock
 from gateway.model.events import ForecastMade, ReasonsGiven, Sink
+from gateway.runtime.clocks import ServiceClock
 from talc.control import Controller
 from talc.frame import Decision, FloatArray, Frame
 from talc.learner import ForecastRecord

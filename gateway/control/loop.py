@@ -8,12 +8,13 @@ import logging
 import math
 from collections.abc import Callable, Sequence
 
-from gateway.clock import Ages, ServiceClock, StepTime
 from gateway.control.grid import GridSampler, Instant, Schedule
 from gateway.control.measuring import Measuring
 from gateway.control.trainer import Trainings
 from gateway.model.events import DecisionMade, EventReported, FrameMade, Sink
 from gateway.model.notice import worded
+from gateway.runtime.ages import Ages, StepTime
+from gateway.runtime.clocks import ServiceClock
 from talc.control import Controller
 from talc.frame import Decision, FloatArray, Frame
 

@@ -3,13 +3,15 @@
 import asyncio
 import logging
 
-from gateway.clock import ServiceClock
-from gateway.config import Probing
+from gateway.config.sections import Probing
 from gateway.model.events import EventReported, MeasurementEnded, OutlookChanged, Sink
 from gateway.model.notice import event_of
-from gateway.nc import NcLink
-from gateway.polling import Periodic
-from gateway.probing import Bulletin, End, Outcome, Outlook, ProbingSchedule, Standing, excess
+from gateway.nc.link import NcLink
+from gateway.nc.probing.cycle import End, Outcome
+from gateway.nc.probing.schedule import Bulletin, Outlook, ProbingSchedule, excess
+from gateway.nc.probing.standing import Standing
+from gateway.runtime.clocks import ServiceClock
+from gateway.runtime.periodic import Periodic
 from talc.frame import Decision, EventKind, Measurement, Why
 
 log = logging.getLogger(__name__)

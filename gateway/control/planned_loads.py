@@ -5,11 +5,11 @@ import logging
 from collections.abc import Callable, Mapping, Sequence
 from typing import Final
 
-from gateway.clock import ServiceClock
 from gateway.control.last_rows import LastRows
 from gateway.model.codes import NoticeCode
 from gateway.model.text import Text
-from gateway.polling import Problems
+from gateway.runtime.clocks import ServiceClock
+from gateway.runtime.problems import Problems
 from talc.frame import BoolArray, FloatArray, Frame, Frames
 from talc.load_heat import HISTORY_S
 from talc.planned import LoadResponse, learn_response

@@ -6,14 +6,14 @@ import math
 from collections.abc import Awaitable, Callable, Sequence
 from dataclasses import dataclass
 
-from gateway.apart import WorkError, apart
-from gateway.clock import ServiceClock
 from gateway.control.last_rows import LastRows
 from gateway.model.codes import NoticeCode
 from gateway.model.events import EventReported, SensorsJudged, Sink
 from gateway.model.notice import Notice, event_of, finding_text, problem_event
 from gateway.model.text import Text, failure
-from gateway.polling import Problems
+from gateway.runtime.clocks import ServiceClock
+from gateway.runtime.problems import Problems
+from gateway.runtime.workers.process import WorkError, apart
 from talc.frame import BoolArray, Event, EventKind, FloatArray, Frame, Frames
 from talc.sensor_check import Finding, judge, rows_needed
 from talc.sensor_model import SensorModel, learn

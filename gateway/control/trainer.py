@@ -4,12 +4,12 @@ import asyncio
 import logging
 from collections.abc import Awaitable, Callable
 
-from gateway.apart import apart
-from gateway.clock import ServiceClock
 from gateway.model.codes import NoticeCode
 from gateway.model.events import EventReported, ModelsAdopted, Sink
 from gateway.model.notice import worded
 from gateway.model.text import Text, failure
+from gateway.runtime.clocks import ServiceClock
+from gateway.runtime.workers.process import apart
 from talc.control import Controller
 from talc.frame import TrainingJob
 from talc.models import ModelSet

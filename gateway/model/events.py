@@ -3,13 +3,15 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from gateway.acquisition import Sample
-from gateway.clock import StepTime
-from gateway.config import GatewayConfig
+from gateway.acquisition.sample import Sample
+from gateway.config.model import GatewayConfig
 from gateway.model.commands import CommandOutcome, Disarmed, Pause
 from gateway.model.text import NOTHING, Text
-from gateway.nc import NcState, Write
-from gateway.probing import Outcome, Outlook
+from gateway.nc.probing.cycle import Outcome
+from gateway.nc.probing.schedule import Outlook
+from gateway.nc.slew import Write
+from gateway.nc.states import NcState
+from gateway.runtime.ages import StepTime
 from talc.frame import Decision, Event, Frame
 from talc.learner import Forecast, Misses, PlannedForecast, Reasons
 from talc.models import ModelSet

@@ -7,7 +7,7 @@ from collections.abc import Awaitable, Callable, Mapping
 from datetime import datetime
 from typing import NoReturn, TypeVar
 
-from drivers.base import BadAnswer, DriverError, Quality
+from drivers.base import BadAnswer, DriverError, Quality, Refused
 from drivers.nc import (
     AXES,
     ERRORS,
@@ -25,11 +25,12 @@ from drivers.nc import (
     ProbingState,
     ProgramState,
     RequestStatus,
+    RunsDry,
     TakesSlopes,
     Triple,
     WatchdogTerms,
 )
-from gateway.polling import uncancelled, unexpected
+from gateway.runtime.boundary import uncancelled, unexpected
 
 log = logging.getLogger(__name__)
 
@@ -65,8 +66,18 @@ class _Contained:
         _check_distance(snapshot.positions)
         return snapshot
 
-    async def request_probing(self, number: int) -> None:
-        await self._call("request_probing", self._nc.request_probing(number))
+    async def request_probing(self, number: int, dry_run_mm: float = 0.0) -> None:
+        if not dry_run_mm:  # a driver of another package may not know of dry runs
+            await self._call("request_probing", self._nc.request_probing(number))
+        elif isinstance(self._nc, RunsDry):
+            await self._call("request_probing", self._nc.request_probing(number, dry_run_mm))
+        else:
+            raise Refused("the control's driver knows no dry runs", device="nc", hint="update its package")
+
+    @property
+    def runs_dry(self) -> bool:
+        """Implements RunsDry."""
+        return self._told("runs_dry", lambda: isinstance(self._nc, RunsDry) and self._nc.runs_dry is True)
 
     async def probing_status(self, number: int) -> RequestStatus:
         status = await self._call("probing_status", self._nc.probing_status(number))

@@ -6,8 +6,10 @@ from drivers.agent import AgentControl
 from drivers.mtconnect import make_mtconnect
 from drivers.nc import NumericalControl
 from drivers.sinumerik import make_sinumerik
-from gateway.clock import ServiceClock
-from gateway.config import AgentNc, ControlSection, GatewayConfig, LinuxCncNc, MtConnectNc, Nc, SinumerikNc
+from gateway.config.controls import AgentNc, LinuxCncNc, MtConnectNc, Nc, SinumerikNc
+from gateway.config.extensions import ControlSection
+from gateway.config.model import GatewayConfig
+from gateway.runtime.clocks import ServiceClock
 
 
 def control_of(nc: Nc, config: GatewayConfig, clock: ServiceClock) -> NumericalControl:

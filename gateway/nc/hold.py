@@ -4,16 +4,17 @@ import asyncio
 
 import numpy as np
 
-from gateway.clock import ServiceClock
 from gateway.model.codes import NoticeCode
 from gateway.model.text import Text
+from gateway.nc.probing.cycle import InForce, Rejected
+from gateway.nc.probing.uninterrupted import to_its_end
 from gateway.nc.routes import Form, differ, offsets_text
-from gateway.probing import InForce, Rejected, to_its_end
+from gateway.runtime.clocks import ServiceClock
 from talc.frame import FloatArray
 
 
 class HeldOffsets:
-    """The offsets in force when the hold began. Implements gateway.probing.Held."""
+    """The offsets in force when the hold began. Implements gateway.nc.probing.cycle.Held."""
 
     def __init__(self, form: Form, clock: ServiceClock, coefficients: FloatArray) -> None:
         self._form, self._clock, self.coefficients = form, clock, coefficients

@@ -5,14 +5,14 @@ import math
 
 from drivers.base import NoAnswer
 from drivers.nc import NumericalControl, WatchdogTerms
-from gateway.clock import ServiceClock
-from gateway.config import Compensation
+from gateway.config.sections import Compensation
 from gateway.model.codes import NoticeCode
 from gateway.model.notice import Notice, Notify
 from gateway.model.text import Text
 from gateway.nc.settings import Identity
 from gateway.nc.states import RIGHTS, Reply, Right, after
-from gateway.polling import Problems
+from gateway.runtime.clocks import ServiceClock
+from gateway.runtime.problems import Problems
 
 log = logging.getLogger(__name__)
 

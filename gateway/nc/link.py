@@ -11,7 +11,6 @@ from typing import assert_never
 
 from drivers.base import DriverError, Quality
 from drivers.nc import FollowsErrors, ForgetsWrites, NcSnapshot, NumericalControl
-from gateway.clock import ServiceClock
 from gateway.model.codes import NoticeCode
 from gateway.model.commands import Disarmed, Pause
 from gateway.model.text import Text
@@ -19,6 +18,9 @@ from gateway.nc.boundary import contained_control
 from gateway.nc.hold import Hold
 from gateway.nc.lease import Lease
 from gateway.nc.pace import NcPace
+from gateway.nc.probing.cycle import Held, NotBegun, Outcome, probe_of
+from gateway.nc.probing.prober import Prober
+from gateway.nc.probing.uninterrupted import to_its_end
 from gateway.nc.routes import form_of, positions
 from gateway.nc.session import Session
 from gateway.nc.settings import Earlier, LinkSettings, Listeners
@@ -27,8 +29,9 @@ from gateway.nc.states import STATES, Condition, LinkState, Source, after
 from gateway.nc.target import Target
 from gateway.nc.unmodelled import LastMeasured
 from gateway.nc.writer import OffsetWriter
-from gateway.polling import Periodic, Problems
-from gateway.probing import Held, NotBegun, Outcome, Prober, probe_of, to_its_end
+from gateway.runtime.clocks import ServiceClock
+from gateway.runtime.periodic import Periodic
+from gateway.runtime.problems import Problems
 from talc.frame import Decision, FloatArray, Why
 from talc.names import THERMAL_ERRORS
 

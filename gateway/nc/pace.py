@@ -2,7 +2,7 @@
 
 from gateway.model.codes import NoticeCode
 from gateway.model.text import Text
-from gateway.polling import Problems
+from gateway.runtime.problems import Problems
 
 _SUBJECT = "pace of NC"
 _IN_A_ROW = 5

@@ -23,8 +23,8 @@ from drivers.nc import (
     TakesSlopes,
     Triple,
 )
+from gateway.nc.probing.cycle import InForce
 from gateway.nc.slew import Offsets, as_offsets
-from gateway.probing import InForce
 from talc import kinematics
 from talc.frame import FloatArray
 

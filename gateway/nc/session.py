@@ -8,7 +8,9 @@ from drivers.nc import NcSnapshot, NumericalControl
 from gateway.model.codes import NoticeCode
 from gateway.model.text import Text, failure
 from gateway.nc.motion import Motion
-from gateway.polling import Breaker, Problems, UnexpectedError
+from gateway.runtime.boundary import UnexpectedError
+from gateway.runtime.breaker import Breaker
+from gateway.runtime.problems import Problems
 
 log = logging.getLogger(__name__)
 

@@ -5,7 +5,8 @@ from collections.abc import Awaitable, Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from drivers.nc import LARGEST_NUMBER
-from gateway.config import Compensation, GatewayConfig, Probing
+from gateway.config.model import GatewayConfig
+from gateway.config.sections import Compensation, Probing
 from gateway.model.commands import Disarmed, Pause
 from gateway.model.notice import Notify
 from gateway.nc.slew import Write
@@ -27,7 +28,7 @@ class Identity:
 
     @classmethod
     def of(cls, boot: str, predecessor: str | None) -> "Identity":
-        """From the names of the runs, which are random (gateway.storage.boot_id)."""
+        """From the names of the runs, which are random (gateway.storage.store.boot_id)."""
         return cls(_number_of_boot(boot), None if predecessor is None else _number_of_boot(predecessor))
 
 

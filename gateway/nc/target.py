@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from drivers.base import Quality
-from gateway.config import Compensation
+from gateway.config.sections import Compensation
 from gateway.model.commands import Disarmed, Pause
 from gateway.nc.states import Source
 from gateway.nc.unmodelled import LastMeasured

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from gateway.reading_blocks import BlockColumns, ReadingBlock, pack, pack_columns, unpack
+from gateway.model.reading_blocks import BlockColumns, ReadingBlock, pack, pack_columns, unpack
 from gateway.storage.pages import PageSpan, channel_ids, minutes_after, place_of, reading_connection, readings_after
 from gateway.storage.readings import BLOCK_ROWS
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from gateway.config import inputs_of_config
+from gateway.config.outline import inputs_of_config
 from gateway.storage.faults import DamagedError
 from gateway.storage.pages import reading_connection
 from gateway.storage.placing import placed_frames

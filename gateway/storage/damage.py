@@ -15,7 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from gateway.config import inputs_of_config, stored_configuration
+from gateway.config.extended import stored_configuration
+from gateway.config.outline import inputs_of_config
 from gateway.storage import rows
 from gateway.storage.epochs import check_epoch
 from gateway.storage.learnt import parse_learnt

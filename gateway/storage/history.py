@@ -10,9 +10,9 @@ from typing import Any, Self
 
 import numpy as np
 
-from gateway.clock import StepTime
-from gateway.config import inputs_of_config
+from gateway.config.outline import inputs_of_config
 from gateway.model.commands import CommandName, CommandOutcome, Disarmed, Pause
+from gateway.runtime.ages import StepTime
 from gateway.storage import rows
 from gateway.storage.answers import DiskWork
 from gateway.storage.faults import StoreError

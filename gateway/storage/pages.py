@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from gateway.reading_blocks import READING_ROW, ReadingRows
+from gateway.model.reading_blocks import READING_ROW, ReadingRows
 from gateway.storage.faults import StoreError
 from gateway.storage.readings import CHANNEL_OF, QUALITIES, RUN_SHIFT
 from gateway.storage.schema import READABLE, SCHEMA_VERSION, UNREADABLE, unusable

@@ -12,7 +12,7 @@ from itertools import takewhile
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
-from gateway.config import inputs_if_known, step_s_of
+from gateway.config.outline import inputs_if_known, step_s_of
 from gateway.model.codes import NoticeCode
 from gateway.model.text import Text
 from gateway.storage import columns, rows

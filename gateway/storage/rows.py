@@ -12,13 +12,13 @@ from typing import Any, Final
 
 import numpy as np
 
-from gateway.clock import StepTime
-from gateway.config import inputs_if_known, outlined, step_s_of
+from gateway.config.outline import inputs_if_known, outlined, step_s_of
 from gateway.model.commands import Command, CommandName, CommandOutcome
 from gateway.model.notice import worded
 from gateway.model.text import plain, restored, values_of
-from gateway.nc import Write
-from gateway.probing import Outcome
+from gateway.nc.probing.cycle import Outcome
+from gateway.nc.slew import Write
+from gateway.runtime.ages import StepTime
 from gateway.storage.learnt import Reference
 from gateway.storage.stored import StoredCompensation, StoredMeasurement, StoredRun, StoredStep
 from talc.frame import (

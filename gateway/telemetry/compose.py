@@ -11,7 +11,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from drivers.base import Clock
-from gateway.acquisition import Sample
+from gateway.acquisition.sample import Sample
 from gateway.model.commands import StandingOrder
 from gateway.model.events import (
     CommandGiven,
@@ -36,8 +36,9 @@ from gateway.model.events import (
 )
 from gateway.model.notice import finding_text, worded
 from gateway.model.text import Text, json_of
-from gateway.nc import Write
-from gateway.probing import Outcome, Outlook
+from gateway.nc.probing.cycle import Outcome
+from gateway.nc.probing.schedule import Outlook
+from gateway.nc.slew import Write
 from gateway.telemetry import keys
 from gateway.telemetry.fields import coded
 from gateway.telemetry.messages import (

@@ -3,7 +3,7 @@
 import re
 from typing import Final
 
-from gateway.config import NAME_FORM
+from gateway.config.fields import NAME_FORM
 
 VERSION: Final = 1
 """Version of the key space. Keys and fields are only ever added to it; what would break a reader makes another

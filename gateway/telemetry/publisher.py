@@ -12,8 +12,9 @@ import zenoh
 
 from drivers.base import Clock, SystemClock
 from drivers.signature import shared_key
-from gateway.config import Telemetry as TelemetrySettings
-from gateway.config import certificate_ends, unarmed
+from gateway.config.certificates import certificate_ends
+from gateway.config.consequences import unarmed
+from gateway.config.telemetry import Telemetry as TelemetrySettings
 from gateway.model.codes import NoticeCode
 from gateway.model.commands import Command, CommandOutcome
 from gateway.model.events import (
@@ -26,7 +27,7 @@ from gateway.model.events import (
     StorageChanged,
 )
 from gateway.model.text import Text
-from gateway.polling import Problems
+from gateway.runtime.problems import Problems
 from gateway.telemetry import keys
 from gateway.telemetry.backlog import Backlog
 from gateway.telemetry.codec import encode

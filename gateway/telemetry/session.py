@@ -8,7 +8,7 @@ from pathlib import Path
 
 import zenoh
 
-from gateway.config import Telemetry as TelemetrySettings
+from gateway.config.telemetry import Telemetry as TelemetrySettings
 
 _LARGEST_QUERY = 1 << 20
 """Bytes: Zenoh's own default is 1 GiB. What is larger is dropped piece by piece, before it is put together."""

@@ -3,12 +3,12 @@
 import asyncio
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
 
 from simulators.nc.control import EmulatedControl
 from simulators.nc.cycle import CycleSettings, CycleState, ReasonCode
-from simulators.nc.nck import R_ANSWERS, R_REASON, R_REQUEST, R_STATE, Nck
+from simulators.nc.nck import R_ANSWERS, R_DRY_RUN, R_REASON, R_REQUEST, R_STATE, Nck
 from simulators.nc.program import Activity, DayPart, LoadCase, MeanLoads
 from simulators.nc.variables import COOLANT, DRIVES_ON, PROBE_IN_SPINDLE
 from simulators.nc.watchdog import R_OWNER, R_SILENCE, R_WATCH, WatchState
@@ -52,11 +52,14 @@ class GrowingTable:
         self._warm_s = warm_s
         self.cycles: list[tuple[float, float]] = []
         """Start and end of each probing cycle that is over; the control's own list."""
+        self.dry: Mapping[float, float] = {}
+        """By the start of each dry run, which is no measurement; the control's own."""
 
     def tool_deviation_um(self, time_s: float, *_: float) -> tuple[float, float, float]:
-        if len(self.cycles) < REFERENCE_CYCLES:
+        done = [end for begin, end in self.cycles if begin not in self.dry]
+        if len(done) < REFERENCE_CYCLES:
             return 0.0, 0.0, 0.0
-        part = -math.expm1(-max(0.0, time_s - self.cycles[REFERENCE_CYCLES - 1][1]) / self._warm_s)
+        part = -math.expm1(-max(0.0, time_s - done[REFERENCE_CYCLES - 1]) / self._warm_s)
         x, y, z = (part * growth for growth in GROWTH_UM)
         return x, y, z
 
@@ -92,7 +95,8 @@ class ControlTold:
         if now[0] != before and was in (CycleState.ACCEPTED, CycleState.RUNNING):
             lines.append(f"probing cycle {before} has ended")  # and the next one was requested at once
         if nck.r[R_REQUEST] != self._request:
-            lines.append(f"probing cycle {nck.r[R_REQUEST]:.0f} is requested (R60)")
+            dry = f", a dry run {nck.r[R_DRY_RUN]:g} mm higher (R63)" if nck.r[R_DRY_RUN] > 0 else ""
+            lines.append(f"probing cycle {nck.r[R_REQUEST]:.0f} is requested (R60){dry}")
         if now != (before, was):
             reason = ReasonCode(int(nck.r[R_REASON]))
             why = f": {reason.name.lower().replace('_', ' ')} (R66 = {reason.value})" if reason else ""
@@ -123,7 +127,7 @@ def lone_control(clock: OwnTime, cycle: CycleSettings, warm_s: float, port: int)
     parts.append(DayPart(_PARTS * turn_s, (_PARTS + 1) * turn_s, Activity.PAUSE, MeanLoads()))
     table = GrowingTable(warm_s)
     control = EmulatedControl(table, clock, LoadCase(parts), cycle=cycle, port=port)
-    table.cycles = control.nck.cycle.ended
+    table.cycles, table.dry = control.nck.cycle.ended, control.nck.cycle.raised_mm
     return control
 
 

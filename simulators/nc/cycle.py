@@ -6,11 +6,13 @@ waiting    the next safe point is reached     accepted, or refused / withdrawn /
 accepted   the probe is over the first pose   running
 running    six poses touched, back at first   done, or failed when a touch finds nothing
 accepted, running: an alarm, a stop or a withdrawal ends it as failed
+
+A dry run does the same above the sphere: it touches nothing, and its result is where it has been.
 """
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum
 
 Centre = tuple[float, float, float]
@@ -76,6 +78,8 @@ class CycleAnswer:
     state: CycleState
     reason: ReasonCode = ReasonCode.NONE
     centres_mm: tuple[Centre, ...] = ()
+    raised_mm: float = 0.0
+    """Height of a dry run above the sphere; 0: it touches."""
 
 
 class ProbingCycle:
@@ -83,21 +87,22 @@ class ProbingCycle:
 
     Parameters
     ----------
-    touch: (time_s, pose) -> measured centre in mm, or None when the probe found nothing
+    touch: (time_s, pose, raised_mm) -> measured centre in mm, or None when the probe found nothing; raised, it is where
+        the tool has been
     next_safe_point: (time_s) -> first time from then on when the program may be interrupted
     """
 
     def __init__(
         self,
         settings: CycleSettings,
-        touch: Callable[[float, int], Centre | None],
+        touch: Callable[[float, int, float], Centre | None],
         next_safe_point: Callable[[float], float],
     ) -> None:
         self._settings = settings
         self._touch = touch
         self.next_safe_point = next_safe_point
         """Next safe point of the program that runs now."""
-        self._waiting: tuple[int, float] | None = None  # number, expires at
+        self._waiting: tuple[int, float, float] | None = None  # number, expires at, raised by
         self._due_s = math.inf
         self._pose = 0
         self._centres: list[Centre] = []
@@ -105,6 +110,8 @@ class ProbingCycle:
         """Safe point at which the cycle in progress began; None if there is none."""
         self.ended: list[tuple[float, float]] = []
         """Start and end of every cycle that was begun and is over, in order."""
+        self.raised_mm: dict[float, float] = {}
+        """Start of each dry run to its height above the sphere."""
         self.answer = CycleAnswer(0, CycleState.IDLE)
         self._inhibited = ReasonCode.NONE
 
@@ -113,9 +120,9 @@ class ProbingCycle:
         """When `advance` next has something to do; None: not before a request."""
         return self._due_s if math.isfinite(self._due_s) else None
 
-    def ask(self, now_s: float, number: int, valid_for_s: float = math.inf) -> None:
-        """Request cycle `number`; while another is in progress this one waits for its end."""
-        self._waiting = (number, now_s + valid_for_s)
+    def ask(self, now_s: float, number: int, valid_for_s: float = math.inf, raised_mm: float = 0.0) -> None:
+        """Request cycle `number`, or a dry run; while another is in progress this one waits for its end."""
+        self._waiting = (number, now_s + valid_for_s, raised_mm)
         if self.started_s is None:
             if self._inhibited is not ReasonCode.NONE:
                 self._refuse(self._inhibited)
@@ -139,7 +146,7 @@ class ProbingCycle:
     def interrupt(self, now_s: float, reason: ReasonCode) -> None:
         """End the cycle in progress as failed."""
         if self.started_s is not None:
-            self._end(now_s, CycleAnswer(self.answer.number, CycleState.FAILED, reason))
+            self._end(now_s, CycleState.FAILED, reason)
 
     def advance(self, now_s: float) -> None:
         """Process everything that was due until now, in order."""
@@ -149,13 +156,13 @@ class ProbingCycle:
     def _step(self, now_s: float) -> None:
         match self.answer.state:
             case CycleState.ACCEPTED:
-                self.answer = CycleAnswer(self.answer.number, CycleState.RUNNING)
+                self.answer = replace(self.answer, state=CycleState.RUNNING)
                 self._pose, self._centres = 0, []
                 self._due_s = self._start + self._settings.touch_offset_s(0)
             case CycleState.RUNNING if self._pose < len(self._settings.poses_deg):
-                centre = self._touch(now_s, self._pose)
+                centre = self._touch(now_s, self._pose, self.answer.raised_mm)
                 if centre is None:
-                    self._end(now_s, CycleAnswer(self.answer.number, CycleState.FAILED, ReasonCode.NO_CONTACT))
+                    self._end(now_s, CycleState.FAILED, ReasonCode.NO_CONTACT)
                     return
                 self._centres.append(centre)
                 self._pose += 1
@@ -163,9 +170,7 @@ class ProbingCycle:
                 offset = self._settings.duration_s if last else self._settings.touch_offset_s(self._pose)
                 self._due_s = self._start + offset
             case CycleState.RUNNING:
-                self._end(
-                    now_s, CycleAnswer(self.answer.number, CycleState.DONE, ReasonCode.NONE, tuple(self._centres))
-                )
+                self._end(now_s, CycleState.DONE, ReasonCode.NONE, tuple(self._centres))
             case _:
                 self._begin(now_s)
 
@@ -177,13 +182,15 @@ class ProbingCycle:
         if self._waiting is None:
             self._due_s = math.inf
             return
-        number, expires_s = self._waiting
+        number, expires_s, raised_mm = self._waiting
         if now_s >= expires_s:
             self._refuse(ReasonCode.EXPIRED)
         else:
             self._waiting = None
             self.started_s = now_s
-            self.answer = CycleAnswer(number, CycleState.ACCEPTED)
+            if raised_mm:
+                self.raised_mm[now_s] = raised_mm
+            self.answer = CycleAnswer(number, CycleState.ACCEPTED, raised_mm=raised_mm)
             self._due_s = now_s + self._settings.approach_s
 
     def _next_chance(self, now_s: float) -> float:
@@ -199,8 +206,8 @@ class ProbingCycle:
             self.answer = refused
             self._due_s = math.inf
 
-    def _end(self, now_s: float, answer: CycleAnswer) -> None:
+    def _end(self, now_s: float, state: CycleState, reason: ReasonCode, centres_mm: tuple[Centre, ...] = ()) -> None:
         self.ended.append((self._start, now_s))
         self.started_s = None
-        self.answer = answer
+        self.answer = replace(self.answer, state=state, reason=reason, centres_mm=centres_mm)
         self._due_s = self._next_chance(now_s) if self._waiting is not None else math.inf

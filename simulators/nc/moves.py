@@ -39,9 +39,12 @@ def tool_at(block: DayPart, time_s: float, program: LoadCase) -> int:
     return 1 + int(block.start_s / 300.0 + max(0.0, time_s - block.start_s) / program.operation_s) % 20
 
 
-def probing_positions(settings: CycleSettings, since_s: float) -> dict[str, float]:
-    """Positions this long after a cycle's start. Each pose is held from a third of its slot until its touches are done;
-    after the last one the axes go back to the first, where the cycle ends."""
+def probing_positions(settings: CycleSettings, since_s: float, raised_mm: float = 0.0) -> dict[str, float]:
+    """Positions this long after the start of a cycle, or of a dry run that is raised by this height.
+
+    Each pose is held from a third of its slot until its touches are done; after the last one the axes go back to the
+    first, where the cycle ends.
+    """
     slot = (settings.duration_s - 2 * settings.approach_s) / len(settings.poses_deg)
     progress = (since_s - settings.approach_s) / slot
     pose = min(max(math.floor(progress), 0), len(settings.poses_deg) - 1)
@@ -51,7 +54,8 @@ def probing_positions(settings: CycleSettings, since_s: float) -> dict[str, floa
         before, pose, part = pose, 0, min(2.0 * back_s / settings.approach_s, 1.0)
     start = (*settings.nominal_centre_mm(before), *settings.poses_deg[before])
     end = (*settings.nominal_centre_mm(pose), *settings.poses_deg[pose])
-    return {axis: s + part * (e - s) for axis, s, e in zip(AXIS_LETTERS, start, end, strict=True)}
+    positions = {axis: s + part * (e - s) for axis, s, e in zip(AXIS_LETTERS, start, end, strict=True)}
+    return positions | {"Z": positions["Z"] + raised_mm}
 
 
 def probing_loads(settings: CycleSettings) -> MeanLoads:

@@ -17,12 +17,16 @@ from simulators.nc.watchdog import R_BEAT, R_OWNER, R_SLOPE_RAMP, R_WATCH, Logge
 
 R_COUNT = 100
 """R-parameters of channel 1: R0 to R99, the control's default."""
-R_REQUEST, R_WITHDRAW, R_VALID_FOR = 60, 61, 62
+R_REQUEST, R_WITHDRAW, R_VALID_FOR, R_DRY_RUN = 60, 61, 62, 63
 R_ANSWERS, R_STATE, R_REASON, R_RESULT_OF = 64, 65, 66, 67
 R_RESULTS = 70
 """First of eighteen: X, Y, Z of the sphere's centre at each pose, mm."""
 R_SPREAD = 88
 """Largest difference between repeated touches, mm."""
+R_VERSION = 89
+"""Version of the probing program."""
+VERSION = 2
+"""It knows dry runs."""
 R_OFFSETS = 90
 """First of three: shift of the tool in X, Y, Z, mm, when the offsets go over R-parameters."""
 
@@ -107,6 +111,7 @@ class Nck:
         self._noise_of = math.nan
         self._sign = compensation_sign
         self.r = [0.0] * (r_count if errors is None else max(r_count, R_COUNT_WITH_ERRORS))
+        self.r[R_VERSION] = VERSION
         self.k0_mm = [0.0] * 3
         """SD43900 $SA_TEMP_COMP_ABS_VALUE of X, Y, Z."""
         self.slope = [0.0] * 3
@@ -200,7 +205,8 @@ class Nck:
         if began is None:
             positions, loads, tool = positions_at(block, time_s), block.loads, tool_at(block, time_s, self.program)
         else:
-            positions = probing_positions(self.cycle_settings, time_s - began)
+            raised_mm = self.cycle.raised_mm.get(began, 0.0)
+            positions = probing_positions(self.cycle_settings, time_s - began, raised_mm)
             loads, tool = self._cycle_loads, PROBE_TOOL
         status = IN_PROGRESS if block.cutting or began is not None else STOPPED
         return MachineState(
@@ -243,8 +249,10 @@ class Nck:
         elif number == R_BEAT and other and self.main_run is None:
             self.watchdog.beat(now_s)
         elif number == R_REQUEST and value > 0 and value != self.cycle.answer.number:
-            valid_for = self.r[R_VALID_FOR]
-            self.cycle.ask(now_s, int(value), valid_for if valid_for > 0 else math.inf)
+            valid_for, raised_mm = self.r[R_VALID_FOR], max(0.0, self.r[R_DRY_RUN])
+            if self.r[R_VERSION] < VERSION:
+                raised_mm = 0.0  # an older program, which touches whatever the parameter says
+            self.cycle.ask(now_s, int(value), valid_for if valid_for > 0 else math.inf, raised_mm)
         elif number == R_WITHDRAW and value > 0:
             self.cycle.withdraw(now_s, int(value))
         self._show_answer(now_s)
@@ -360,10 +368,13 @@ class Nck:
         if self.errors is not None:
             self.errors.advance(now_s)
 
-    def _touch(self, time_s: float, pose: int) -> Centre | None:
+    def _touch(self, time_s: float, pose: int, raised_mm: float) -> Centre | None:
+        nominal = self.cycle_settings.nominal_centre_mm(pose)
+        if raised_mm:
+            self._spread_mm = 0.0
+            return nominal[0], nominal[1], nominal[2] + raised_mm
         if not self.sphere_present:
             return None
-        nominal = self.cycle_settings.nominal_centre_mm(pose)
         deviation = self._machine.tool_deviation_um(time_s, *nominal, *self.cycle_settings.poses_deg[pose])
         shift, noise = self.shift_um(nominal), self._noise_um()[pose]
         chip = self.chip_um.get(pose, (0.0, 0.0, 0.0))

@@ -30,7 +30,7 @@ class AnsweringControl:
     async def snapshot(self) -> NcSnapshot:
         return cast("NcSnapshot", self.answer("snapshot"))
 
-    async def request_probing(self, number: int) -> None:
+    async def request_probing(self, number: int, dry_run_mm: float = 0.0) -> None:
         self.answer("request_probing", number)
 
     async def probing_status(self, number: int) -> RequestStatus:

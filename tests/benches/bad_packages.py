@@ -62,7 +62,7 @@ def _replace(file: Path, text: str) -> None:
 
 _LOOPS = "        if not self._waiting:\n"
 BAD_PACKAGES = (
-    BadPackage("ends", "gateway/watches/clock", _LOOPS, BREAKS + _LOOPS),  # after it has migrated the database
+    BadPackage("ends", "gateway/service/clock_watch", _LOOPS, BREAKS + _LOOPS),  # after it has migrated the database
     BadPackage(
         "silent",
         "gateway/acquisition/acquisition",

@@ -7,10 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
-from gateway.collect import Collector, site_at
-from gateway.config import load
+from gateway.config.file import load
+from gateway.listeners.collect.collector import Collector
+from gateway.listeners.collect.places import site_at
 from gateway.model.events import DecisionMade, FrameMade
-from gateway.storage import Store
+from gateway.storage.store import Store
 from talc.frame import Frame, Measurement
 from tests.benches import telemetry_examples as example
 from tests.benches.machines_of_a_kind import CHANNELS, day, frames, written

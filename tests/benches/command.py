@@ -17,7 +17,7 @@ from typing import TypeVar
 
 from click.testing import CliRunner
 
-from gateway.cli import main
+from gateway.cli.main import main
 
 LIMIT_S = 300.0
 _COLUMNS = 100

@@ -5,12 +5,16 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
 
-from gateway.config import Probing
-from gateway.control import CommandTaker, GridLoop, GridSampler, Measuring, Schedule, Trainings
+from gateway.config.sections import Probing
+from gateway.control.grid import GridSampler, Schedule
+from gateway.control.loop import GridLoop
+from gateway.control.measuring import Measuring
+from gateway.control.trainer import Trainings
 from gateway.model.commands import Command, CommandName, CommandOutcome
 from gateway.model.text import plain
-from gateway.probing import schedule_of
-from gateway.storage import StoreError
+from gateway.nc.probing.schedule import schedule_of
+from gateway.service.command_taker import CommandTaker
+from gateway.storage.faults import StoreError
 from talc.control import Controller
 from talc.settings import TalcSettings
 from tests.benches.kept_events import KeptEvents

@@ -8,12 +8,14 @@ import sys
 from pathlib import Path
 
 from drivers.base import SystemClock
-from gateway.config import Operator, Telemetry
+from gateway.config.telemetry import Operator, Telemetry
 from gateway.model.commands import Command, CommandName, CommandOutcome, Pause
 from gateway.model.events import EventReported, Health, HealthChecked, StoreHealth
 from gateway.model.text import plain
-from gateway.nc import NcState
-from gateway.telemetry import CoursePage, PublishedCourse, TelemetryPublisher
+from gateway.nc.states import NcState
+from gateway.telemetry.answers import CoursePage
+from gateway.telemetry.messages import PublishedCourse
+from gateway.telemetry.publisher import TelemetryPublisher
 from talc.frame import Event, EventKind
 from talc.names import THERMAL_ERRORS
 

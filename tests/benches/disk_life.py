@@ -14,13 +14,19 @@ from contextlib import ExitStack, closing, suppress
 from pathlib import Path
 from unittest.mock import patch
 
-from gateway.config import GatewayConfig, validate
+from gateway.config.extended import validate
+from gateway.config.model import GatewayConfig
+from gateway.control.replay.stored import replay
+from gateway.control.restart.earlier import Past, past_in
+from gateway.control.restart.snapshots import SnapshotKeeper
 from gateway.model.events import DecisionMade, GatewayEvent, in_order
-from gateway.nc import Identity
-from gateway.past import Past, SnapshotKeeper, past_in
-from gateway.replay import replay
-from gateway.service import Service
-from gateway.storage import History, Retention, Store, StoreError, damage_found
+from gateway.nc.settings import Identity
+from gateway.service.service import Service
+from gateway.storage.damage import damage_found
+from gateway.storage.faults import StoreError
+from gateway.storage.history import History
+from gateway.storage.readings import Retention
+from gateway.storage.store import Store
 from simulators.nc import Activity, CycleSettings, DayPart, LoadCase, MeanLoads, Nck
 from talc.names import THERMAL_ERRORS
 from tests.benches import idle_loop
@@ -180,7 +186,7 @@ class Life:
             with self._clock.hold():
                 await store.on_disk(LIMIT_S)
 
-        with patch("gateway.service.control_of", lambda *_: InProcess(self._nck, self._clock)):
+        with patch("gateway.service.service.control_of", lambda *_: InProcess(self._nck, self._clock)):
             service = Service(
                 self._config, self._clock, in_order([store.record, self._note, keeper.take]), past,
                 health=lambda: store.health, identity=Identity.of(name, store.predecessor),

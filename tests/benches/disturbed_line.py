@@ -10,9 +10,10 @@ import numpy as np
 
 from drivers.base import Quality, Reading, SystemClock
 from drivers.build import make_device
-from gateway.acquisition import Acquisition, Line
-from gateway.clock import RealClock
+from gateway.acquisition.acquisition import Acquisition
+from gateway.acquisition.line import Line
 from gateway.model.notice import Notice
+from gateway.runtime.clocks import RealClock
 from simulators.devices import M7015, RtuLine
 from simulators.devices.modbus_servers import crc16
 from simulators.devices.pta8d08 import Pta8d08

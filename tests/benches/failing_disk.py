@@ -17,9 +17,10 @@ from pathlib import Path
 from typing import Any
 
 from drivers.base import Quality, SystemClock
-from gateway.acquisition import Sample
+from gateway.acquisition.sample import Sample
 from gateway.model.events import DecisionMade, FrameMade, ReadingsTaken
-from gateway.storage import Store, StoreError
+from gateway.storage.faults import StoreError
+from gateway.storage.store import Store
 from tests.benches.preloads import preload
 from tests.benches.store_writer import step
 

@@ -5,8 +5,8 @@ from collections.abc import Mapping, Sequence
 from functools import cache
 from typing import Any
 
-from gateway.outlets import OutletError, OutletMessage
-from gateway.telemetry import decode
+from gateway.listeners.outlets.outlet import OutletError, OutletMessage
+from gateway.telemetry.codec import decode
 from tests.benches.played_telemetry import recorded
 
 

@@ -16,20 +16,20 @@ from pyarrow import parquet
 from drivers.base import DriverError, SystemClock
 from drivers.build import make_device
 from drivers.profiles import load_profile
-from gateway.config import ConfigError, Telemetry, credential_problems, load, parse_prior
-from gateway.outlets import load_outlets
-from gateway.recordings import (
-    Columns,
-    RecordingError,
-    WireLogError,
-    WireLogWriter,
-    is_wire_log,
-    read_recording,
-    read_wire_log,
-)
-from gateway.storage import Learnt, Snapshot, SnapshotError, decode_snapshot, learnt_text, parse_learnt
-from gateway.umati import load_serving
-from gateway.web import load_settings
+from gateway.acquisition.wire_log import WireLogError, WireLogWriter, is_wire_log, read_wire_log
+from gateway.config.file import load
+from gateway.config.prior import parse_prior
+from gateway.config.problems import ConfigError
+from gateway.config.telemetry import Telemetry
+from gateway.config.telemetry_rules import credential_problems
+from gateway.listeners.outlets.settings import load_outlets
+from gateway.listeners.umati.settings import load_serving
+from gateway.listeners.web.settings import load_settings
+from gateway.reporting.recordings.columns import Columns
+from gateway.reporting.recordings.grid import read_recording
+from gateway.reporting.recordings.problems import RecordingError
+from gateway.storage.learnt import Learnt, learnt_text, parse_learnt
+from gateway.storage.snapshot import Snapshot, SnapshotError, decode_snapshot
 from talc.control import Controller
 from talc.frame import Frame, Frames, Measurement
 from talc.learner import make_prior

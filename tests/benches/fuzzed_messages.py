@@ -23,38 +23,31 @@ from drivers.mtconnect.document import data_items, latest_values
 from drivers.mtconnect.exchange import ask_agent
 from drivers.mtconnect.items import factors, number
 from drivers.mtconnect.suggest import suggested_items
-from gateway.collect.tables import arrow_of, by_day, check_end
+from gateway.listeners.collect.tables import arrow_of, by_day, check_end
+from gateway.listeners.outlets.influxdb import InfluxDbOutlet, InfluxDbSettings
+from gateway.listeners.outlets.line_protocol import lines
+from gateway.listeners.outlets.outlet import OutletError, OutletMessage
+from gateway.listeners.web.app import build_app
+from gateway.listeners.web.at_tool import WorkPoint
+from gateway.listeners.web.audit import corrections
+from gateway.listeners.web.parts import events
+from gateway.listeners.web.past import shown_past
+from gateway.listeners.web.sensitivity import sensitivity_by_week
+from gateway.listeners.web.settings import WebSettings
+from gateway.listeners.web.verdict import Viewpoint
+from gateway.listeners.web.view import listed, shown_course, view
+from gateway.listeners.web.weeks import scatter_by_week
 from gateway.model.commands import UNPROVED, Command, CommandName, CommandOutcome
 from gateway.model.text import plain
-from gateway.outlets import OutletError, OutletMessage
-from gateway.outlets.influxdb import InfluxDbOutlet, InfluxDbSettings
-from gateway.outlets.line_protocol import lines
-from gateway.telemetry import (
-    AskedQuery,
-    CommandDoor,
-    CommandSigner,
-    CommandTerms,
-    CoursePage,
-    Entitled,
-    PublishedCourse,
-    StoredColumn,
-    StoredRows,
-    StoredTable,
-    decode,
-    decode_answer,
-)
+from gateway.telemetry.answers import CommandTerms, CoursePage, StoredColumn, StoredRows, StoredTable
+from gateway.telemetry.codec import decode, decode_answer
+from gateway.telemetry.command_door import CommandDoor, Entitled
+from gateway.telemetry.command_signer import CommandSigner
 from gateway.telemetry.history_queries import parse_course, parse_selector
+from gateway.telemetry.messages import PublishedCourse
+from gateway.telemetry.queries import AskedQuery
 from gateway.telemetry.report_queries import parse_report
 from gateway.telemetry.stored_queries import parse_stored
-from gateway.web import WebSettings, build_app
-from gateway.web.at_tool import WorkPoint
-from gateway.web.audit import corrections
-from gateway.web.parts import events
-from gateway.web.past import shown_past
-from gateway.web.sensitivity import sensitivity_by_week
-from gateway.web.verdict import Viewpoint
-from gateway.web.view import listed, shown_course, view
-from gateway.web.weeks import scatter_by_week
 from talc.names import THERMAL_ERRORS
 from tests.benches.feed_talk import reading
 from tests.benches.fuzzed_files import Example, mutated, refused_by

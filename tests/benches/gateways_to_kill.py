@@ -9,12 +9,13 @@ import signal
 import sys
 from pathlib import Path
 
-from gateway.acquisition import lines_of
+from gateway.acquisition.build import lines_of
 from gateway.cli.running.memory import spare_what_is_there
 from gateway.cli.running.run import run_service
-from gateway.clock import RealClock
-from gateway.config import load
-from gateway.nc import control_of
+from gateway.config.file import load
+from gateway.nc.build import control_of
+from gateway.runtime.clocks import RealClock
+from tests.benches.broken import broken_by_environment
 
 
 def main() -> None:
@@ -43,4 +44,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    with broken_by_environment():
+        main()

@@ -3,8 +3,7 @@
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime, timedelta
 
-from gateway.heard import MachineSeen
-from gateway.telemetry import (
+from gateway.telemetry.messages import (
     CompensationMessage,
     DecisionMessage,
     EventMessage,
@@ -21,6 +20,7 @@ from gateway.telemetry import (
     SensorsMessage,
     StatusMessage,
 )
+from gateway.telemetry.subscriber.machine import MachineSeen
 from talc.names import THERMAL_ERRORS
 
 BEGAN = datetime(2026, 1, 5, 6, tzinfo=UTC)

@@ -17,13 +17,12 @@ from pathlib import Path
 import numpy as np
 
 from drivers.base import Quality, SystemClock
-from gateway.answers import history_of
-from gateway.client import Machine
-from gateway.config import Telemetry
-from gateway.storage import QUALITIES, Retention
-from gateway.storage.readings import Channels, Pruning
+from gateway.config.telemetry import Telemetry
+from gateway.service.stored_answers import history_of
+from gateway.storage.readings import QUALITIES, Channels, Pruning, Retention
 from gateway.storage.schema import connect, make_schema
-from gateway.telemetry import TelemetryPublisher
+from gateway.telemetry.client import Machine
+from gateway.telemetry.publisher import TelemetryPublisher
 from tests.benches.free_port import free_port
 
 DAY = date(2026, 3, 2)

@@ -15,7 +15,7 @@ from drivers.nc import (
 from simulators.nc import Nck, ReasonCode
 from simulators.nc.cycle import CycleState
 from simulators.nc.moves import AXIS_LETTERS
-from simulators.nc.nck import R_REQUEST, R_VALID_FOR, R_WITHDRAW
+from simulators.nc.nck import R_DRY_RUN, R_REQUEST, R_VALID_FOR, R_VERSION, R_WITHDRAW, VERSION
 from simulators.nc.watchdog import R_BEAT, R_OWNER, R_RAMP, R_SILENCE, R_WATCH, WatchState
 
 MODES = (OperatingMode.JOG, OperatingMode.MDA, OperatingMode.AUTO)
@@ -53,14 +53,23 @@ class InProcess:
             probing=self._nck.cycle.started_s is not None,
         )  # fmt: skip
 
-    async def request_probing(self, number: int) -> None:
+    @property
+    def runs_dry(self) -> bool:
+        return self._kernel.r[R_VERSION] >= VERSION
+
+    async def request_probing(self, number: int, dry_run_mm: float = 0.0) -> None:
         _check(number, "request number")
+        if not 0 <= dry_run_mm <= 1000:
+            raise ValueError(f"dry_run_mm = {dry_run_mm!r}")
+        if dry_run_mm and not self.runs_dry:
+            raise Refused("the program knows no dry runs", device="nc")
         if number in (self._nck.r[R_REQUEST], self._nck.cycle.answer.number):
             raise Refused(f"request number {number} was the last one", device="nc")
         waits = self._nck.r[R_REQUEST]
         if self._nck.cycle.started_s is not None or waits not in (0.0, self._nck.cycle.answer.number):
             raise Refused(f"request {max(waits, self._nck.cycle.answer.number):.0f} is not over", device="nc")
         self._nck.write_r(R_VALID_FOR, 900.0, self._clock.monotonic())
+        self._nck.write_r(R_DRY_RUN, dry_run_mm, self._clock.monotonic())
         self._nck.write_r(R_REQUEST, float(number), self._clock.monotonic())
 
     async def probing_status(self, number: int) -> RequestStatus:

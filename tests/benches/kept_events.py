@@ -2,7 +2,7 @@
 
 from typing import TypeVar
 
-from gateway.acquisition import Sample
+from gateway.acquisition.sample import Sample
 from gateway.model.events import (
     DecisionMade,
     EventReported,
@@ -13,7 +13,8 @@ from gateway.model.events import (
     OutlookChanged,
     ReadingsTaken,
 )
-from gateway.probing import Outcome, Outlook
+from gateway.nc.probing.cycle import Outcome
+from gateway.nc.probing.schedule import Outlook
 from talc.frame import Decision, Event, EventKind, Frame
 from talc.models import ModelSet
 

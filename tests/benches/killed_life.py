@@ -14,11 +14,12 @@ from unittest.mock import patch
 import numpy as np
 
 from drivers.nc import NcSnapshot, RequestStatus
+from gateway.control.restart.earlier import past_in
+from gateway.control.restart.snapshots import SnapshotKeeper
 from gateway.model.events import DecisionMade, GatewayEvent, in_order
-from gateway.nc import Identity
-from gateway.past import SnapshotKeeper, past_in
-from gateway.service import Service
-from gateway.storage import Store
+from gateway.nc.settings import Identity
+from gateway.service.service import Service
+from gateway.storage.store import Store
 from simulators.nc import Nck
 from talc.control import Controller
 from talc.frame import Decision, Frame
@@ -56,10 +57,10 @@ class KeptControl(InProcess):
         super().__init__(nck, clock)
         self._requests, self._death = requests, death
 
-    async def request_probing(self, number: int) -> None:
+    async def request_probing(self, number: int, dry_run_mm: float = 0.0) -> None:
         self._death.begin(PROBING)
         self._requests.append(number)
-        await super().request_probing(number)
+        await super().request_probing(number, dry_run_mm)
         for _ in range(_MOMENTS_OF_A_REQUEST):
             self._death.asks_control()
 
@@ -124,7 +125,7 @@ class GatewayLife:
                 store.begin(self._config.canonical(), self._config.fingerprint(), "")
                 keeper = SnapshotKeeper(past, store, self._config, every_steps=_STEPS_A_SNAPSHOT)
                 control = KeptControl(self._left.nck, self._clock, self._left.requests, death)
-                with patch("gateway.service.control_of", lambda *_: control):
+                with patch("gateway.service.service.control_of", lambda *_: control):
                     sinks = self._note, store.record, partial(self._flush, store), keeper.take
                     service = Service(
                         self._config, self._clock, in_order(sinks), past,

@@ -26,8 +26,9 @@ from pathlib import Path
 import click
 
 from gateway.cli.running.memory import spare_what_is_there
-from gateway.replay import replay
-from gateway.storage import History, damage_found
+from gateway.control.replay.stored import replay
+from gateway.storage.damage import damage_found
+from gateway.storage.history import History
 from simulators.nc import Activity, CycleSettings, DayPart, LoadCase, MeanLoads
 from tests.benches.death import PHASES, Death
 from tests.benches.failing_disk import on_failing_disk

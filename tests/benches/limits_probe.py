@@ -8,7 +8,8 @@ import sys
 import time
 from pathlib import Path
 
-from gateway.apart import WorkError, apart, divide
+from gateway.runtime.workers.control_group import divide
+from gateway.runtime.workers.process import WorkError, apart
 
 LEARNING = 3
 READY_S, LASTS_S = 30.0, 10.0

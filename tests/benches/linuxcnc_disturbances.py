@@ -15,7 +15,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from drivers.agent import AgentControl
-from gateway.clock import RealClock
+from gateway.runtime.clocks import RealClock
 from talc.frame import FloatArray
 from tests.benches.cut_wire import wire_to
 from tests.benches.linuxcnc_bench import running

@@ -16,9 +16,10 @@ import numpy as np
 from drivers.agent import AgentControl
 from drivers.base import SystemClock
 from drivers.nc import NineErrors, WatchdogTerms
-from gateway.clock import RealClock
-from gateway.config import validate
-from gateway.nc import Earlier, Identity, LinkSettings, Listeners, NcLink
+from gateway.config.extended import validate
+from gateway.nc.link import NcLink
+from gateway.nc.settings import Earlier, Identity, LinkSettings, Listeners
+from gateway.runtime.clocks import RealClock
 from simulators.linuxcnc.machine import HURRY
 from talc import kinematics
 from talc.frame import Decision, FloatArray, Phase

@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 from click.testing import CliRunner, Result
 
-from gateway.cli import main
-from gateway.config import GatewayConfig
+from gateway.cli.main import main
+from gateway.config.model import GatewayConfig
+from gateway.control.restart.rebuild import controller_of
 from gateway.model.events import DecisionMade, FrameMade
-from gateway.past import controller_of
-from gateway.storage import Store
+from gateway.storage.store import Store
 from talc.control import Controller
 from talc.frame import Frame, Measurement
 from tests.benches.stepped_clock import SteppedClock

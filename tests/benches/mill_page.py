@@ -5,9 +5,11 @@ from typing import cast
 
 from starlette.testclient import TestClient
 
-from gateway.heard import SiteSeen, SiteSubscription
-from gateway.telemetry import StatusMessage, encode
-from gateway.web import WebSettings, build_app
+from gateway.listeners.web.app import build_app
+from gateway.listeners.web.settings import WebSettings
+from gateway.telemetry.codec import encode
+from gateway.telemetry.messages import StatusMessage
+from gateway.telemetry.subscriber.site import SiteSeen, SiteSubscription
 from tests.benches.heard import BEGAN
 
 

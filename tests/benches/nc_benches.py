@@ -32,6 +32,8 @@ FINAL = (ProbingState.DONE, ProbingState.REFUSED, ProbingState.FAILED)
 class NcBench(ABC):
     """A control on the bench and the driver under test, connected; no gateway has claimed it."""
 
+    name = ""
+    """As in BENCHES."""
     nc: NumericalControl
     working: Mapping[str, float]
     """Machine states after `work`."""
@@ -287,3 +289,5 @@ BENCHES: dict[str, Callable[[Path], Opened]] = {
 }
 NEEDS_DEBIAN = {"sinumerik_encrypted_by_node_opcua", "linuxcnc"}
 SLOW = {"sinumerik_told_and_by_r", "sinumerik_slopes", "sinumerik_errors", *NEEDS_DEBIAN}
+RUN_DRY = set(BENCHES) - NEEDS_DEBIAN
+"""Those whose program certainly knows dry runs."""

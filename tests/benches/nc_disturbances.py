@@ -27,10 +27,11 @@ from scipy.ndimage import maximum_filter1d, minimum_filter1d
 from drivers.nc import NumericalControl
 from drivers.sinumerik import ErrorTerms, OffsetRoute, SinumerikSettings, errors_program, make_sinumerik
 from drivers.sinumerik.settings import PAIRS
-from gateway.clock import RealClock
-from gateway.config import validate
+from gateway.config.extended import validate
 from gateway.model.notice import Notice
-from gateway.nc import Earlier, Identity, LinkSettings, Listeners, NcLink
+from gateway.nc.link import NcLink
+from gateway.nc.settings import Earlier, Identity, LinkSettings, Listeners
+from gateway.runtime.clocks import RealClock
 from simulators.nc import Activity, CycleSettings, DayPart, EmulatedControl, LoadCase, MeanLoads, Nck
 from simulators.nc.nck import CEC_TABLES, R_OFFSETS
 from talc.frame import Decision, FloatArray, Phase

@@ -11,9 +11,12 @@ import numpy as np
 
 from drivers.base import ConnectError, NoAnswer, Refused
 from drivers.nc import NcSnapshot, NotSendable, OperatingMode, ProbingState, ProgramState, RequestStatus, WatchdogTerms
-from gateway.config import GatewayConfig, validate
+from gateway.config.extended import validate
+from gateway.config.model import GatewayConfig
 from gateway.model.commands import Disarmed, Pause
-from gateway.nc import Earlier, Identity, LinkSettings, Listeners, NcLink, Offsets, Write
+from gateway.nc.link import NcLink
+from gateway.nc.settings import Earlier, Identity, LinkSettings, Listeners
+from gateway.nc.slew import Offsets, Write
 from talc.frame import Decision, Phase, Why
 from tests.benches.stepped_clock import SteppedClock
 
@@ -84,7 +87,7 @@ class ScriptedControl:
             ready=self.ready, probing=self.probing,
         )  # fmt: skip
 
-    async def request_probing(self, number: int) -> None:
+    async def request_probing(self, number: int, dry_run_mm: float = 0.0) -> None:
         if self.busy:
             raise Refused("another cycle is under way", device="nc")
         self.requests.append(number)

@@ -17,9 +17,12 @@ from typing import Any
 
 import zenoh
 
-from gateway.report import build
-from gateway.telemetry import CoursePage, PublishedCourse, PublishedReason, ReportPage, StoredReason, encode, keys
+from gateway.reporting.page import build
+from gateway.telemetry import keys
+from gateway.telemetry.answers import CoursePage, ReportPage, StoredReason
+from gateway.telemetry.codec import encode
 from gateway.telemetry.history_queries import parse_course
+from gateway.telemetry.messages import PublishedCourse, PublishedReason
 from gateway.telemetry.report_queries import parse_report
 from talc.names import THERMAL_ERRORS
 from tests.benches.small_run import small_run

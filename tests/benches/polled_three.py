@@ -7,9 +7,10 @@ from pathlib import Path
 import numpy as np
 
 from drivers.base import Quality, Reading
-from gateway.acquisition import Acquisition, lines_of
-from gateway.clock import RealClock
-from gateway.config import load
+from gateway.acquisition.acquisition import Acquisition
+from gateway.acquisition.build import lines_of
+from gateway.config.file import load
+from gateway.runtime.clocks import RealClock
 from simulators.devices import DeviceServer, RtuLine, TcpHost
 from simulators.devices.modbus_unit import ModbusUnit
 

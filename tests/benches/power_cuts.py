@@ -23,9 +23,12 @@ from typing import NamedTuple
 
 import click
 
-from gateway.past import SnapshotKeeper, past_in
-from gateway.replay import replay
-from gateway.storage import History, Store, damage_found
+from gateway.control.replay.stored import replay
+from gateway.control.restart.earlier import past_in
+from gateway.control.restart.snapshots import SnapshotKeeper
+from gateway.storage.damage import damage_found
+from gateway.storage.history import History
+from gateway.storage.store import Store
 from tests.benches.preloads import preload
 from tests.benches.service_file import two_temperatures
 from tests.benches.spoilt_stores import reading, write

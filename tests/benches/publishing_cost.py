@@ -19,8 +19,8 @@ from statistics import median
 import zenoh
 
 from benchmarks.acquisition import bench_config, emulated_machine
-from gateway.config import Telemetry
-from gateway.telemetry import page_config
+from gateway.config.telemetry import Telemetry
+from gateway.telemetry.session import page_config
 from tests.benches.free_port import free_port
 from tests.benches.outlets_cost import used
 

@@ -2,9 +2,9 @@
 
 from pathlib import Path
 
-from gateway.config import load
-from gateway.past import Past
-from gateway.service import Service
+from gateway.config.file import load
+from gateway.control.restart.earlier import Past
+from gateway.service.service import Service
 from talc.control import Controller
 from tests.benches.kept_events import KeptEvents
 from tests.benches.service_file import MACHINE, TEXT

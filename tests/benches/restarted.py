@@ -1,8 +1,8 @@
 """Restarts a gateway from its database, as far as what it then knows."""
 
-from gateway.config import GatewayConfig
-from gateway.past import Past, past_of
-from gateway.storage import History
+from gateway.config.model import GatewayConfig
+from gateway.control.restart.earlier import Past, past_of
+from gateway.storage.history import History
 
 
 def restarted(config: GatewayConfig) -> Past:

@@ -6,8 +6,10 @@ from contextlib import asynccontextmanager
 from typing import NoReturn
 
 from drivers.base import NoAnswer, Quality, Reading
-from gateway.acquisition import Acquisition, Line, Sample
-from gateway.config import Limits
+from gateway.acquisition.acquisition import Acquisition
+from gateway.acquisition.line import Line
+from gateway.acquisition.sample import Sample
+from gateway.config.sections import Limits
 from gateway.model.notice import Notice
 from tests.benches.stepped_clock import SteppedClock
 

@@ -3,7 +3,8 @@
 from collections.abc import Mapping
 from pathlib import Path
 
-from gateway.config import GatewayConfig, validate
+from gateway.config.extended import validate
+from gateway.config.model import GatewayConfig
 
 FILE = Path(__file__).parents[1] / "gateway" / "config" / "cases" / "valid" / "gateway.toml"
 MACHINE = """

@@ -24,10 +24,11 @@ import numpy as np
 import zenoh
 from pyarrow import parquet
 
-from gateway.answers import rows_of
-from gateway.collect.progress import load_progress
-from gateway.config import Telemetry
-from gateway.telemetry import StoredRequest, page_config
+from gateway.config.telemetry import Telemetry
+from gateway.listeners.collect.progress import load_progress
+from gateway.service.stored_answers import rows_of
+from gateway.telemetry.session import page_config
+from gateway.telemetry.stored_queries import StoredRequest
 from tests.benches.free_port import free_port
 from tests.benches.site_parts import machine
 

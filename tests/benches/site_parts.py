@@ -16,13 +16,13 @@ import numpy as np
 import zenoh
 
 from drivers.base import Quality, SystemClock
-from gateway.acquisition import Sample
-from gateway.answers import rows_of
-from gateway.clock import RealClock
-from gateway.config import Telemetry
+from gateway.acquisition.sample import Sample
+from gateway.config.telemetry import Telemetry
 from gateway.model.events import DecisionMade, EventReported, FrameMade, GatewayEvent, ReadingsTaken
-from gateway.storage import Store, boot_id
-from gateway.telemetry import TelemetryPublisher
+from gateway.runtime.clocks import RealClock
+from gateway.service.stored_answers import rows_of
+from gateway.storage.store import Store, boot_id
+from gateway.telemetry.publisher import TelemetryPublisher
 from talc.frame import Event, EventKind, Frame
 from tests.benches import telemetry_examples as example
 

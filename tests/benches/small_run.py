@@ -5,7 +5,7 @@ from zoneinfo import ZoneInfo
 
 import numpy as np
 
-from gateway.report import CycleSeen, ReportData
+from gateway.reporting.data import CycleSeen, ReportData
 from talc.frame import Phase
 
 STEP_S = 300.0

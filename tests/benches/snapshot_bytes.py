@@ -3,8 +3,7 @@
 import sqlite3
 from contextlib import closing
 
-from gateway.storage import Snapshot
-from gateway.storage.snapshot import put_snapshots
+from gateway.storage.snapshot import Snapshot, put_snapshots
 
 
 def stored_bytes(snapshot: Snapshot) -> bytes:

@@ -13,14 +13,16 @@ from unittest.mock import patch
 
 import numpy as np
 
+from gateway.acquisition.wire_log import WireLogWriter
 from gateway.cli.running.run import run_service
-from gateway.clock import ServiceClock
-from gateway.config import GatewayConfig, load
+from gateway.config.file import load
+from gateway.config.model import GatewayConfig
+from gateway.control.restart.earlier import past_in
+from gateway.control.restart.snapshots import SnapshotKeeper
 from gateway.model.events import DecisionMade, FrameMade, Sink
-from gateway.past import SnapshotKeeper, past_in
-from gateway.recordings import WireLogWriter
-from gateway.service import Service
-from gateway.storage import Store
+from gateway.runtime.clocks import ServiceClock
+from gateway.service.service import Service
+from gateway.storage.store import Store
 from talc.frame import Frame, Measurement
 
 STEPS_A_DAY = 24

@@ -10,13 +10,13 @@ from pathlib import Path
 
 import numpy as np
 
-from gateway.config import GatewayConfig
-from gateway.storage import History
+from gateway.config.model import GatewayConfig
+from gateway.storage.history import History
 from talc.frame import Event, EventKind
 from tests.benches.faulty_machine import WIRES
 
 SURPRISE = "a second cycle must give the same result"
-"""Ends the text of a rejection that awaits confirmation (gateway/probing/checks.py)."""
+"""Ends the text of a rejection that awaits confirmation (gateway/nc/probing/checks.py)."""
 ALARMS = (EventKind.PROBLEM, EventKind.MEASUREMENT_REJECTED, EventKind.SENSOR_SUSPECT, EventKind.MODEL_REJECTED)
 LEAST_GROWTH = 2
 """Descriptors, threads or tasks by which two medians may differ: a commit or a closing connection changes each for a

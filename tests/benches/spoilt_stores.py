@@ -17,11 +17,13 @@ import click
 import numpy as np
 
 from drivers.base import Quality
-from gateway.acquisition import Sample
+from gateway.acquisition.sample import Sample
+from gateway.control.restart.earlier import Past, past_in
 from gateway.model.events import DecisionMade, EventReported, FrameMade, MeasurementEnded, ReadingsTaken, Sink
-from gateway.past import Past, past_in
-from gateway.probing import Outcome
-from gateway.storage import History, Store, StoreError
+from gateway.nc.probing.cycle import Outcome
+from gateway.storage.faults import StoreError
+from gateway.storage.history import History
+from gateway.storage.store import Store
 from talc.control import Controller
 from talc.frame import Event, EventKind, Frame, Measurement, Why
 from tests.benches.service_file import two_temperatures

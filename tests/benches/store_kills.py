@@ -27,9 +27,13 @@ from pathlib import Path
 
 import click
 
-from gateway.past import SnapshotKeeper, marks, past_in
-from gateway.replay import replay
-from gateway.storage import History, Store, damage_found
+from gateway.control.replay.stored import replay
+from gateway.control.restart.earlier import past_in
+from gateway.control.restart.rebuild import marks
+from gateway.control.restart.snapshots import SnapshotKeeper
+from gateway.storage.damage import damage_found
+from gateway.storage.history import History
+from gateway.storage.store import Store
 from tests.benches.failing_disk import on_failing_disk
 from tests.benches.service_file import two_temperatures
 from tests.benches.spoilt_stores import reading, write

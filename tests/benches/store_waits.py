@@ -1,6 +1,6 @@
 """Waits for what a store does in its own time, on the computer's clock."""
 
-from gateway.storage import Store
+from gateway.storage.store import Store
 from tests.benches.waits import wait_until
 
 

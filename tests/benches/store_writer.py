@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 
 from drivers.base import Quality, SystemClock
-from gateway.acquisition import Sample
+from gateway.acquisition.sample import Sample
 from gateway.model.events import DecisionMade, FrameMade, ReadingsTaken
-from gateway.storage import Store
+from gateway.storage.store import Store
 from talc.frame import Decision, Frame, Phase
 
 _KILLS = -3

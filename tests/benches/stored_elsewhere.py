@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from datetime import datetime
 
-from gateway.telemetry import CoursePage
+from gateway.telemetry.answers import CoursePage
 
 
 class StoredElsewhere:

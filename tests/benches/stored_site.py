@@ -10,13 +10,15 @@ import numpy as np
 from pyarrow import dataset
 
 from drivers.base import Quality
-from gateway.acquisition import Sample
-from gateway.answers import rows_of
-from gateway.collect import Collector, SiteKept
+from gateway.acquisition.sample import Sample
+from gateway.listeners.collect.collector import Collector, SiteKept
 from gateway.model.events import DecisionMade, EventReported, FrameMade, MeasurementEnded, ReadingsTaken, ReasonsGiven
-from gateway.probing import Outcome
-from gateway.storage import Store
-from gateway.telemetry import StoredRequest, StoredRows, decode_answer, encode
+from gateway.nc.probing.cycle import Outcome
+from gateway.service.stored_answers import rows_of
+from gateway.storage.store import Store
+from gateway.telemetry.answers import StoredRows
+from gateway.telemetry.codec import decode_answer, encode
+from gateway.telemetry.stored_queries import StoredRequest
 from talc.frame import Event, EventKind, Frame, Measurement, Why
 from tests.benches import telemetry_examples as example
 from tests.benches.stepped_clock import EPOCH, SteppedClock

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from asyncua.sync import Client
 
-from gateway.storage import History
+from gateway.storage.history import History
 
 CONFIG = Path("/etc/talc-gateway/gateway.toml")
 OFFSET_OF_X = "ns=2;s=/NC/_N_AX_SEA_ACX/$SA_TEMP_COMP_ABS_VALUE[u1]"

@@ -6,11 +6,15 @@ from datetime import UTC, datetime
 import numpy as np
 
 from drivers.base import Quality
-from gateway.acquisition import Sample
-from gateway.config import GatewayConfig, validate
+from gateway.acquisition.sample import Sample
+from gateway.config.extended import validate
+from gateway.config.model import GatewayConfig
 from gateway.model.text import plain
-from gateway.nc import Source, Step, Write
-from gateway.probing import End, Outcome, Outlook, Standing
+from gateway.nc.probing.cycle import End, Outcome
+from gateway.nc.probing.schedule import Outlook
+from gateway.nc.probing.standing import Standing
+from gateway.nc.slew import Step, Write
+from gateway.nc.states import Source
 from talc.frame import Decision, Event, EventKind, Frame, Measurement, Phase, Why
 from talc.learner import ErrorReason, Forecast, Misses, Reasons
 from talc.models import ErrorModel, ModelSet

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from drivers.base import Clock, Quality, SystemClock
-from gateway.acquisition import Sample
-from gateway.config import Telemetry as Settings
+from gateway.acquisition.sample import Sample
+from gateway.config.telemetry import Telemetry as Settings
 from gateway.model.events import EventReported
-from gateway.telemetry import TelemetryPublisher
+from gateway.telemetry.publisher import TelemetryPublisher
 from talc.frame import Decision, Event, EventKind, Phase
 from tests.benches.waits import LIMIT_S, wait_until
 from tests.benches.zenoh_sessions import client

@@ -4,9 +4,9 @@ import asyncio
 import sys
 
 from drivers.base import SystemClock
-from gateway.config import Telemetry
+from gateway.config.telemetry import Telemetry
 from gateway.model.events import EventReported
-from gateway.telemetry import TelemetryPublisher
+from gateway.telemetry.publisher import TelemetryPublisher
 from talc.frame import Event, EventKind
 
 

@@ -29,8 +29,9 @@ import numpy as np
 import zenoh
 
 from benchmarks.acquisition import LONG_TRAINING, want_training
-from gateway.config import load
-from gateway.telemetry import DecisionMessage, EventMessage, decode
+from gateway.config.file import load
+from gateway.telemetry.codec import decode
+from gateway.telemetry.messages import DecisionMessage, EventMessage
 from simulators.bench import gateway_toml
 from simulators.clock import SharedClock
 from talc.frame import EventKind

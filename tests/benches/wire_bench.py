@@ -9,8 +9,11 @@ import numpy as np
 
 from drivers.sinumerik import SinumerikSettings
 from drivers.sinumerik.control import Sinumerik
-from gateway.config import GatewayConfig, validate
-from gateway.nc import Earlier, Identity, LinkSettings, Listeners, NcLink, Offsets, Write
+from gateway.config.extended import validate
+from gateway.config.model import GatewayConfig
+from gateway.nc.link import NcLink
+from gateway.nc.settings import Earlier, Identity, LinkSettings, Listeners
+from gateway.nc.slew import Offsets, Write
 from simulators.nc import Activity, CycleSettings, DayPart, EmulatedControl, LoadCase, MeanLoads
 from simulators.nc.watchdog import Logged
 from tests.benches.still_machine import StillMachine

@@ -31,12 +31,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.base import Quality, Reading
-from gateway.acquisition import Board
+from gateway.acquisition.board import Board
 from gateway.acquisition.sample import samples
 from gateway.cli.running.memory import give_back_large_blocks
-from gateway.config import GatewayConfig, load
-from gateway.control import Explanations, PlannedLoads, SensorWatch
-from gateway.metrics import GatewayFigures
+from gateway.config.file import load
+from gateway.config.model import GatewayConfig
+from gateway.control.explaining import Explanations
+from gateway.control.planned_loads import PlannedLoads
+from gateway.control.restart.earlier import past_in
+from gateway.control.restart.snapshots import SnapshotKeeper
+from gateway.control.sensor_watch import SensorWatch
 from gateway.model.events import (
     CompensationStepped,
     ConfigurationApplied,
@@ -46,11 +50,12 @@ from gateway.model.events import (
     ReadingsTaken,
     in_order,
 )
-from gateway.nc import Source, Step, Write
-from gateway.past import SnapshotKeeper, past_in
-from gateway.storage import Store
-from gateway.telemetry import TelemetryPublisher
-from gateway.watches import HealthWatch
+from gateway.nc.slew import Step, Write
+from gateway.nc.states import Source
+from gateway.service.health import HealthWatch
+from gateway.service.metrics import GatewayFigures
+from gateway.storage.store import Store
+from gateway.telemetry.publisher import TelemetryPublisher
 from simulators.bench import gateway_toml
 from talc.frame import BoolArray, FloatArray, Frame, Measurement
 from talc.sensor_model import learn

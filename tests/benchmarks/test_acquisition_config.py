@@ -6,7 +6,7 @@ import pytest
 
 from benchmarks.acquisition import bench_config, buses_config
 from benchmarks.emulators import HOSTS, LINES
-from gateway.config import load
+from gateway.config.file import load
 
 BENCH = {"rtu_port": "/dev/pts/1", "tcp_port": 5020, "can_port": "/dev/pts/2", "growth_port": "/dev/pts/3"}
 

@@ -7,7 +7,8 @@ import pytest
 
 from benchmarks.demo import DemoLoop
 from benchmarks.demo_bounds import KNOWN, WAYS, bounds_table, known
-from gateway.report import ReportData, summary
+from gateway.reporting.data import ReportData
+from gateway.reporting.figures import summary
 from talc.frame import FloatArray, Frame
 
 HOURS = 3.0

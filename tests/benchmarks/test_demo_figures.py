@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from benchmarks import demo
-from gateway.cli.emulated.demo_machine import Demo, talc_section
-from gateway.report import ReportData, Truth, summary
+from gateway.demo.demo_machine import Demo, talc_section
+from gateway.reporting.data import ReportData, Truth
+from gateway.reporting.figures import summary
 from talc.settings import LearnerSettings, TalcSettings
 
 ROOT = Path(__file__).parents[2]

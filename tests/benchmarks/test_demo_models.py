@@ -7,7 +7,7 @@ import pytest
 
 from benchmarks.demo import DemoLoop
 from benchmarks.demo_models import NAMES, LaterHours, later, later_table
-from gateway.report import Truth
+from gateway.reporting.data import Truth
 from talc.control import Controller
 from talc.frame import Phase
 from talc.settings import TalcSettings

@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from drivers.base import DriverError, Quality, Refused
-from drivers.nc import NcSnapshot, OperatingMode, ProbingState, WatchdogTerms
-from tests.benches.nc_benches import BENCHES, NEEDS_DEBIAN, SLOW, NcBench
+from drivers.nc import NcSnapshot, OperatingMode, ProbingState, RunsDry, WatchdogTerms
+from tests.benches.nc_benches import BENCHES, NEEDS_DEBIAN, RUN_DRY, SLOW, NcBench
 
 WATCH = WatchdogTerms(silence_s=60.0, ramp_um_per_s=2.0)
 
@@ -24,6 +24,7 @@ def marks(name: str) -> list[pytest.MarkDecorator]:
 @pytest.fixture(params=[pytest.param(name, marks=marks(name)) for name in BENCHES])
 async def bench(request: pytest.FixtureRequest, tmp_path: Path) -> AsyncIterator[NcBench]:
     async with BENCHES[request.param](tmp_path) as opened:
+        opened.name = request.param
         yield opened
 
 
@@ -85,6 +86,31 @@ async def test_a_cycle_goes_from_the_request_to_its_result_and_its_number_is_use
     assert (await bench.nc.probing_status(5)).state is ProbingState.IDLE
     with pytest.raises(Refused, match="number 4"):
         await bench.nc.request_probing(4)
+
+
+async def test_a_dry_run_goes_over_the_sphere_where_it_is_offered_and_asks_nothing_elsewhere(bench: NcBench) -> None:
+    if not (isinstance(bench.nc, RunsDry) and bench.nc.runs_dry):
+        assert bench.name not in RUN_DRY
+        with pytest.raises(Refused, match="dry run"):
+            await bench.nc.request_probing(4, 50.0)
+        assert (await bench.nc.probing_status(4)).state is ProbingState.IDLE
+        return
+    for impossible in (-1.0, math.nan, 1000.5):
+        with pytest.raises(ValueError, match="dry_run_mm"):
+            await bench.nc.request_probing(4, impossible)
+    await bench.nc.request_probing(4, 50.0)
+    await bench.allow_probing()
+    await bench.reaches(4, ProbingState.RUNNING)
+    done = await bench.ends(4)
+    assert done.state is ProbingState.DONE
+    assert done.centres_mm is not None
+    assert len(done.centres_mm) == 6
+    for (_, _, z), height in zip(done.centres_mm, (80.0, 80.0, 80.0, 80.0, 0.0, 0.0), strict=True):
+        assert z > height + 49.0  # over the sphere at each pose
+    await bench.nc.request_probing(5)  # and the next one touches again
+    touched = await bench.ends(5)
+    assert touched.centres_mm is not None
+    assert touched.centres_mm[0] == pytest.approx((120.0, 0.0, 80.0), abs=0.01)
 
 
 async def test_a_withdrawn_request_ends_and_leaves_room_for_the_next(bench: NcBench) -> None:

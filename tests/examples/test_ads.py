@@ -11,10 +11,11 @@ from click.testing import CliRunner
 
 from drivers.base import BadAnswer, ConnectError, NoAnswer, Refused, WrongDevice
 from drivers.nc import NumericalControl, WatchdogTerms
-from gateway.cli import main
-from gateway.clock import RealClock
-from gateway.config import ConfigError, parse
-from gateway.nc import control_of
+from gateway.cli.main import main
+from gateway.config.file import parse
+from gateway.config.problems import ConfigError
+from gateway.nc.build import control_of
+from gateway.runtime.clocks import RealClock
 from tests.benches.ads_server import PORT, EmulatedPlc, ads_server, unused_host
 from tests.benches.extension_package import example_files, install
 

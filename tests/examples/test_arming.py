@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from gateway.cli import main
+from gateway.cli.main import main
 
 ROOT = Path(__file__).parents[2]
 STEPS: tuple[dict[str, str], ...] = (

@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from gateway.cli import main
-from gateway.config import load
+from gateway.cli.main import main
+from gateway.config.file import load
 
 FOLDER = Path(__file__).parents[2] / "examples"
 PROFILES = {"thermocouples.toml"}

@@ -13,12 +13,17 @@ import pytest
 from drivers.base import SetupError
 from drivers.canopen import CanOpenBus, Cia404Device
 from drivers.modbus import ModbusDevice, ModbusRtuBus
-from gateway.acquisition import Acquisition, ReloadError, apply, bus_changes, lines_of, prepare, read_once
+from gateway.acquisition.acquisition import Acquisition
+from gateway.acquisition.build import lines_of
+from gateway.acquisition.once import read_once
+from gateway.acquisition.reload import ReloadError, apply, bus_changes, prepare
 from gateway.cli.running.reloading import Reloading
-from gateway.cli.running.serving import serve
-from gateway.config import ConfigError, GatewayConfig, load
-from gateway.past import Past
-from gateway.service import Service
+from gateway.config.file import load
+from gateway.config.model import GatewayConfig
+from gateway.config.problems import ConfigError
+from gateway.control.restart.earlier import Past
+from gateway.service.service import Service
+from gateway.service.serving import serve
 from talc.control import Controller
 from tests.benches.kept_events import KeptEvents
 from tests.benches.reloaded_service import service_of

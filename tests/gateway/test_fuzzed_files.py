@@ -9,8 +9,11 @@ from pyarrow import parquet
 
 from drivers.base import SetupError
 from drivers.profiles import load_profile
-from gateway.config import ConfigError, load
-from gateway.recordings import Columns, RecordingError, read_recording
+from gateway.config.file import load
+from gateway.config.problems import ConfigError
+from gateway.reporting.recordings.columns import Columns
+from gateway.reporting.recordings.grid import read_recording
+from gateway.reporting.recordings.problems import RecordingError
 from tests.benches.fuzzed_files import FILES
 
 MANY = {"recordings": 150, "toml": 100, "snapshot": 100}

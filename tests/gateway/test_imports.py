@@ -19,7 +19,7 @@ NEVER_BESIDE = BUSES | NUMERICS
 """Modules that no program beside a gateway needs: such a program talks to no device, and learns nothing."""
 WHOLE = (
     "import atexit, sys; atexit.register(lambda: print(*sys.modules, file=sys.stderr));"
-    "from gateway.cli import main; main()"
+    "from gateway.cli.main import main; main()"
 )
 """A whole command, which prints at its end what it has loaded."""
 
@@ -101,7 +101,7 @@ def test_the_opc_ua_server_and_the_collector_load_no_bus(tmp_path: Path) -> None
 
 def test_reading_and_checking_a_configuration_loads_no_bus() -> None:
     config = Path(__file__).parent / "config" / "cases" / "valid" / "gateway.toml"
-    modules = loaded(f"from pathlib import Path; from gateway.config import load; load(Path({str(config)!r}))")
+    modules = loaded(f"from pathlib import Path; from gateway.config.file import load; load(Path({str(config)!r}))")
     assert {"drivers.build", "gateway.config.rules"} <= modules
     assert not modules & (NEVER_BESIDE | PLANT | {"asyncio"})
 
@@ -145,9 +145,9 @@ def test_a_bus_loads_the_libraries_of_its_own_kind(kind: str, needed: str, forei
         ("from drivers.mqtt import MqttConnection", {"paho"}),
         ("from drivers.sinumerik import SinumerikControl, SinumerikSettings, make_sinumerik", set()),
         ("from gateway.config.opcua_cautions import server_cautions", set()),
-        ("from gateway.outlets.mqtt import MqttOutlet, MqttOutletSettings", set()),
-        ("from gateway.umati import ShownMachine, check_serving, load_serving", set()),
-        ("from gateway.umati import MachineToolServer", {"asyncua", "cryptography"}),
+        ("from gateway.listeners.outlets.mqtt import MqttOutlet, MqttOutletSettings", set()),
+        ("from gateway.listeners.umati.settings import ShownMachine, check_serving, load_serving", set()),
+        ("from gateway.listeners.umati.server import MachineToolServer", {"asyncua", "cryptography"}),
     ],
 )
 def test_a_name_of_a_room_loads_only_the_library_of_that_name(code: str, needed: set[str]) -> None:
@@ -156,5 +156,5 @@ def test_a_name_of_a_room_loads_only_the_library_of_that_name(code: str, needed:
 
 def test_no_command_waits_for_the_libraries_of_another() -> None:
     """The help of the whole program names every command."""
-    code = "from gateway.cli import main; main(['--help'], standalone_mode=False)"
+    code = "from gateway.cli.main import main; main(['--help'], standalone_mode=False)"
     assert loaded(code).isdisjoint(NEVER_BESIDE | PLANT | {"numpy", "zenoh", "rich", "gateway.config.model"})

@@ -10,11 +10,14 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from gateway.cli import main
-from gateway.config import GatewayConfig, parse
+from gateway.cli.main import main
+from gateway.config.file import parse
+from gateway.config.model import GatewayConfig
+from gateway.control.replay.stored import replay
 from gateway.model.events import DecisionMade, FrameMade, ReasonsGiven
-from gateway.replay import replay
-from gateway.storage import History, Retention, Store
+from gateway.storage.history import History
+from gateway.storage.readings import Retention
+from gateway.storage.store import Store
 from talc.control import Controller
 from talc.frame import Frame, Measurement
 from talc.learner import Reasons

@@ -1,14 +1,18 @@
-"""The built pages of the studies: the run that they show, and the version of its learner."""
+"""The studies' kept pages: they can be drawn, show the run of the results, and say the version of its learner."""
 
+import csv
+import json
 import re
 from pathlib import Path
 
 import pytest
+from markupsafe import escape
 
+from studies import published_page
 from talc.learner.experts import EXPERTS
 
 DOCS = Path(__file__).parents[2] / "docs"
-BUILT = sorted(file.stem for file in (DOCS / "studies").glob("*.html"))
+KEPT = sorted((DOCS / "studies").iterdir())
 NUMBERS = {7: "seven", 8: "eight", 9: "nine", 10: "ten", 11: "eleven", 12: "twelve"}
 
 
@@ -23,10 +27,21 @@ def block(study: str) -> str:
     return before[-900:] + rest.partition("<!-- end -->")[0]
 
 
-@pytest.mark.parametrize("study", BUILT)
-def test_page_results_and_summary_show_one_run(study: str) -> None:
-    page = (DOCS / "studies" / f"{study}.html").read_text(encoding="utf-8")
-    (code,) = set(re.findall(r"; code ([0-9a-f]{8})\.<br>", page))
+@pytest.mark.parametrize("folder", KEPT, ids=[folder.name for folder in KEPT])
+def test_every_kept_figure_is_on_the_page(folder: Path) -> None:
+    page = published_page(folder)
+    pictures = [file for file in folder.glob("*.csv") if not file.stem.endswith(("table", "summary"))]
+    assert page.count("<svg") == len(pictures) > 0
+    for file in set(folder.glob("*.csv")) - set(pictures):
+        with file.open(newline="", encoding="utf-8") as opened:
+            for row in csv.reader(opened):
+                assert all(escape(cell) in page for cell in row[1:])
+
+
+@pytest.mark.parametrize("folder", KEPT, ids=[folder.name for folder in KEPT])
+def test_page_results_and_summary_show_one_run(folder: Path) -> None:
+    study = folder.name
+    code = json.loads((folder / "page.json").read_text(encoding="utf-8"))["origin"]["code"]
     assert f"code {code}," in block(study)
     (row,) = re.findall(rf"\| `{study}` \| ([^|]*) \| [^|]* \|", words("studies.md").partition("What has been run")[2])
     assert f"code {code};" in row
@@ -34,7 +49,7 @@ def test_page_results_and_summary_show_one_run(study: str) -> None:
 
 def test_no_page_is_said_to_show_a_part_of_what_was_run_in_full() -> None:
     before, _, rows = words("studies.md").partition("What has been run")
-    partly = re.findall(r"\[([a-z-]+)\]\(studies/[a-z-]+\.html\) with \d+ of its", before)
+    partly = re.findall(r"\[([a-z-]+)\]\(studies/[a-z-]+\) with \d+ of its", before)
     assert not [study for study in partly if re.search(rf"\| `{study}` \| all ", rows)]
 
 

@@ -15,8 +15,9 @@ import pytest
 
 from drivers.sinumerik import ErrorTerms, OffsetRoute, SinumerikSettings, errors_program, make_sinumerik
 from drivers.sinumerik.settings import PAIRS
-from gateway.config import validate
-from gateway.nc import Earlier, Identity, LinkSettings, Listeners, NcLink
+from gateway.config.extended import validate
+from gateway.nc.link import NcLink
+from gateway.nc.settings import Earlier, Identity, LinkSettings, Listeners
 from simulators.nc import (
     Activity,
     CycleSettings,

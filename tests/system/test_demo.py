@@ -18,11 +18,12 @@ import numpy as np
 import pytest
 import zenoh
 
-from gateway.answers import collect
-from gateway.replay import replay
-from gateway.report import summary
-from gateway.storage import History
-from gateway.telemetry import ForecastMessage, FrameMessage, decode
+from gateway.control.replay.stored import replay
+from gateway.reporting.figures import summary
+from gateway.service.report_data import collect
+from gateway.storage.history import History
+from gateway.telemetry.codec import decode
+from gateway.telemetry.messages import ForecastMessage, FrameMessage
 from talc.frame import EventKind, FloatArray, Phase
 from tests.benches.command import here
 from tests.benches.free_port import free_port

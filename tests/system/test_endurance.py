@@ -17,9 +17,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gateway.cli.running.serving import serve
-from gateway.config import GatewayConfig, load
-from gateway.storage import History
+from gateway.config.file import load
+from gateway.config.model import GatewayConfig
+from gateway.service.serving import serve
+from gateway.storage.history import History
 from simulators.bench import gateway_toml
 from simulators.clock import SharedClock
 from talc.frame import EventKind, Phase

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from gateway.config import load
-from gateway.storage import Store
+from gateway.config.file import load
+from gateway.storage.store import Store
 from tests.benches.failing_disk import on_failing_disk
 from tests.benches.manual_clock import ManualClock
 from tests.benches.service_file import UNPUBLISHED, m7015, rtu_bus

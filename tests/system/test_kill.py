@@ -19,10 +19,11 @@ import numpy as np
 import pytest
 
 from drivers.base import SystemClock
-from gateway.clock import RealClock
-from gateway.config import GatewayConfig, load
+from gateway.config.file import load
+from gateway.config.model import GatewayConfig
 from gateway.model.events import DecisionMade, FrameMade, ModelsAdopted
-from gateway.storage import Store
+from gateway.runtime.clocks import RealClock
+from gateway.storage.store import Store
 from simulators.devices import Adam6015, TcpHost
 from simulators.nc import Activity, CycleSettings, DayPart, EmulatedControl, LoadCase, MeanLoads
 from simulators.nc.watchdog import R_BEAT, Logged

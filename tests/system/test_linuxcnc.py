@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gateway.cli.emulated.demo_linuxcnc import SILENCE_S, SLEW_UM_PER_S, show, silence
+from gateway.demo.demo_linuxcnc import SILENCE_S, SLEW_UM_PER_S, show, silence
 
 pytestmark = [pytest.mark.peer, pytest.mark.slow]
 

@@ -11,11 +11,12 @@ import numpy as np
 import pytest
 
 from drivers.nc import OperatingMode
-from gateway.clock import RealClock
-from gateway.config import validate
-from gateway.past import Past
-from gateway.probing import End, Standing
-from gateway.service import Service
+from gateway.config.extended import validate
+from gateway.control.restart.earlier import Past
+from gateway.nc.probing.cycle import End
+from gateway.nc.probing.standing import Standing
+from gateway.runtime.clocks import RealClock
+from gateway.service.service import Service
 from simulators.linuxcnc.machine import HURRY, MANUAL
 from talc.control import Controller
 from talc.frame import Why

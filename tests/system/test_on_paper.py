@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from playwright.sync_api import Browser, Page
 
-from gateway.report import ReportData, build
+from gateway.reporting.data import ReportData
+from gateway.reporting.page import build
 from talc.frame import Event, EventKind, Why
 from talc.learner import ErrorReason, Reasons
 from talc.names import THERMAL_ERRORS

@@ -11,7 +11,7 @@ from urllib.parse import urlsplit
 import msgspec
 import pytest
 
-from gateway.passwords import make_hash
+from gateway.runtime.passwords import make_hash
 from tests.benches.free_port import free_port
 from tests.benches.page_rig import ChildProgram
 from tests.benches.plant_authority import PlantAuthority

@@ -16,7 +16,7 @@ import pytest
 from PIL import Image
 from playwright.sync_api import Page, Response, expect
 
-from gateway.passwords import make_hash
+from gateway.runtime.passwords import make_hash
 from tests.benches.axe import violations
 from tests.benches.page_rig import LIMIT_MS, SCREENS, expect_each_part, page_rig, played_mill, ports
 

@@ -11,8 +11,8 @@ from urllib.parse import urlsplit
 import pytest
 from playwright.sync_api import Page, expect
 
+from gateway.listeners.web.streams import MOST_BROWSERS
 from gateway.model.text import languages, texts
-from gateway.web.streams import MOST_BROWSERS
 from tests.benches.page_rig import LIMIT_MS, page_rig, played_mill
 from tests.benches.page_wire import page_wire
 

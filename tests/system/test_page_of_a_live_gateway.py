@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import expect
 
-from gateway.passwords import make_hash
-from gateway.storage import History
+from gateway.runtime.passwords import make_hash
+from gateway.storage.history import History
 from tests.benches.page_rig import LIMIT_MS, ChildProgram, expect_each_part, page_rig, ports
 from tests.benches.soak import config
 

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from playwright.sync_api import CDPSession, Page, expect
 
-from gateway.report import ReportData, build
+from gateway.reporting.data import ReportData
+from gateway.reporting.page import build
 from tests.benches.page_rig import LIMIT_MS, chromium
 from tests.benches.small_run import small_run
 

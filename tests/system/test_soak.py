@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gateway.control import SensorWatch
+from gateway.control.sensor_watch import SensorWatch
 from gateway.model.events import EventReported, GatewayEvent, SensorsJudged
 from talc.frame import EventKind, Frame
 from talc.settings import SensorCheckSettings

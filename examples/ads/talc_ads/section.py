@@ -7,7 +7,7 @@ from pydantic import Field
 
 from drivers.base import Clock, SetupError
 from drivers.section import NotEmpty, Port, Section, ServerTime, matching
-from gateway.config import ControlSection
+from gateway.config.extensions import ControlSection
 
 if TYPE_CHECKING:
     from talc_ads.control import AdsControl

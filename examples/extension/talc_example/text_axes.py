@@ -8,7 +8,7 @@ from drivers.base import BadAnswer, Clock, SetupError
 from drivers.nc import NcSnapshot
 from drivers.only_read import ONLY_READ, OnlyRead
 from drivers.section import NotEmpty, Port, ServerTime
-from gateway.config import ControlSection
+from gateway.config.extensions import ControlSection
 from talc_example.text_tcp import TextTcpBus
 
 AXES = ("X", "Y", "Z", "A", "C")

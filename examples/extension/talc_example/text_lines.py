@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from typing import Literal
 
 from drivers.section import NotEmpty, Port
-from gateway.outlets import OutletError, OutletMessage, OutletSettings, Unacceptable
+from gateway.listeners.outlets.outlet import OutletError, OutletMessage, OutletSettings, Unacceptable
 
 LONGEST_ANSWER = 1000
 

@@ -7,7 +7,8 @@ from typing import Literal
 from drivers.base import BadAnswer, Bus, Clock, ConnectError, Driver, NoAnswer, Quality, Reading, SetupError
 from drivers.section import NotEmpty, Port
 from drivers.tap import Tap
-from gateway.config import Device, OtherBus
+from gateway.config.extensions import OtherBus
+from gateway.config.sections import Device
 
 LONGEST_LINE = 1000
 

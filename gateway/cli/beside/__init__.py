@@ -2,5 +2,3 @@
 
 Others use the modules named here. None is imported: each loads libraries of its own.
 """
-
-__all__ = ["collect", "command", "heard", "opcua", "publish", "view", "watch", "web"]

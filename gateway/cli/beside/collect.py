@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING
 import click
 
 from gateway.cli.conventions.arguments import FiniteNumber, KeyPrefixText, PemPath, access_options
-from gateway.cli.conventions.extras import need_extra
-from gateway.config import DEFAULT_PREFIX
+from gateway.config.fields import DEFAULT_PREFIX
+from gateway.runtime.extras import need_extra
 
 if TYPE_CHECKING:
-    from gateway.config import Telemetry
+    from gateway.config.telemetry import Telemetry
 
 
 @click.command()
@@ -53,7 +53,9 @@ def collect(
     telemetry = _telemetry(
         connect, prefix, user, password_file, {"authority": authority, "certificate": certificate, "key": key}
     )
-    from gateway.collect import Collector, SiteNetwork, site_at
+    from gateway.listeners.collect.collector import Collector
+    from gateway.listeners.collect.network import SiteNetwork
+    from gateway.listeners.collect.places import site_at
 
     if logging.getLogger().level > logging.INFO:
         logging.getLogger("gateway").setLevel(logging.INFO)
@@ -83,7 +85,8 @@ def _telemetry(
     """Where to connect and how. Raises click.UsageError."""
     from pydantic import ValidationError
 
-    from gateway.config import Telemetry, TelemetryTls, credential_problems
+    from gateway.config.telemetry import Telemetry, TelemetryTls
+    from gateway.config.telemetry_rules import credential_problems
 
     try:
         telemetry = Telemetry(

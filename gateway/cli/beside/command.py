@@ -7,7 +7,7 @@ import click
 
 from gateway.cli.conventions.arguments import KeyPrefixText, PemPath, access_of, access_options
 from gateway.cli.conventions.exits import EXIT_WORLD
-from gateway.config import DEFAULT_PREFIX, LOOPBACK
+from gateway.config.fields import DEFAULT_PREFIX, LOOPBACK
 from gateway.model.commands import CommandName
 
 
@@ -45,8 +45,8 @@ def command(
     reload: read the configuration again and apply it, unless something in it needs a restart.
     The gateway obeys those whom its configuration names, and stores each command. Exit code 3: refused or not reached.
     """
-    from gateway.client import Machine, MachineError
-    from gateway.telemetry import CommandSigner
+    from gateway.telemetry.client import Machine, MachineError
+    from gateway.telemetry.command_signer import CommandSigner
 
     access = access_of(authority, certificate, key, user, password_file)
     try:

@@ -4,12 +4,13 @@ from typing import TYPE_CHECKING
 
 import click
 
-from gateway.config import DEFAULT_PREFIX, Telemetry, endpoint
-from gateway.heard import listened_to
-from gateway.passwords import make_hash
+from gateway.config.fields import DEFAULT_PREFIX
+from gateway.config.telemetry import Telemetry, endpoint
+from gateway.runtime.passwords import make_hash
+from gateway.telemetry.subscriber.site import listened_to
 
 if TYPE_CHECKING:
-    from gateway.config import GatewayConfig
+    from gateway.config.model import GatewayConfig
 
 
 def print_hash() -> None:

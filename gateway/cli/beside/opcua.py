@@ -37,8 +37,8 @@ def opcua(
         return
     if config is None and not connect:
         raise click.UsageError("give CONFIG, or --connect ENDPOINT")
-    from gateway.heard import SiteSeen, SiteSubscription
-    from gateway.umati import ShownMachine, check_serving, load_serving
+    from gateway.listeners.umati.settings import ShownMachine, check_serving, load_serving
+    from gateway.telemetry.subscriber.site import SiteSeen, SiteSubscription
 
     host, port = address_of(listen)
     serving = load_serving(settings)
@@ -53,7 +53,7 @@ def opcua(
     site = SiteSeen(telemetry.prefix, machines)
 
     async def serve() -> None:
-        from gateway.umati import MachineToolServer
+        from gateway.listeners.umati.server import MachineToolServer
 
         stop = asyncio.Event()
         stop_on_signals(stop)

@@ -24,8 +24,11 @@ def publish(outlets: Path, only_check: bool) -> None:
     """
     from time import monotonic
 
-    from gateway.config import ConfigError, credential_problems
-    from gateway.outlets import GatewaySource, OutletMessage, load_outlets
+    from gateway.config.problems import ConfigError
+    from gateway.config.telemetry_rules import credential_problems
+    from gateway.listeners.outlets.outlet import OutletMessage
+    from gateway.listeners.outlets.settings import load_outlets
+    from gateway.listeners.outlets.source import GatewaySource
 
     file = load_outlets(outlets)
     telemetry = file.source.telemetry

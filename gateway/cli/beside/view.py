@@ -18,9 +18,9 @@ from rich.text import Text
 from drivers.base import Clock, Quality
 from gateway.cli.conventions.terminal import duration_text, terminal
 from gateway.model.events import GatewayEvent, Sink
-from gateway.telemetry import (
+from gateway.telemetry.compose import Composer
+from gateway.telemetry.messages import (
     CompensationMessage,
-    Composer,
     DecisionMessage,
     EventMessage,
     ForecastMessage,

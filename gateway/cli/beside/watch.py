@@ -13,9 +13,11 @@ import zenoh
 from gateway.cli.beside.view import LiveView, ViewState
 from gateway.cli.conventions.exits import EXIT_WORLD
 from gateway.cli.conventions.terminal import printable
-from gateway.client import ANSWER_LIMIT_S, Machine, MachineError
-from gateway.config import GatewayConfig
-from gateway.telemetry import Access, decode, keys, own_access
+from gateway.config.model import GatewayConfig
+from gateway.telemetry import keys
+from gateway.telemetry.client import ANSWER_LIMIT_S, Machine, MachineError
+from gateway.telemetry.codec import decode
+from gateway.telemetry.session import Access, own_access
 
 log = logging.getLogger(__name__)
 

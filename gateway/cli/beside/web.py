@@ -12,17 +12,13 @@ import uvicorn
 
 from drivers.section import host_and_port
 from gateway.cli.beside.heard import heard_at
-from gateway.heard import SiteSeen, SiteSubscription
-from gateway.web import (
-    MachineUse,
-    build_app,
-    check_certificate,
-    check_listening,
-    load_settings,
-)
+from gateway.listeners.web.access import check_certificate, check_listening
+from gateway.listeners.web.app import build_app
+from gateway.listeners.web.settings import MachineUse, load_settings
+from gateway.telemetry.subscriber.site import SiteSeen, SiteSubscription
 
 if TYPE_CHECKING:
-    from gateway.config import GatewayConfig
+    from gateway.config.model import GatewayConfig
 
 _GOODBYE_S = 2
 """Streams never end by themselves: open pages are cut after this time when the page stops."""

@@ -3,5 +3,3 @@
 The commands `scan`, `inspect`, `init`, `probe`, `nc` and `agent-test`. Others use the modules named here; none is
 imported.
 """
-
-__all__ = ["agent_test", "groups", "init", "nc", "probe", "probe_watch"]

@@ -14,10 +14,11 @@ from drivers.section import host_name
 from gateway.cli.conventions.arguments import FiniteNumber
 from gateway.cli.conventions.exits import EXIT_WORLD
 from gateway.cli.conventions.terminal import printable
-from gateway.config import suggestion
+from gateway.config.problems import suggestion
 
 if TYPE_CHECKING:
-    from gateway.agent_test import AgentUnderTest, Moves
+    from gateway.commissioning.agent_test.clause import Moves
+    from gateway.commissioning.agent_test.connection import AgentUnderTest
 
 
 @click.command("agent-test")
@@ -50,7 +51,9 @@ def agent_test(
     agent, or not run. Nothing moves without --offsets or --cycle. Stop the gateway before: an agent serves one client.
     Exit codes: 0 every clause that was tried holds; 1 one does not; 3 there is no agent, or it does not let us in.
     """
-    from gateway.agent_test import CLAUSES, AgentUnderTest, Moves, Unreachable
+    from gateway.commissioning.agent_test.clause import Moves
+    from gateway.commissioning.agent_test.clauses import CLAUSES
+    from gateway.commissioning.agent_test.connection import AgentUnderTest, Unreachable
 
     if unknown := sorted(set(only) - {clause.name for clause in CLAUSES}):
         raise click.UsageError(f"--only {unknown[0]}: {suggestion(unknown[0], (clause.name for clause in CLAUSES))}")
@@ -71,7 +74,8 @@ async def _tell(
     target: "AgentUnderTest", allowed: frozenset["Moves"], only: tuple[str, ...], cycle_limit_s: float
 ) -> int:
     """Print each clause with its result; 0 if all hold, 1 if one does not."""
-    from gateway.agent_test import CLAUSES, ClauseResult, run_clauses
+    from gateway.commissioning.agent_test.clause import ClauseResult
+    from gateway.commissioning.agent_test.clauses import CLAUSES, run_clauses
 
     width = max(len(clause.name) for clause in CLAUSES)
     counted: Counter[ClauseResult] = Counter()

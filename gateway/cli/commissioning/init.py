@@ -32,28 +32,21 @@ from gateway.cli.commissioning.scan import (
 )
 from gateway.cli.conventions.exits import EXIT_WORLD
 from gateway.cli.conventions.terminal import terminal
-from gateway.scan import (
+from gateway.commissioning.scan.can import CanScan, scan_can
+from gateway.commissioning.scan.first import (
     Answers,
-    CanScan,
     ControlAnswers,
     LinuxCncAnswers,
     MtConnectAnswers,
-    Place,
-    ScanPort,
-    ScanProgress,
-    ScanReport,
     SinumerikAnswers,
-    TcpScan,
-    find_ports,
     first_configuration,
-    plan,
     read_answers,
-    scan_can,
-    scan_hosts,
-    scan_line,
-    scanned_host,
     to_confirm,
 )
+from gateway.commissioning.scan.found import Place, ScanProgress, ScanReport
+from gateway.commissioning.scan.ports import ScanPort, find_ports
+from gateway.commissioning.scan.serial import plan, scan_line
+from gateway.commissioning.scan.tcp import TcpScan, scan_hosts, scanned_host
 
 _CONTROLS: Final[Mapping[str, tuple[type[ControlAnswers], Mapping[str, str]]]] = {
     "sinumerik": (

@@ -26,14 +26,15 @@ from drivers.modbus import (
 from drivers.problems import read_settings
 from drivers.profiles import load_profile
 from drivers.section import LONGEST_ANSWER_S
-from gateway.acquisition import number_text
+from gateway.acquisition.text import number_text
 from gateway.cli.commissioning.scan import Host, Numbers
 from gateway.cli.conventions.arguments import FiniteNumber, field_option
 from gateway.cli.conventions.exits import EXIT_WORLD
 from gateway.cli.conventions.terminal import terminal
-from gateway.config import toml_value
-from gateway.polling import contained
-from gateway.scan import ORDERS, Meaning, SeenWords, open_bus, profile_draft, read_words
+from gateway.commissioning.scan.found import open_bus
+from gateway.commissioning.scan.registers import ORDERS, Meaning, SeenWords, profile_draft, read_words
+from gateway.config.wires import toml_value
+from gateway.runtime.boundary import contained
 
 _MOST_ADDRESSES = 1000
 _TIMEOUT_S = 1.0

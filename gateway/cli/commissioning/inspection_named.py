@@ -16,13 +16,14 @@ from drivers.number_types import BYTE_FORMATS, ByteNumber
 from drivers.opcua import NodeName, NodeValue, OpcUaBus, OpcUaBusSettings, node_name
 from drivers.problems import read_settings
 from drivers.section import LONGEST_ANSWER_S
-from gateway.acquisition import number_text
+from gateway.acquisition.text import number_text
 from gateway.cli.commissioning.inspection import Draft, new_file, now_text, write_draft
 from gateway.cli.conventions.arguments import FiniteNumber, field_option
 from gateway.cli.conventions.exits import EXIT_WORLD
 from gateway.cli.conventions.terminal import printable, terminal
-from gateway.polling import contained
-from gateway.scan import node_draft, object_draft, open_bus
+from gateway.commissioning.scan.drafts import node_draft, object_draft
+from gateway.commissioning.scan.found import open_bus
+from gateway.runtime.boundary import contained
 
 _MOST_BYTES = 64
 """Largest size of an object that holds a text."""

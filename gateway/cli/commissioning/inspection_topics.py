@@ -13,14 +13,15 @@ from rich.table import Table
 from drivers.mqtt import MqttBus, MqttBusSettings, TopicMessage
 from drivers.problems import read_settings
 from drivers.section import LONGEST_ANSWER_S
-from gateway.acquisition import number_text
+from gateway.acquisition.text import number_text
 from gateway.cli.commissioning.inspection import Draft, new_file, now_text, write_draft
 from gateway.cli.conventions.arguments import FiniteNumber
 from gateway.cli.conventions.exits import EXIT_WORLD
 from gateway.cli.conventions.terminal import printable, terminal
-from gateway.config import toml_value
-from gateway.polling import contained
-from gateway.scan import SeenTopic, bus_period_s, open_bus, seen_topics, topic_draft
+from gateway.commissioning.scan.found import open_bus
+from gateway.commissioning.scan.topics import SeenTopic, bus_period_s, seen_topics, topic_draft
+from gateway.config.wires import toml_value
+from gateway.runtime.boundary import contained
 
 _MOST_SHOWN = 60
 """Characters of a payload."""

@@ -9,7 +9,7 @@ from drivers.base import SetupError
 from gateway.cli.conventions.arguments import ConfigPath
 
 if TYPE_CHECKING:
-    from gateway.config import GatewayConfig
+    from gateway.config.model import GatewayConfig
 
 
 @click.group()
@@ -29,7 +29,8 @@ def sinumerik_files(config: Path, output: Path) -> None:
     in CONFIG: the gateway refuses a program that keeps to others. docs/nc.md, Nine errors; then the checklist for the
     first hour, docs/first-hour.md.
     """
-    from gateway.config import ConfigError, Problem, load
+    from gateway.config.file import load
+    from gateway.config.problems import ConfigError, Problem
 
     try:
         text = program_of(load(config))
@@ -43,7 +44,7 @@ def sinumerik_files(config: Path, output: Path) -> None:
 def program_of(config: "GatewayConfig") -> str:
     """TALC_ERRORS.SPF. Raises SetupError for another control or route."""
     from drivers.sinumerik import ErrorTerms, SinumerikSettings, errors_program
-    from gateway.config import SinumerikNc
+    from gateway.config.controls import SinumerikNc
 
     if not isinstance(config.nc, SinumerikNc):
         raise SetupError("CONFIG has no control of kind = 'sinumerik'")

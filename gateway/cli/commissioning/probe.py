@@ -10,11 +10,15 @@ from rich.table import Table
 
 from drivers.base import DriverError, Quality
 from drivers.nc import NumericalControl, TriesWriting
-from gateway.acquisition import Line, lines_of, number_text, read_once
+from gateway.acquisition.build import lines_of
+from gateway.acquisition.line import Line
+from gateway.acquisition.once import read_once
+from gateway.acquisition.text import number_text
 from gateway.cli.conventions.terminal import terminal
-from gateway.clock import RealClock
-from gateway.config import GatewayConfig
-from gateway.nc import contained_control, control_of
+from gateway.config.model import GatewayConfig
+from gateway.nc.boundary import contained_control
+from gateway.nc.build import control_of
+from gateway.runtime.clocks import RealClock
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,12 +13,15 @@ from rich.live import Live
 from rich.text import Text
 
 from drivers.base import Quality, Reading
-from gateway.acquisition import Acquisition, Line, lines_of, reading_text
+from gateway.acquisition.acquisition import Acquisition
+from gateway.acquisition.build import lines_of
+from gateway.acquisition.line import Line
+from gateway.acquisition.text import reading_text
 from gateway.cli.conventions.signals import stop_on_signals, until
 from gateway.cli.conventions.terminal import duration_text, terminal
-from gateway.clock import RealClock, ServiceClock
-from gateway.config import GatewayConfig
+from gateway.config.model import GatewayConfig
 from gateway.model.notice import Notice, Notify
+from gateway.runtime.clocks import RealClock, ServiceClock
 
 _WINDOW = 60
 """Number of reads over which rate and jitter are computed."""

@@ -23,22 +23,14 @@ from drivers.section import LONGEST_ANSWER_S, host_and_port
 from gateway.cli.conventions.arguments import SCAN_LIMIT_S, FiniteNumber, field_option, field_type
 from gateway.cli.conventions.signals import stop_on_signals
 from gateway.cli.conventions.terminal import duration_text, terminal
-from gateway.config import ConfigError, Problem, read_text
-from gateway.scan import (
-    CanScan,
-    ScanProgress,
-    ScanReport,
-    TcpScan,
-    check_addable,
-    find_ports,
-    merged,
-    plan,
-    scan_can,
-    scan_hosts,
-    scan_line,
-    scanned_host,
-    scanned_port,
-)
+from gateway.commissioning.scan.can import CanScan, scan_can
+from gateway.commissioning.scan.found import ScanProgress, ScanReport
+from gateway.commissioning.scan.fragment import check_addable, merged
+from gateway.commissioning.scan.ports import find_ports
+from gateway.commissioning.scan.serial import plan, scan_line, scanned_port
+from gateway.commissioning.scan.tcp import TcpScan, scan_hosts, scanned_host
+from gateway.config.problems import ConfigError, Problem
+from gateway.config.reading import read_text
 
 ScanRun = Callable[[ScanProgress, Stopped, bool], Awaitable[ScanReport]]
 """A scan; the argument says whether a report's question was answered with yes."""

@@ -2,5 +2,3 @@
 
 Others use the module named here. It is not imported.
 """
-
-__all__ = ["commands"]

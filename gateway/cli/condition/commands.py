@@ -20,7 +20,7 @@ def status(config: Path, as_json: bool) -> None:
     the database and touches no device.
     """
     from gateway.cli.condition.status import show
-    from gateway.config import load
+    from gateway.config.file import load
 
     sys.exit(0 if show(load(config), as_json) else _EXIT_UNWELL)
 
@@ -36,6 +36,6 @@ def doctor(config: Path) -> None:
     more than at first, sensors that are the same all day. It reads files only.
     """
     from gateway.cli.condition.doctor import show
-    from gateway.config import load
+    from gateway.config.file import load
 
     sys.exit(0 if show(load(config)) else _EXIT_UNWELL)

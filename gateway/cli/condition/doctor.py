@@ -15,11 +15,14 @@ from gateway.cli.condition.doctor_files import spoilt_file, unread_files
 from gateway.cli.condition.doctor_power import power
 from gateway.cli.condition.kernel_files import kernel_text
 from gateway.cli.conventions.terminal import terminal
-from gateway.clock import clock_synchronised
-from gateway.config import GatewayConfig, cautions, credential_problems
+from gateway.config.model import GatewayConfig
+from gateway.config.rules import cautions
+from gateway.config.telemetry_rules import credential_problems
 from gateway.model.codes import NoticeCode
 from gateway.model.text import NOTHING, Text, plain
-from gateway.storage import History, answered
+from gateway.runtime.time_service import clock_synchronised
+from gateway.storage.answers import answered
+from gateway.storage.history import History
 from talc.frame import FloatArray
 from talc.steps import DAY_S, steps_in
 

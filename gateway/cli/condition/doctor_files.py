@@ -12,7 +12,8 @@ from pathlib import Path
 
 from pydantic import BaseModel
 
-from gateway.config import GatewayConfig, Problem
+from gateway.config.model import GatewayConfig
+from gateway.config.problems import Problem
 
 _SECRETS = ("key_file", "key", "private_key", "password_file", "users_file")
 _PUBLIC = ("certificate", "server_certificate", "authority")

@@ -10,11 +10,13 @@ from pathlib import Path
 from drivers.base import Quality
 from gateway.cli.conventions.terminal import duration_text, printable, terminal
 from gateway.cli.running.opening import armed
-from gateway.clock import clock_synchronised
-from gateway.config import GatewayConfig, unarmed
+from gateway.config.consequences import unarmed
+from gateway.config.model import GatewayConfig
 from gateway.model.text import plain
-from gateway.nc import still_wrong
-from gateway.storage import History, answered
+from gateway.nc.problems import still_wrong
+from gateway.runtime.time_service import clock_synchronised
+from gateway.storage.answers import answered
+from gateway.storage.history import History
 from talc.frame import Event, EventKind
 
 _RECENT = timedelta(hours=24)

@@ -2,5 +2,3 @@
 
 Others use the modules named here. None is imported: a command waits only for what it uses.
 """
-
-__all__ = ["arguments", "elsewhere", "exits", "extras", "log", "signals", "terminal"]

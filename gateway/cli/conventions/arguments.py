@@ -13,8 +13,8 @@ from click.core import Context, Parameter
 if TYPE_CHECKING:
     from pydantic import BaseModel
 
-    from gateway.config import GatewayConfig
-    from gateway.telemetry import Access
+    from gateway.config.model import GatewayConfig
+    from gateway.telemetry.session import Access
 
 ConfigPath = click.argument("config", type=click.Path(dir_okay=False, path_type=Path))
 PemPath = click.Path(exists=True, dir_okay=False, path_type=Path)
@@ -48,7 +48,7 @@ class KeyPrefixText(click.ParamType[str]):
 
     def convert(self, value: str, param: Parameter | None, ctx: Context | None) -> str:
         """Raises BadParameter."""
-        from gateway.config import key_prefix
+        from gateway.config.fields import key_prefix
 
         try:
             return key_prefix(value)
@@ -76,7 +76,8 @@ def field_option(
 
 def read_config(path: Path) -> "GatewayConfig":
     """The checked configuration; its warnings go to standard error."""
-    from gateway.config import cautions, load
+    from gateway.config.file import load
+    from gateway.config.rules import cautions
 
     config = load(path)
     for caution in cautions(config):
@@ -86,7 +87,7 @@ def read_config(path: Path) -> "GatewayConfig":
 
 def heard_options(command: Decorated) -> Decorated:
     """Add what says whose telemetry a command shows: CONFIG, or endpoints and a prefix."""
-    from gateway.config import DEFAULT_PREFIX
+    from gateway.config.fields import DEFAULT_PREFIX
 
     options = (
         click.argument("config", type=click.Path(dir_okay=False, path_type=Path), required=False),
@@ -122,7 +123,7 @@ def access_of(
 ) -> "Access":
     """What these options say. Raises UsageError when one is missing."""
     from drivers.section import both_or_neither
-    from gateway.telemetry import Access
+    from gateway.telemetry.session import Access
 
     try:
         both_or_neither("--certificate", certificate, "--key", key)
@@ -171,7 +172,7 @@ def named_units(pairs: tuple[str, ...]) -> dict[str, str]:
 
 def time_unit_of(unit: str, form: str) -> str:
     """The unit of `--time-unit`; empty if it was not given."""
-    from gateway.recordings import TIME_UNITS
+    from gateway.reporting.recordings.times import TIME_UNITS
     from talc.units import plain_unit
 
     unit = plain_unit(unit)
@@ -184,7 +185,7 @@ def time_unit_of(unit: str, form: str) -> str:
 
 def skipped_lines(texts: tuple[str, ...]) -> tuple[tuple[int, int], ...]:
     """First and last of each range of lines of `--skip`."""
-    from gateway.recordings import line_ranges
+    from gateway.reporting.recordings.layout import line_ranges
 
     try:
         return line_ranges(texts)

@@ -5,10 +5,11 @@ import sys
 import click
 
 from drivers.base import DriverError, SetupError
+from gateway.acquisition.wire_log import WireLogError
 from gateway.cli.conventions.elsewhere import CommandsElsewhere
-from gateway.config import ConfigError
-from gateway.recordings import RecordingError, WireLogError
-from gateway.storage import StoreError
+from gateway.config.problems import ConfigError
+from gateway.reporting.recordings.problems import RecordingError
+from gateway.storage.faults import StoreError
 
 EXIT_CONFIG = 2
 """The configuration or the command line is invalid."""

@@ -2,5 +2,3 @@
 
 Others use the modules named here. None is imported.
 """
-
-__all__ = ["commands", "db", "report"]

@@ -19,7 +19,7 @@ from gateway.cli.conventions.arguments import (
     time_zone_of,
 )
 from gateway.cli.conventions.exits import EXIT_DIFFERENT
-from gateway.cli.conventions.extras import need_extra
+from gateway.runtime.extras import need_extra
 
 
 @click.command()
@@ -85,7 +85,10 @@ def replay(
     with gaps (EX0C, ... in µm; EA0C, EB0C, EC0C in µm/m), and every other column is an input. The controller runs on it
     as if it were live and writes the report. The options are for recordings.
     """
-    from gateway.recordings import Columns, TextLayout, TimeFormat, is_database
+    from gateway.reporting.recordings.columns import Columns
+    from gateway.reporting.recordings.files import is_database
+    from gateway.reporting.recordings.layout import TextLayout
+    from gateway.reporting.recordings.times import TimeFormat
 
     if is_database(file):
         from gateway.cli.recorded.replay import show
@@ -154,8 +157,8 @@ def make_prior(
 def report(database: Path, output: Path | None, time_zone: str | None, shifts: str, day: datetime | None) -> None:
     """Write the HTML report of DATABASE and print its table."""
     need_extra("report")
-    from gateway.answers import Reader
     from gateway.cli.recorded.report import write
+    from gateway.service.report_data import Reader
 
     reader = Reader(time_zone_of(time_zone), shifts_of(shifts), None if day is None else day.date())
     write(database, page_path(output, database), reader=reader)

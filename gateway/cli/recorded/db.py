@@ -23,7 +23,8 @@ def db() -> None:
 @Database
 def check(database: Path) -> None:
     """Read all of DATABASE and say what is damaged: pages, rows, snapshots. Exit code 1: something is damaged."""
-    from gateway.storage import History, damage_found
+    from gateway.storage.damage import damage_found
+    from gateway.storage.history import History
 
     with History(database):
         pass
@@ -38,7 +39,7 @@ def check(database: Path) -> None:
 @Database
 def stats(database: Path) -> None:
     """Show what DATABASE contains: rows and size of each table, and the free space in it."""
-    from gateway.storage import History
+    from gateway.storage.history import History
 
     with History(database) as history:
         click.echo(f"{'table':<16}{'rows':>12}{'MB':>10}")
@@ -76,7 +77,7 @@ def export(database: Path, table: str, output: Path) -> None:
 @click.option("-o", "--output", type=click.Path(dir_okay=False, path_type=Path), required=True, help="Must not exist.")
 def backup(database: Path, output: Path) -> None:
     """Copy DATABASE to a file, also while a gateway writes to it; the file appears once it is complete."""
-    from gateway.storage import History
+    from gateway.storage.history import History
 
     if output.exists():
         raise click.UsageError(f"{output} already exists; give another name with -o")

@@ -8,9 +8,14 @@ from pathlib import Path
 import click
 
 from drivers.error_words import in_words
-from gateway.config import GatewayConfig
-from gateway.past import continued, past_of, stored_config
-from gateway.storage import History, Learnt, Reference, StoreError, answered, import_learnt, learnt_text, parse_learnt
+from gateway.config.model import GatewayConfig
+from gateway.control.restart.earlier import past_of, stored_config
+from gateway.control.restart.rebuild import continued
+from gateway.storage.answers import answered
+from gateway.storage.faults import StoreError
+from gateway.storage.history import History
+from gateway.storage.imported import import_learnt
+from gateway.storage.learnt import Learnt, Reference, learnt_text, parse_learnt
 from talc.names import THERMAL_ERRORS
 
 _MB = 1e6

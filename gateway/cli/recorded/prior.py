@@ -11,15 +11,17 @@ from typing import TYPE_CHECKING, NamedTuple
 import click
 import numpy as np
 
-from gateway.cli.conventions.extras import need_extra
-from gateway.past import Rebuilt, rebuilt, start_of, stored_config
-from gateway.storage import History, StoreError
+from gateway.control.restart.earlier import stored_config
+from gateway.control.restart.rebuild import Rebuilt, rebuilt, start_of
+from gateway.runtime.extras import need_extra
+from gateway.storage.faults import StoreError
+from gateway.storage.history import History
 from talc.control import Controller
 from talc.learner import LearnerState, make_prior
 from talc.names import THERMAL_ERRORS
 
 if TYPE_CHECKING:
-    from gateway.collect import CollectedMachine
+    from gateway.listeners.collect.machines import CollectedMachine
 
 
 class _LearntMachine(NamedTuple):
@@ -89,14 +91,14 @@ def _sources(path: Path | str, password_file: Path | None) -> list[_LearntMachin
             machine = stored_config(history).machine
         return [_LearntMachine(machine.name, machine.kind, str(path), partial(_of_database, path))]
     need_extra("parquet")
-    from gateway.collect import machines_in
+    from gateway.listeners.collect.machines import machines_in
 
     return _collected(str(path), machines_in(path))
 
 
 def _of_address(url: str, password_file: Path | None) -> list[_LearntMachine]:
     need_extra("postgres")
-    from gateway.collect import machines_in_database
+    from gateway.listeners.collect.database_machines import machines_in_database
 
     try:
         return _collected(url, machines_in_database(url, password_file))

@@ -11,10 +11,14 @@ import numpy as np
 from rich.progress import Progress
 
 from gateway.cli.conventions.terminal import terminal
-from gateway.config import ConfigError, PriorError, PriorFile, Problem, TalcOnly, described, load_talc_only, prior_for
-from gateway.recordings import Columns, Recording, read_recording, write_table
-from gateway.replay import replay
-from gateway.storage import History
+from gateway.config.prior import PriorError, PriorFile, described, prior_for
+from gateway.config.problems import ConfigError, Problem
+from gateway.config.talc_only import TalcOnly, load_talc_only
+from gateway.control.replay.stored import replay
+from gateway.reporting.recordings.columns import Columns
+from gateway.reporting.recordings.grid import Recording, read_recording
+from gateway.reporting.recordings.table import write_table
+from gateway.storage.history import History
 from talc.names import ERROR_UNITS, MICROMETRE, THERMAL_ERRORS, TINY_UM
 
 _DAY_H = 24.0
@@ -90,8 +94,9 @@ _SAID_OTHERWISE = {
 
 def run_recording(request: Request) -> None:
     """Check the recording, run the controller over it, print the table and write the page."""
-    from gateway.replay import column_named_twice, columns_of, learnt_columns, rehearse_recording
-    from gateway.report import build, summary, table
+    from gateway.control.replay.recorded import column_named_twice, columns_of, learnt_columns, rehearse_recording
+    from gateway.reporting.figures import summary, table
+    from gateway.reporting.page import build
 
     sections = TalcOnly() if request.config is None else load_talc_only(request.config)
     recording = read_recording(request.file, request.columns, sections.grid.step_s)

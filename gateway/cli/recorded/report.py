@@ -2,9 +2,12 @@
 
 from pathlib import Path
 
-from gateway.answers import Reader, collect, empty_page
 from gateway.cli.conventions.terminal import terminal
-from gateway.report import build, picture, summary, table, verdict
+from gateway.reporting.figures import summary, table
+from gateway.reporting.first_lines import verdict
+from gateway.reporting.page import build
+from gateway.reporting.plots import picture
+from gateway.service.report_data import Reader, collect, empty_page
 
 
 def write(database: Path, output: Path, truth: Path | None = None, reader: Reader | None = None) -> None:

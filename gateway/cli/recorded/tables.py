@@ -10,8 +10,9 @@ from pathlib import Path
 
 import click
 
-from gateway.past import stored_config
-from gateway.storage import History, columns
+from gateway.control.restart.earlier import stored_config
+from gateway.storage import columns
+from gateway.storage.history import History
 
 NamedRows = tuple[columns.CellKinds, Iterator[columns.Cells]]
 

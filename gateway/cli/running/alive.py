@@ -9,8 +9,8 @@ from contextlib import AbstractContextManager
 from datetime import datetime
 
 from gateway.cli.running.notify import ServiceManager
-from gateway.clock import ServiceClock
-from gateway.config import GatewayConfig
+from gateway.config.model import GatewayConfig
+from gateway.runtime.clocks import ServiceClock
 
 log = logging.getLogger(__name__)
 

@@ -4,7 +4,8 @@ from collections.abc import Iterator
 from importlib.metadata import version
 
 from gateway.cli.conventions.terminal import counted
-from gateway.config import GatewayConfig, unarmed
+from gateway.config.consequences import unarmed
+from gateway.config.model import GatewayConfig
 from gateway.telemetry import keys
 
 

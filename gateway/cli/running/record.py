@@ -7,13 +7,15 @@ from pathlib import Path
 import click
 
 from drivers.base import Reading
-from gateway.acquisition import Acquisition, lines_of
+from gateway.acquisition.acquisition import Acquisition
+from gateway.acquisition.build import lines_of
+from gateway.acquisition.wire_log import WireLogWriter
 from gateway.cli.conventions.signals import stop_on_signals, until
 from gateway.cli.conventions.terminal import counted, terminal
-from gateway.clock import RealClock
-from gateway.config import GatewayConfig, packed_toml
+from gateway.config.model import GatewayConfig
+from gateway.config.packed import packed_toml
 from gateway.model.notice import Notice
-from gateway.recordings import WireLogWriter
+from gateway.runtime.clocks import RealClock
 
 _LOOK_EVERY_S = 1.0
 """How often the size of the file is checked."""

@@ -5,11 +5,12 @@ import logging
 from pathlib import Path
 
 from drivers.base import DriverError
-from gateway.acquisition import PreparedReload, ReloadError
-from gateway.config import ConfigError, load
+from gateway.acquisition.reload import PreparedReload, ReloadError
+from gateway.config.file import load
+from gateway.config.problems import ConfigError
 from gateway.model.codes import NoticeCode
 from gateway.model.text import Text, plain
-from gateway.service import Service
+from gateway.service.service import Service
 
 log = logging.getLogger(__name__)
 
@@ -38,7 +39,7 @@ class Reloading:
         self._asked.set()
 
     async def ask(self, service: Service) -> Text:
-        """A gateway.control.AskReload: check the file, and begin to apply it."""
+        """A gateway.service.command_taker.AskReload: check the file, and begin to apply it."""
         if self._asked.is_set() or self._checking or self._applying:
             raise ReloadError(Text(NoticeCode.RELOAD_UNDER_WAY))
         signals, self._checking = self._signals, True

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 
-from gateway.apart import UndividedError, divide
+from gateway.acquisition.wire_log import WireLogWriter
 from gateway.cli.conventions.signals import stop_on_signals
 from gateway.cli.running.alive import WatchedClock, feed
 from gateway.cli.running.memory import give_back_large_blocks, spare_what_is_there
@@ -16,12 +16,13 @@ from gateway.cli.running.notify import ServiceManager
 from gateway.cli.running.opening import opening
 from gateway.cli.running.record import not_recorded
 from gateway.cli.running.reloading import Reloading
-from gateway.cli.running.serving import serve
-from gateway.clock import RealClock
-from gateway.config import GatewayConfig, packed_toml
+from gateway.config.model import GatewayConfig
+from gateway.config.packed import packed_toml
 from gateway.model.events import ConfigurationApplied, GatewayEvent
-from gateway.recordings import WireLogWriter
-from gateway.service import Service
+from gateway.runtime.clocks import RealClock
+from gateway.runtime.workers.control_group import UndividedError, divide
+from gateway.service.service import Service
+from gateway.service.serving import serve
 
 log = logging.getLogger(__name__)
 

@@ -10,10 +10,11 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from drivers.base import Quality, Reading
-from gateway.acquisition import Acquisition, Line
-from gateway.clock import RealClock
-from gateway.config import Limits
+from gateway.acquisition.acquisition import Acquisition
+from gateway.acquisition.line import Line
+from gateway.config.sections import Limits
 from gateway.model.notice import Notice
+from gateway.runtime.clocks import RealClock
 from tests.benches.faults.actions import PERIOD_S
 from tests.benches.faults.plant import FaultyPlant
 

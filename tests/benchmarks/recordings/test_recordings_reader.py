@@ -8,8 +8,8 @@ import pytest
 from benchmarks.recordings.description import recordings_in
 from benchmarks.recordings.series import read_series
 from benchmarks.recordings.subject import SHIPPED
-from gateway.config import ConfigError
-from gateway.recordings import RecordingError
+from gateway.config.problems import ConfigError
+from gateway.reporting.recordings.problems import RecordingError
 
 
 def written(folder: Path, toml: str, lines: list[str], name: str = "lathe") -> Path:

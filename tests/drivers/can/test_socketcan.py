@@ -15,8 +15,9 @@ from drivers.base import Bus, ConnectError, Driver, DriverError, Quality, Readin
 from drivers.build import make_device
 from drivers.can.settings import CanInterfaceSettings
 from drivers.can.survey import CanSurvey, Heard
-from gateway.acquisition import Acquisition, Line
-from gateway.clock import RealClock
+from gateway.acquisition.acquisition import Acquisition
+from gateway.acquisition.line import Line
+from gateway.runtime.clocks import RealClock
 from simulators.devices import Cia404Node
 from simulators.devices.can_logger import CanLogger
 from tests.benches.buses import make_bus

@@ -9,9 +9,10 @@ import pytest
 from drivers.base import ConnectError, Quality, Reading, SystemClock
 from drivers.build import make_device
 from drivers.modbus.numbers import Block
-from gateway.acquisition import Acquisition, Line
-from gateway.clock import RealClock
+from gateway.acquisition.acquisition import Acquisition
+from gateway.acquisition.line import Line
 from gateway.model.notice import Notice
+from gateway.runtime.clocks import RealClock
 from tests.benches.modbus_host import modbus_host
 
 pytestmark = pytest.mark.simulated_time

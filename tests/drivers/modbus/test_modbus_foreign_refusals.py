@@ -12,9 +12,10 @@ import pytest
 from drivers.base import BadAnswer, NoAnswer, Quality, Reading, Refused, SystemClock
 from drivers.build import make_device
 from drivers.modbus.numbers import Block
-from gateway.acquisition import Acquisition, Line
-from gateway.clock import RealClock
+from gateway.acquisition.acquisition import Acquisition
+from gateway.acquisition.line import Line
 from gateway.model.notice import Notice
+from gateway.runtime.clocks import RealClock
 from tests.benches.rtu_talk import TWO, RtuPeer, frame, honest, line
 
 pytestmark = pytest.mark.simulated_time

@@ -9,8 +9,9 @@ import pytest
 
 from drivers.base import Bus, Quality, Reading, SystemClock
 from drivers.build import make_device
-from gateway.acquisition import Acquisition, Line
-from gateway.clock import RealClock
+from gateway.acquisition.acquisition import Acquisition
+from gateway.acquisition.line import Line
+from gateway.runtime.clocks import RealClock
 from tests.benches.modbus_host import modbus_host
 from tests.benches.rtu_talk import frame, line
 

@@ -10,10 +10,11 @@ import pytest
 from drivers.base import Busy, NoAnswer, Quality, Reading, SystemClock
 from drivers.build import make_device
 from drivers.modbus.numbers import Block
-from gateway.acquisition import Acquisition, Line
-from gateway.clock import RealClock
+from gateway.acquisition.acquisition import Acquisition
+from gateway.acquisition.line import Line
+from gateway.commissioning.scan.registers import read_words
 from gateway.model.notice import Notice
-from gateway.scan import read_words
+from gateway.runtime.clocks import RealClock
 from tests.benches.modbus_host import modbus_host
 
 pytestmark = pytest.mark.simulated_time

@@ -7,9 +7,10 @@ import pytest
 
 from drivers.base import Quality, Reading, SystemClock
 from drivers.build import make_device
-from gateway.acquisition import Acquisition, Line
-from gateway.clock import RealClock
+from gateway.acquisition.acquisition import Acquisition
+from gateway.acquisition.line import Line
 from gateway.model.notice import Notice
+from gateway.runtime.clocks import RealClock
 from tests.benches.rtu_talk import frame, line
 
 pytestmark = pytest.mark.simulated_time

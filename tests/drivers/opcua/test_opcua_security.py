@@ -17,7 +17,7 @@ from drivers.build import make_device
 from drivers.problems import settings_of
 from drivers.sinumerik import SinumerikSettings
 from drivers.sinumerik.control import Sinumerik
-from gateway.clock import RealClock
+from gateway.runtime.clocks import RealClock
 from simulators.nc import Activity, DayPart, EmulatedControl, LoadCase, MeanLoads, Security, User
 from simulators.nc.access import APPLICATION_URI
 from tests.benches.buses import make_bus

@@ -12,7 +12,7 @@ from drivers.base import DriverError, SystemClock
 from drivers.nc import NcSnapshot, OperatingMode
 from drivers.sinumerik import SinumerikSettings
 from drivers.sinumerik.control import Sinumerik
-from gateway.clock import RealClock
+from gateway.runtime.clocks import RealClock
 from simulators.nc import Activity, DayPart, EmulatedControl, LoadCase, MeanLoads
 from simulators.nc.nck import AUTO, JOG
 from tests.benches.emulated_bench import Rigid

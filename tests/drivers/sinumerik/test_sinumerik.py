@@ -13,7 +13,7 @@ from drivers.nc import OperatingMode, ProbingState
 from drivers.sinumerik.control import Sinumerik
 from drivers.sinumerik.settings import Handshake, SinumerikSettings
 from simulators.nc import User
-from simulators.nc.nck import JOG, R_SPREAD
+from simulators.nc.nck import JOG, R_DRY_RUN, R_REQUEST, R_SPREAD, R_VERSION
 from simulators.nc.variables import ALARMS_SHOWN, DRIVES_ON, AccessRight
 from tests.benches.emulated_bench import POSES, OpcUaBench, expected_deviation_um, sinumerik_bench, wired
 from tests.benches.manual_clock import ManualClock
@@ -121,6 +121,34 @@ async def test_refused_when_an_alarm_is_active(bench: OpcUaBench) -> None:
     assert (await bench.nc.snapshot()).alarms == (21612,)
     bench.control.nck.clear_alarms(bench.clock.now)
     assert (await bench.cycle(2)).state is ProbingState.DONE
+
+
+async def test_an_older_program_gets_no_dry_run_and_its_parameter_stays_with_others(bench: OpcUaBench) -> None:
+    nck = bench.control.nck
+    nck.r[R_VERSION], nck.r[R_DRY_RUN] = 1.0, 7.5
+    with pytest.raises(Refused, match="R89"):
+        await bench.nc.request_probing(1, 50.0)
+    assert (nck.r[R_REQUEST], nck.r[R_DRY_RUN]) == (0.0, 7.5)
+    assert (await bench.cycle(2)).state is ProbingState.DONE
+    assert nck.r[R_DRY_RUN] == 7.5
+
+
+async def test_a_height_that_another_program_changes_makes_no_measurement_and_no_dry_run(
+    bench: OpcUaBench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    nck = bench.control.nck
+    nck.r[R_DRY_RUN] = 60.0  # left behind
+    await bench.nc.request_probing(1)
+    assert nck.r[R_DRY_RUN] == 0.0
+    nck.r[R_DRY_RUN] = 60.0
+    bench.clock.move_to(bench.clock.now + 200.0)
+    with pytest.raises(BadAnswer, match="R63"):
+        await bench.nc.probing_status(1)
+    kept = nck.write_r
+    monkeypatch.setattr(nck, "write_r", lambda number, *told: None if number == R_DRY_RUN else kept(number, *told))
+    with pytest.raises(BadAnswer, match="R63"):
+        await bench.nc.request_probing(2)
+    assert nck.r[R_REQUEST] == 1.0  # nothing was asked
 
 
 async def test_refused_when_the_probe_is_missing(bench: OpcUaBench) -> None:

@@ -15,7 +15,7 @@ from drivers.base import BadAnswer, ConnectError, DriverError, NoAnswer, Refused
 from drivers.nc import OperatingMode, ProbingState, WatchdogTerms
 from drivers.sinumerik.control import Sinumerik
 from drivers.sinumerik.settings import OffsetRoute, Paths, SinumerikSettings, StateNode
-from gateway.clock import RealClock
+from gateway.runtime.clocks import RealClock
 from simulators.nc import Activity, DayPart, EmulatedControl, LoadCase, MeanLoads, User
 from simulators.nc.nck import R_ANSWERS, R_REQUEST, R_RESULT_OF, R_STATE
 from simulators.nc.variables import AccessRight

@@ -16,7 +16,7 @@ from drivers.nc import WatchdogTerms
 from drivers.opcua import OpcUaSession
 from drivers.sinumerik.control import Sinumerik
 from drivers.sinumerik.settings import SinumerikSettings
-from gateway.clock import RealClock
+from gateway.runtime.clocks import RealClock
 from simulators.nc import Activity, DayPart, EmulatedControl, LoadCase, MeanLoads
 from tests.benches.buses import make_bus
 from tests.benches.emulated_bench import Rigid

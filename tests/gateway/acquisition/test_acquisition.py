@@ -10,7 +10,7 @@ import pytest
 
 from drivers.base import BadAnswer, ConnectError, NoAnswer, Quality, Reading, WrongDevice
 from gateway.acquisition.acquisition import Acquisition
-from gateway.config import Limits
+from gateway.config.sections import Limits
 from tests.benches.scripted_bus import ScriptedDevice, ScriptedPlant
 
 

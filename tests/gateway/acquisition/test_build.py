@@ -3,9 +3,10 @@
 import pytest
 
 from drivers.base import Quality, Reading
-from gateway.acquisition import lines_of
+from gateway.acquisition.build import lines_of
 from gateway.acquisition.plausibility import Check
-from gateway.config import Limits, validate
+from gateway.config.extended import validate
+from gateway.config.sections import Limits
 from tests.benches.stepped_clock import EPOCH, SteppedClock
 
 

@@ -7,9 +7,11 @@ from pathlib import Path
 import pytest
 
 from drivers.base import Quality, Reading
-from gateway.acquisition import Acquisition, lines_of
-from gateway.clock import RealClock
-from gateway.config import cautions, load
+from gateway.acquisition.acquisition import Acquisition
+from gateway.acquisition.build import lines_of
+from gateway.config.file import load
+from gateway.config.rules import cautions
+from gateway.runtime.clocks import RealClock
 from tests.benches.fake_agent import KEY, Agent, serving
 
 PROFILE = 'protocol = "agent"\ntitle = "drives"\nunit = "degC"\n[[value]]\nname = "drive-x.temperature"\n'

@@ -3,9 +3,8 @@
 import pytest
 
 from drivers.base import ConnectError, NoAnswer, Quality, WrongDevice
-from gateway.acquisition import read_once
-from gateway.acquisition.once import DeviceAnswer
-from gateway.config import Limits
+from gateway.acquisition.once import DeviceAnswer, read_once
+from gateway.config.sections import Limits
 from tests.benches.scripted_bus import ScriptedPlant
 
 

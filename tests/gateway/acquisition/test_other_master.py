@@ -2,10 +2,11 @@
 
 import logging
 
+from gateway.model.text import plain
 from gateway.acquisition.line import Line
 from gateway.acquisition.reports import LineReports
 from gateway.model.notice import Notice
-from gateway.polling import Problems
+from gateway.runtime.problems import Problems
 from tests.benches.scripted_bus import ScriptedBus
 from tests.benches.stepped_clock import SteppedClock
 
@@ -33,5 +34,5 @@ def test_it_is_a_problem_of_the_line_and_not_of_its_devices() -> None:
             "bus rtu1: another master is on this line: 3 frames (only one may ask; end the other, or connect it to"
             " another line)",
         ),
-        Notice("line of bus rtu1", "bus rtu1: no other master is heard any more", ended=True),
+        Notice("line of bus rtu1", plain("bus rtu1: no other master is heard any more"), ended=True),
     ]

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from drivers.base import Quality, Reading
 from gateway.acquisition.plausibility import Check
-from gateway.config import Limits
+from gateway.config.sections import Limits
 
 
 def judge(check: Check, value: float, at: float, quality: Quality = Quality.GOOD) -> Reading:

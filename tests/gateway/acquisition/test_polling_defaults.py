@@ -6,9 +6,9 @@ from itertools import pairwise
 import pytest
 
 from drivers.base import NoAnswer
-from gateway.acquisition import lines_of
+from gateway.acquisition.build import lines_of
 from gateway.acquisition.line import Line
-from gateway.config import validate
+from gateway.config.extended import validate
 from tests.benches.scripted_bus import ScriptedPlant
 from tests.benches.stepped_clock import SteppedClock
 

@@ -9,7 +9,8 @@ from gateway.acquisition.acquisition import Acquisition
 from gateway.acquisition.build import lines_of
 from gateway.acquisition.line import Line
 from gateway.acquisition.reload import BusChanges, ReloadError, apply, bus_changes, prepare
-from gateway.config import GatewayConfig, parse
+from gateway.config.file import parse
+from gateway.config.model import GatewayConfig
 from tests.benches.logger_files import logger_dbc, logger_profile
 from tests.benches.stepped_clock import SteppedClock
 

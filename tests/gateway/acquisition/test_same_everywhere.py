@@ -12,9 +12,10 @@ import pytest
 from drivers.base import Quality, Reading
 from gateway.acquisition.acquisition import Acquisition
 from gateway.acquisition.build import lines_of
-from gateway.clock import RealClock
-from gateway.config import load
-from gateway.scan import ScanReport, TcpScan, scan_hosts
+from gateway.commissioning.scan.found import ScanReport
+from gateway.commissioning.scan.tcp import TcpScan, scan_hosts
+from gateway.config.file import load
+from gateway.runtime.clocks import RealClock
 from simulators.devices import M7015, Adam6015, Cia404Node, RtuLine, SlcanAdapter, TcpHost
 from simulators.devices.pta8d08 import Pta8d08
 from simulators.devices.source import SensorFault

@@ -7,13 +7,14 @@ from collections.abc import Sequence
 import pytest
 
 from drivers.base import Quality, Reading
-from gateway.acquisition import Acquisition, Sample
+from gateway.acquisition.acquisition import Acquisition
 from gateway.acquisition.board import Board
-from gateway.clock import RealClock
-from gateway.config import parse
+from gateway.acquisition.sample import Sample
+from gateway.config.file import parse
+from gateway.control.restart.earlier import Past
 from gateway.model.events import GatewayEvent, ReadingsTaken
-from gateway.past import Past
-from gateway.service import Service
+from gateway.runtime.clocks import RealClock
+from gateway.service.service import Service
 from simulators.devices import Adam6015, TcpHost
 from talc.control import Controller
 from tests.benches.scripted_bus import ScriptedPlant

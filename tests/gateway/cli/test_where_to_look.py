@@ -4,9 +4,9 @@ from inspect import signature
 
 import pytest
 
-from gateway.client import Machine
-from gateway.config import Telemetry
-from gateway.outlets.settings import SourceSettings
+from gateway.config.telemetry import Telemetry
+from gateway.listeners.outlets.settings import SourceSettings
+from gateway.telemetry.client import Machine
 from tests.benches.command import here
 
 HERE, PREFIX = "tcp/127.0.0.1:7447", "talc"

@@ -7,9 +7,10 @@ from pydantic import BaseModel, ValidationError
 
 from drivers.build import BUS_KINDS
 from drivers.bus_settings import BusSettings
-from gateway.config import AgentNc, LinuxCncNc, MtConnectNc, OtherBus, SinumerikNc
-from gateway.outlets import OutletSettings
-from gateway.outlets.settings import AnyOutlet
+from gateway.config.controls import AgentNc, LinuxCncNc, MtConnectNc, SinumerikNc
+from gateway.config.extensions import OtherBus
+from gateway.listeners.outlets.outlet import OutletSettings
+from gateway.listeners.outlets.settings import AnyOutlet
 
 OUTLETS = get_args(get_args(AnyOutlet)[0])
 SERVERS = {"opcua", "mqtt", "agent"}

@@ -4,7 +4,7 @@ import ssl
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
-from gateway.config import certificate_end, certificate_ends
+from gateway.config.certificates import certificate_end, certificate_ends
 from tests.benches.plant_authority import DAY, PlantAuthority
 from tests.benches.service_file import two_temperatures
 

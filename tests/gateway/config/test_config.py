@@ -13,17 +13,13 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from drivers.build import BUS_KINDS
-from gateway.config import (
-    BusSection,
-    ConfigError,
-    GatewayConfig,
-    cautions,
-    load,
-    parse,
-    stored_configuration,
-)
-from gateway.config.file import from_data
+from gateway.config.buses import BusSection
+from gateway.config.extended import stored_configuration
+from gateway.config.file import from_data, load, parse
+from gateway.config.model import GatewayConfig
+from gateway.config.problems import ConfigError
 from gateway.config.reference import reference
+from gateway.config.rules import cautions
 from simulators.bench import gateway_toml
 from talc.presets import PRESETS
 

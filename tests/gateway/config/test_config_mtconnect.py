@@ -5,10 +5,13 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from gateway.cli import main
-from gateway.clock import RealClock
-from gateway.config import ConfigError, MtConnectNc, parse, unarmed
-from gateway.nc import control_of
+from gateway.cli.main import main
+from gateway.config.consequences import unarmed
+from gateway.config.controls import MtConnectNc
+from gateway.config.file import parse
+from gateway.config.problems import ConfigError
+from gateway.nc.build import control_of
+from gateway.runtime.clocks import RealClock
 from tests.benches.mtconnect_agent import mtconnect_agent
 
 pytestmark = pytest.mark.filterwarnings("ignore:datetime:DeprecationWarning")

@@ -12,8 +12,12 @@ from cryptography.x509.oid import NameOID
 
 from drivers.sinumerik import OffsetRoute, SinumerikSettings, StateNode
 from drivers.sinumerik.settings import Handshake, LeaseParameters
-from gateway.config import ConfigError, GatewayConfig, LinuxCncNc, SinumerikNc, cautions, parse
-from gateway.control import rows_remembered
+from gateway.config.controls import LinuxCncNc, SinumerikNc
+from gateway.config.file import parse
+from gateway.config.model import GatewayConfig
+from gateway.config.problems import ConfigError
+from gateway.config.rules import cautions
+from gateway.control.planned_loads import rows_remembered
 from talc.steps import DAY_S, steps_in
 from tests.benches.one_device import ONE_DEVICE
 

@@ -8,8 +8,11 @@ import pytest
 from click.testing import CliRunner
 from cryptography.x509 import load_pem_x509_certificate
 
-from gateway.cli import main
-from gateway.config import GatewayConfig, cautions, endpoint, parse
+from gateway.cli.main import main
+from gateway.config.file import parse
+from gateway.config.model import GatewayConfig
+from gateway.config.rules import cautions
+from gateway.config.telemetry import endpoint
 from tests.benches.plant_authority import DAY, PlantAuthority
 from tests.benches.service_file import TEXT
 

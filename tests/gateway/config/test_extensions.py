@@ -14,11 +14,15 @@ from click.testing import CliRunner, Result
 
 from drivers.base import BadAnswer, ConnectError, Quality, Refused
 from drivers.nc import WatchdogTerms
-from gateway.acquisition import lines_of, read_once
-from gateway.cli import main
-from gateway.clock import RealClock
-from gateway.config import ConfigError, GatewayConfig, parse, stored_configuration
-from gateway.nc import control_of
+from gateway.acquisition.build import lines_of
+from gateway.acquisition.once import read_once
+from gateway.cli.main import main
+from gateway.config.extended import stored_configuration
+from gateway.config.file import parse
+from gateway.config.model import GatewayConfig
+from gateway.config.problems import ConfigError
+from gateway.nc.build import control_of
+from gateway.runtime.clocks import RealClock
 from tests.benches.extension_package import example_wheel, files_of, install
 from tests.benches.one_device import ONE_DEVICE
 from tests.benches.stream_server import stream_server
@@ -106,7 +110,7 @@ def test_a_stored_configuration_is_read_again_and_has_the_same_fingerprint(examp
     assert stored_configuration(config.canonical()).fingerprint() == config.fingerprint()
 
 
-BASES = "from typing import Literal\nfrom gateway.config import ControlSection, OtherBus\n"
+BASES = "from typing import Literal\nfrom gateway.config.extensions import ControlSection, OtherBus\n"
 ABSTRACT = BASES + 'class It(ControlSection):\n    kind: Literal["strange"]\n'
 WHOLE = ABSTRACT + (
     "    @property\n    def address(self):\n        return ''\n    def known_states(self):\n        return ()\n"
@@ -120,10 +124,13 @@ BROKEN = {
     "syntax error": ("class It(:\n", "SyntaxError: invalid syntax"),
     "exit": ("raise SystemExit(7)\n", "SystemExit: 7"),
     "no such name": ("other = 1\n", "AttributeError: module 'other_package' has no attribute 'It'"),
-    "no class": ("def It(): ...\n", "other_package:It is not a class derived from gateway.config.ControlSection"),
+    "no class": (
+        "def It(): ...\n",
+        "other_package:It is not a class derived from gateway.config.extensions.ControlSection",
+    ),
     "another class": (
         BASES + "class It(OtherBus): ...\n",
-        "other_package:It is not a class derived from gateway.config.ControlSection",
+        "other_package:It is not a class derived from gateway.config.extensions.ControlSection",
     ),
     "abstract": (ABSTRACT, "other_package:It does not define address, control, known_states"),
     "another kind": (

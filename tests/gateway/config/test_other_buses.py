@@ -5,17 +5,18 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner, Result
 
-from gateway.cli import main
 from gateway.cli.condition.doctor import ailments
+from gateway.cli.main import main
 from gateway.cli.running.record import not_recorded
-from gateway.config import cautions, parse
+from gateway.config.file import parse
+from gateway.config.rules import cautions
 from tests.benches.extension_package import files_of, install
 from tests.benches.one_device import ONE_DEVICE
 
 pytestmark = pytest.mark.usefixtures("no_package_stays_loaded")
 
 SERIAL = """from typing import Literal
-from gateway.config import OtherBus
+from gateway.config.extensions import OtherBus
 
 class It(OtherBus):
     kind: Literal["strange"]

@@ -6,8 +6,10 @@ from typing import Any
 
 import pytest
 
-from gateway.acquisition import lines_of
-from gateway.config import ConfigError, GatewayConfig, load
+from gateway.acquisition.build import lines_of
+from gateway.config.file import load
+from gateway.config.model import GatewayConfig
+from gateway.config.problems import ConfigError
 from tests.benches.service_file import MACHINE, m7015, rtu_bus
 from tests.benches.stepped_clock import SteppedClock
 

@@ -5,8 +5,12 @@ from pathlib import Path
 import pytest
 
 from drivers.recognition import Recognition
-from gateway.config import ConfigError, GatewayConfig, load, wires_toml
-from gateway.scan import Found, Place, merged
+from gateway.commissioning.scan.found import Found, Place
+from gateway.commissioning.scan.fragment import merged
+from gateway.config.file import load
+from gateway.config.model import GatewayConfig
+from gateway.config.problems import ConfigError
+from gateway.config.wires import wires_toml
 
 MODULE = Recognition("icpdas_m7015", (0,), "type code 0x20")
 TEXT = """[machine]

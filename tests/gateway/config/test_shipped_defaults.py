@@ -12,7 +12,6 @@ from drivers.mqtt import MqttServer
 from drivers.opcua import OpcUaServer
 from drivers.opcua.settings import with_port
 from drivers.sinumerik.settings import Handshake
-from gateway.config import AgentNc, Compensation, LinuxCncNc, MtConnectNc, Nc, SinumerikNc, Storage
 from gateway.config.buses import (
     AgentSection,
     CanOpenSection,
@@ -25,9 +24,11 @@ from gateway.config.buses import (
     MqttSection,
     OpcUaSection,
 )
-from gateway.outlets.influxdb import InfluxDbSettings
-from gateway.outlets.mqtt import MqttOutletSettings
-from gateway.storage import Store
+from gateway.config.controls import AgentNc, LinuxCncNc, MtConnectNc, Nc, SinumerikNc
+from gateway.config.sections import Compensation, Storage
+from gateway.listeners.outlets.influxdb import InfluxDbSettings
+from gateway.listeners.outlets.mqtt import MqttOutletSettings
+from gateway.storage.store import Store
 
 POLLED = {"period_s": 1.0, "read_limit_s": 10.0, "retry_max_periods": 60}
 WIRE = POLLED | {"timeout_s": 0.5}

@@ -7,15 +7,10 @@ from typing import Any
 
 import pytest
 
-from gateway.config import (
-    inputs_if_known,
-    inputs_of_config,
-    outlined,
-    parse,
-    step_s_of,
-    stored_configuration,
-)
-from gateway.past import from_stored
+from gateway.config.extended import stored_configuration
+from gateway.config.file import parse
+from gateway.config.outline import inputs_if_known, inputs_of_config, outlined, step_s_of
+from gateway.control.restart.earlier import from_stored
 from tests.benches.service_file import MACHINE, adam6015
 
 FILE = Path("gateway.toml")

@@ -7,7 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from gateway.config import ConfigError, load, load_talc_only
+from gateway.config.file import load
+from gateway.config.problems import ConfigError
+from gateway.config.talc_only import load_talc_only
 from tests.benches.service_file import TEXT
 
 

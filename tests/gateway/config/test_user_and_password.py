@@ -7,10 +7,11 @@ from pydantic import BaseModel, ValidationError
 
 from drivers.mqtt import MqttBusSettings
 from drivers.opcua import OpcUaBusSettings
-from gateway.config import SinumerikNc, Telemetry
-from gateway.outlets.influxdb import InfluxDbSettings
-from gateway.outlets.mqtt import MqttOutletSettings
-from gateway.outlets.settings import SourceSettings
+from gateway.config.controls import SinumerikNc
+from gateway.config.telemetry import Telemetry
+from gateway.listeners.outlets.influxdb import InfluxDbSettings
+from gateway.listeners.outlets.mqtt import MqttOutletSettings
+from gateway.listeners.outlets.settings import SourceSettings
 from tests.benches.command import here
 
 OPC_UA = {"url": "opc.tcp://127.0.0.1", "security": "none"}

@@ -11,9 +11,12 @@ import numpy as np
 import pytest
 
 from drivers.base import Quality, Reading
-from gateway.config import Probing
-from gateway.control import GridLoop, GridSampler, Measuring, Schedule, Trainings
-from gateway.probing import schedule_of
+from gateway.config.sections import Probing
+from gateway.control.grid import GridSampler, Schedule
+from gateway.control.loop import GridLoop
+from gateway.control.measuring import Measuring
+from gateway.control.trainer import Trainings
+from gateway.nc.probing.schedule import schedule_of
 from talc.control import Controller
 from talc.frame import FloatArray, Frame, Measurement
 from talc.settings import TalcSettings

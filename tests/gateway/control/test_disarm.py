@@ -5,13 +5,13 @@ from pathlib import Path
 import pytest
 
 from drivers.nc import ProbingState, RequestStatus
-from gateway.acquisition import ReloadError
-from gateway.config import parse
+from gateway.acquisition.reload import ReloadError
+from gateway.config.file import parse
 from gateway.model.commands import Command, CommandName, Disarmed
 from gateway.model.events import CommandGiven
-from gateway.nc import Source
-from gateway.storage import Store
+from gateway.nc.states import Source
 from gateway.storage.mending import Known, mend
+from gateway.storage.store import Store
 from talc.frame import EventKind
 from tests.benches.commanded import CONFIG, NOWHERE, STEP_S, commanded
 from tests.benches.nc_link_bench import LinkBench

@@ -11,8 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.base import Quality, Reading
-from gateway.control import GridSampler, Schedule
-from gateway.control.grid import Instant
+from gateway.control.grid import GridSampler, Instant, Schedule
 from talc.frame import Measurement
 
 UTC_0 = datetime(2026, 3, 2, 6, 2, 10, tzinfo=UTC)  # 130 s into a step

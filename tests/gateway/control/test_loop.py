@@ -10,13 +10,19 @@ import numpy as np
 import pytest
 
 from drivers.nc import OperatingMode, ProbingState, ProgramState, RequestStatus
-from gateway.config import Probing, parse
-from gateway.control import Explanations, GridLoop, GridSampler, Measuring, Schedule, Trainings
+from gateway.config.file import parse
+from gateway.config.sections import Probing
+from gateway.control.explaining import Explanations
+from gateway.control.grid import GridSampler, Schedule
+from gateway.control.loop import GridLoop
+from gateway.control.measuring import Measuring
+from gateway.control.trainer import Trainings
 from gateway.model.events import CompensationStepped, DecisionMade, ForecastMade, FrameMade, ModelsAdopted, ReasonsGiven
-from gateway.nc import Source
-from gateway.probing import ProbingSchedule, Standing, schedule_of
-from gateway.service import Service
-from gateway.storage import Store
+from gateway.nc.probing.schedule import ProbingSchedule, schedule_of
+from gateway.nc.probing.standing import Standing
+from gateway.nc.states import Source
+from gateway.service.service import Service
+from gateway.storage.store import Store
 from talc.control import Controller
 from talc.frame import Decision, EventKind, Frame, Measurement, Phase, Why
 from talc.settings import ControlSettings, LearnerSettings, TalcSettings
@@ -226,7 +232,7 @@ inputs_stale_after_s = 3060.0
     past = restarted(config)
     assert past.missing == {lost: first_k + 290}
     told = KeptEvents()
-    monkeypatch.setattr("gateway.service.control_of", lambda *_: ScriptedControl(clock))
+    monkeypatch.setattr("gateway.service.service.control_of", lambda *_: ScriptedControl(clock))
     link = Service(config, clock, told, past).link
     assert link is not None
     link.follow(replace(made, k=first_k + 300))

@@ -7,7 +7,8 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 
-from gateway.control import PlannedLoads, SeenBefore, SensorWatch, rows_remembered
+from gateway.control.planned_loads import PlannedLoads, rows_remembered
+from gateway.control.sensor_watch import SeenBefore, SensorWatch
 from gateway.model.events import GatewayEvent, SensorsJudged
 from talc.frame import Frame, Frames
 from talc.settings import SensorCheckSettings

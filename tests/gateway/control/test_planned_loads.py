@@ -5,7 +5,7 @@ import asyncio
 import numpy as np
 import pytest
 
-from gateway.control import PlannedLoads
+from gateway.control.planned_loads import PlannedLoads
 from talc.frame import Frame, Frames
 from talc.planned import LoadResponse
 from tests.benches.hot_bearing import BODIES, DAY, NAMES, Array, bodies, work

@@ -10,11 +10,13 @@ import pytest
 from numpy.typing import NDArray
 from rich.console import Console
 
-from gateway.apart import WorkError
 from gateway.cli.beside.view import ViewState, render
-from gateway.control import SeenBefore, SensorWatch
+from gateway.control.sensor_watch import SeenBefore, SensorWatch
 from gateway.model.events import EventReported, GatewayEvent, SensorsJudged
-from gateway.telemetry import Composer, SensorsMessage, decode, encode
+from gateway.runtime.workers.process import WorkError
+from gateway.telemetry.codec import decode, encode
+from gateway.telemetry.compose import Composer
+from gateway.telemetry.messages import SensorsMessage
 from talc.frame import EventKind, FloatArray, Frame, Frames
 from talc.sensor_check import Judgement
 from talc.sensor_model import SensorModel, learn

@@ -1,6 +1,6 @@
 """Training in a separate process: the same models, and a clear message on failure.
 
-The process: tests/gateway/apart/test_process.py.
+The process: tests/gateway/runtime/workers/test_process.py.
 """
 
 import asyncio
@@ -11,11 +11,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gateway.apart import WorkError
-from gateway.config import Probing
-from gateway.control import GridLoop, GridSampler, Measuring, Schedule, Trainings, has_failed
-from gateway.control.trainer import models_of_failure, train_apart
-from gateway.probing import schedule_of
+from gateway.config.sections import Probing
+from gateway.control.grid import GridSampler, Schedule
+from gateway.control.loop import GridLoop
+from gateway.control.measuring import Measuring
+from gateway.control.trainer import Trainings, has_failed, models_of_failure, train_apart
+from gateway.nc.probing.schedule import schedule_of
+from gateway.runtime.workers.process import WorkError
 from talc.control import Controller
 from talc.frame import EventKind, Frame, Measurement, Phase, TrainingJob, Why
 from talc.settings import ControlSettings, TalcSettings, TrainingSettings

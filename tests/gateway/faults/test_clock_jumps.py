@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from drivers.base import Quality, Reading
-from gateway.acquisition import Board
+from gateway.acquisition.board import Board
 from tests.benches.faults.actions import PERIOD_S
 from tests.benches.faults.bench import acquiring, keeps_period, shows_what_was_said
 from tests.benches.faults.plants import PLANTS

@@ -18,9 +18,10 @@ from pathlib import Path
 import pytest
 
 from drivers.base import Quality, Reading
-from gateway.acquisition import Acquisition, Line
-from gateway.clock import RealClock
+from gateway.acquisition.acquisition import Acquisition
+from gateway.acquisition.line import Line
 from gateway.model.notice import Notice
+from gateway.runtime.clocks import RealClock
 from tests.benches.faults.actions import restarted, whole
 from tests.benches.faults.matrix import HARMLESS, MATRIX
 from tests.benches.faults.plant import FaultyPlant

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from drivers.base import Quality
-from gateway.config import Limits
+from gateway.config.sections import Limits
 from tests.benches.faults.actions import PERIOD_S
 from tests.benches.faults.bench import FAULT_PERIODS, acquiring, keeps_period, shows_what_was_said
 from tests.benches.faults.matrix import HARMLESS, Harmless

@@ -29,7 +29,7 @@ from drivers.nc import (
     WatchdogTerms,
 )
 from gateway.nc.boundary import contained_control
-from gateway.polling import UnexpectedError
+from gateway.runtime.boundary import UnexpectedError
 from tests.benches.answering_control import AnsweringControl, AnsweringErrors, AnsweringLate, AnsweringSlopes
 from tests.benches.fake_agent import agent_and_driver
 from tests.benches.nc_link_bench import LinkBench, answer_wrongly, decision

@@ -5,9 +5,10 @@ from pathlib import Path
 import pytest
 
 from drivers.base import WrongDevice
-from gateway.clock import RealClock
-from gateway.config import SinumerikNc, parse
-from gateway.nc import control_of
+from gateway.config.controls import SinumerikNc
+from gateway.config.file import parse
+from gateway.nc.build import control_of
+from gateway.runtime.clocks import RealClock
 from simulators.nc import Activity, DayPart, EmulatedControl, LoadCase, MeanLoads
 from tests.benches.emulated_bench import Rigid
 from tests.benches.one_device import ONE_DEVICE

@@ -7,13 +7,13 @@ import pytest
 
 from drivers.base import NoAnswer
 from drivers.nc import NumericalControl, WatchdogTerms
-from gateway.config import Compensation
+from gateway.config.sections import Compensation
 from gateway.model.notice import Notice
 from gateway.model.text import plain
-from gateway.nc import Identity
 from gateway.nc.lease import Lease
+from gateway.nc.settings import Identity
 from gateway.nc.states import Right
-from gateway.polling import Problems
+from gateway.runtime.problems import Problems
 from tests.benches.stepped_clock import SteppedClock
 
 SILENT, EAR = "NC: its watchdog does not answer the heartbeats", "NC: its watchdog did not receive the heartbeat"
@@ -110,7 +110,7 @@ async def test_the_control_is_told_what_is_declared_and_disarmed_it_does_that(
     bench.lease.disarm(plain("another program wrote"))
     assert bench.lease.taken_back is taken
     assert (bench.lease.right, bench.lease.armed) == (Right.DISARMED, False)
-    assert bench.notices == [Notice("offsets of NC", "another program wrote")]
+    assert bench.notices == [Notice("offsets of NC", plain("another program wrote"))]
     bench.lease.lost()
     await bench.lease.claim()
     await bench.lease.release()
@@ -171,7 +171,7 @@ async def test_what_happened_to_a_write_is_reported_and_it_goes_on() -> None:
     bench = LeaseBench()
     await bench.beats(True)
     bench.lease.tell(plain("a write arrived late"))
-    assert bench.notices == [Notice("late write to NC", "a write arrived late")]
+    assert bench.notices == [Notice("late write to NC", plain("a write arrived late"))]
     assert bench.lease.right is Right.HEARD
 
 

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from gateway.nc import still_wrong
+from gateway.nc.problems import still_wrong
 from tests.benches.nc_link_bench import LinkBench, answer_wrongly, decision
 
 

@@ -2,7 +2,6 @@
 
 import pytest
 
-from gateway.nc import still_wrong
 from gateway.nc.problems import (
     CONNECTED_AGAIN,
     DISARMED,
@@ -11,6 +10,7 @@ from gateway.nc.problems import (
     NOT_CONNECTED,
     NOT_RECEIVED,
     UNRECEIVED,
+    still_wrong,
 )
 
 LOST, REFUSED = f"{NOT_CONNECTED}device nc: silent", f"{NOT_CONNECTED}device nc: refused"

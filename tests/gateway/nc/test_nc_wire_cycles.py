@@ -10,7 +10,7 @@ import pytest
 from drivers.nc import ProbingState
 from drivers.sinumerik import SinumerikSettings
 from drivers.sinumerik.control import Sinumerik
-from gateway.probing import End
+from gateway.nc.probing.cycle import End
 from simulators.nc import ReasonCode
 from simulators.nc.nck import R_REQUEST, R_RESULTS, R_WITHDRAW
 from simulators.nc.variables import ALARMS_SHOWN

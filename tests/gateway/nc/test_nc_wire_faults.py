@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 from drivers.nc import ProbingState
+from gateway.nc.probing.cycle import End
 from gateway.nc.states import Source
-from gateway.probing import End
 from simulators.nc import ReasonCode, User
 from simulators.nc.variables import AccessRight
 from talc.frame import Why

@@ -10,8 +10,8 @@ from typing import TypeVar
 import numpy as np
 import pytest
 
-from gateway.acquisition import ReloadError, bus_changes
-from gateway.config import Compensation, Probing
+from gateway.acquisition.reload import ReloadError, bus_changes
+from gateway.config.sections import Compensation, Probing
 from gateway.nc.states import Source
 from simulators.nc.watchdog import R_OWNER, Logged
 from talc.frame import Decision

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from gateway.model.events import CompensationStepped
-from gateway.storage import Store
+from gateway.storage.store import Store
 from simulators.nc import MeanLoads
 from talc import kinematics
 from talc.frame import Decision, FloatArray

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from drivers.base import Quality
-from gateway.config import Compensation
+from gateway.config.sections import Compensation
 from gateway.nc.states import Source
 from gateway.nc.target import Target
 from gateway.nc.unmodelled import LastMeasured

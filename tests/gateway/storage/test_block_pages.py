@@ -10,12 +10,14 @@ import numpy as np
 import pytest
 
 from drivers.base import Quality
-from gateway.acquisition import Sample
+from gateway.acquisition.sample import Sample
 from gateway.model.events import ReadingsTaken
-from gateway.reading_blocks import ReadingBlock, pack, unpack
-from gateway.storage import QUALITIES, Retention, Store, blocks_page, readings_page
-from gateway.storage.readings import Pruning
+from gateway.model.reading_blocks import ReadingBlock, pack, unpack
+from gateway.storage.block_pages import blocks_page
+from gateway.storage.pages import readings_page
+from gateway.storage.readings import QUALITIES, Pruning, Retention
 from gateway.storage.schema import connect
+from gateway.storage.store import Store
 from tests.benches.stepped_clock import EPOCH, SteppedClock
 
 BEGIN = EPOCH.replace(hour=6, minute=0, second=0, microsecond=0)

@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 
 from gateway.model.events import DecisionMade, FrameMade, MeasurementEnded, ReadingsTaken, ReasonsGiven
-from gateway.storage import Store, StoreError, course_between
+from gateway.storage.course_pages import course_between
+from gateway.storage.faults import StoreError
+from gateway.storage.store import Store
 from talc.frame import Frame, Measurement
 from tests.benches import telemetry_examples as example
 from tests.benches.stepped_clock import SteppedClock

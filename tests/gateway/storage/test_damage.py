@@ -8,10 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gateway.clock import StepTime
+from gateway.control.restart.earlier import past_in
 from gateway.model.events import DecisionMade, FrameMade
-from gateway.past import past_in
-from gateway.storage import History, Store, damage_found
+from gateway.runtime.ages import StepTime
+from gateway.storage.damage import damage_found
+from gateway.storage.history import History
+from gateway.storage.store import Store
 from tests.benches.service_file import two_temperatures
 from tests.benches.spoilt_stores import (
     DAMAGES,

@@ -10,9 +10,12 @@ from pathlib import Path
 import pytest
 
 from gateway.model.events import DecisionMade, FrameMade, MeasurementEnded, ReadingsTaken
-from gateway.storage import History, Store, StoreError, damage_found
+from gateway.storage.damage import damage_found
+from gateway.storage.faults import StoreError
+from gateway.storage.history import History
 from gateway.storage.place import PlaceWatch
 from gateway.storage.schema import connect
+from gateway.storage.store import Store
 from tests.benches import telemetry_examples as example
 from tests.benches.stepped_clock import SteppedClock
 from tests.benches.store_waits import until_all_written

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from gateway.storage import DiskWork, StoreError, answered
-from gateway.storage.answers import long_work
+from gateway.storage.answers import DiskWork, answered, long_work
+from gateway.storage.faults import StoreError
 
 PATH = Path("/disk/gateway.sqlite")
 pytestmark = pytest.mark.simulated_time

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from gateway.model.events import DecisionMade, FrameMade, ProbingRequested
-from gateway.storage import History, Store
+from gateway.storage.history import History
+from gateway.storage.store import Store
 from talc.frame import Decision, FloatArray
 from tests.benches import telemetry_examples as example
 from tests.benches.database import applied

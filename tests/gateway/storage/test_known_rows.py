@@ -22,7 +22,8 @@ from gateway.model.events import (
     ProbingRequested,
 )
 from gateway.model.text import plain
-from gateway.storage import History, Store
+from gateway.storage.history import History
+from gateway.storage.store import Store
 from tests.benches import telemetry_examples as example
 from tests.benches.stepped_clock import SteppedClock
 from tests.benches.store_writer import step

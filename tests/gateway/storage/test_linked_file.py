@@ -4,7 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from gateway.storage import Store, StoreError
+from gateway.storage.faults import StoreError
+from gateway.storage.store import Store
 from tests.benches.spoilt_stores import PAGE, make_whole, restarted
 from tests.benches.stepped_clock import SteppedClock
 

@@ -11,11 +11,12 @@ import numpy as np
 import pytest
 
 from drivers.base import Quality
-from gateway.acquisition import Sample
+from gateway.acquisition.sample import Sample
 from gateway.model.events import ReadingsTaken
-from gateway.storage import Retention, Store, means_page
-from gateway.storage.readings import Pruning
+from gateway.storage.mean_pages import means_page
+from gateway.storage.readings import Pruning, Retention
 from gateway.storage.schema import connect
+from gateway.storage.store import Store
 from tests.benches.stepped_clock import EPOCH, SteppedClock
 
 DAY_S = 86400.0

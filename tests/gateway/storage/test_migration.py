@@ -8,8 +8,10 @@ from pathlib import Path
 import pytest
 
 from gateway.model.events import DecisionMade, FrameMade, ReadingsTaken
-from gateway.storage import History, Store, StoreError
+from gateway.storage.faults import StoreError
+from gateway.storage.history import History
 from gateway.storage.schema import SCHEMA_VERSION
+from gateway.storage.store import Store
 from tests.benches import telemetry_examples as example
 from tests.benches.stepped_clock import SteppedClock
 

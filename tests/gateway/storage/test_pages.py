@@ -8,12 +8,13 @@ from pathlib import Path
 import pytest
 
 from drivers.base import Quality
-from gateway.acquisition import Sample
+from gateway.acquisition.sample import Sample
 from gateway.model.events import ReadingsTaken
-from gateway.storage import Retention, Store, StoreError, readings_page
-from gateway.storage.pages import ReadingsPage
-from gateway.storage.readings import Pruning
+from gateway.storage.faults import StoreError
+from gateway.storage.pages import ReadingsPage, readings_page
+from gateway.storage.readings import Pruning, Retention
 from gateway.storage.schema import connect
+from gateway.storage.store import Store
 from tests.benches.stepped_clock import EPOCH, SteppedClock
 
 CHANNELS = ("a", "b", "c")

@@ -10,14 +10,14 @@ from pathlib import Path
 
 import pytest
 
-from gateway.storage import Store
+from gateway.storage.store import Store
 from tests.benches.stepped_clock import SteppedClock
 
 NOBODY = 65534
 PROGRAM = """
 import sys
 from pathlib import Path
-from gateway.storage import History, StoreError
+from gateway.storage.history import History; from gateway.storage.faults import StoreError
 import os
 if os.geteuid() == 0:
     os.setgid({nobody}), os.setuid({nobody})

@@ -10,13 +10,15 @@ import numpy as np
 import pytest
 
 from drivers.base import Quality
-from gateway.acquisition import Sample
-from gateway.config import Storage
+from gateway.acquisition.sample import Sample
+from gateway.config.sections import Storage
 from gateway.model.events import CompensationStepped, DecisionMade, FrameMade, ReadingsTaken
-from gateway.nc import Source, Step, Write
-from gateway.storage import History, Retention, Store
-from gateway.storage.readings import Channels, Pruning
+from gateway.nc.slew import Step, Write
+from gateway.nc.states import Source
+from gateway.storage.history import History
+from gateway.storage.readings import Channels, Pruning, Retention
 from gateway.storage.schema import connect, make_schema
+from gateway.storage.store import Store
 from talc.frame import Decision, Frame, Phase
 from tests.benches.stepped_clock import EPOCH, SteppedClock
 

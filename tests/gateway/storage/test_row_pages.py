@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 from drivers.base import Quality
-from gateway.acquisition import Sample
-from gateway.config import parse
+from gateway.acquisition.sample import Sample
+from gateway.config.file import parse
 from gateway.model.commands import Command, CommandName, CommandOutcome
 from gateway.model.events import (
     CommandGiven,
@@ -25,10 +25,13 @@ from gateway.model.events import (
     ReasonsGiven,
 )
 from gateway.model.text import plain
-from gateway.probing import Outcome
-from gateway.storage import NUMBERS, Position, Retention, RowsPage, Store, StoreError, rows_after
-from gateway.storage.readings import Pruning
+from gateway.nc.probing.cycle import Outcome
+from gateway.storage.epochs import NUMBERS, Position
+from gateway.storage.faults import StoreError
+from gateway.storage.readings import Pruning, Retention
+from gateway.storage.row_pages import RowsPage, rows_after
 from gateway.storage.schema import connect
+from gateway.storage.store import Store
 from talc.frame import Frame, Measurement, Why
 from tests.benches import telemetry_examples as example
 from tests.benches.service_file import MACHINE, adam6015

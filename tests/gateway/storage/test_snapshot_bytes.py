@@ -10,9 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gateway.config import parse
-from gateway.past import past_in
-from gateway.storage import Snapshot, Store, decode_snapshot
+from gateway.config.file import parse
+from gateway.control.restart.earlier import past_in
+from gateway.storage.snapshot import Snapshot, decode_snapshot
+from gateway.storage.store import Store
 from talc.frame import Frame, Frames
 from tests.benches.service_file import MACHINE, adam6015
 from tests.benches.stepped_clock import SteppedClock

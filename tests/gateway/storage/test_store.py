@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from drivers.base import Quality
-from gateway.acquisition import Sample
+from gateway.acquisition.sample import Sample
 from gateway.model.events import (
     CompensationStepped,
     ConfigurationApplied,
@@ -27,9 +27,13 @@ from gateway.model.events import (
     ReadingsTaken,
 )
 from gateway.model.text import plain
-from gateway.nc import Identity, Source, Step, Write
-from gateway.probing import End, Outcome
-from gateway.storage import History, Store, StoreError, boot_id
+from gateway.nc.probing.cycle import End, Outcome
+from gateway.nc.settings import Identity
+from gateway.nc.slew import Step, Write
+from gateway.nc.states import Source
+from gateway.storage.faults import StoreError
+from gateway.storage.history import History
+from gateway.storage.store import Store, boot_id
 from talc.frame import Decision, Event, EventKind, Frame, Measurement, Phase, Why
 from talc.models import ModelSet
 from tests.benches.database import applied

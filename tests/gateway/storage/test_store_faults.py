@@ -13,10 +13,12 @@ from typing import Any
 import pytest
 
 from drivers.base import Quality
-from gateway.acquisition import Sample
+from gateway.acquisition.sample import Sample
 from gateway.model.events import DecisionMade, FrameMade, ProbingRequested, ReadingsTaken
-from gateway.storage import History, Store, StoreError
+from gateway.storage.faults import StoreError
+from gateway.storage.history import History
 from gateway.storage.schema import make_schema
+from gateway.storage.store import Store
 from gateway.storage.timing import WriterTiming
 from gateway.storage.waiting import Item, Waiting, WaitingKind
 from gateway.storage.writer import DatabaseWriter

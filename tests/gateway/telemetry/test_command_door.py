@@ -7,16 +7,11 @@ import pytest
 
 from gateway.model.commands import UNPROVED, Command, CommandName, CommandOutcome
 from gateway.model.text import plain
-from gateway.telemetry import (
-    AskedQuery,
-    CommandAnswer,
-    CommandDoor,
-    CommandSigner,
-    CommandTerms,
-    Entitled,
-    SignedCommand,
-    decode_answer,
-)
+from gateway.telemetry.answers import CommandAnswer, CommandTerms
+from gateway.telemetry.codec import decode_answer
+from gateway.telemetry.command_door import CommandDoor, Entitled
+from gateway.telemetry.command_signer import CommandSigner, SignedCommand
+from gateway.telemetry.queries import AskedQuery
 from tests.benches.stepped_clock import SteppedClock
 
 KEY, OTHER_KEY = b"a" * 64, b"b" * 64

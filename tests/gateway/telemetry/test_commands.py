@@ -11,14 +11,15 @@ from click.testing import CliRunner
 
 from drivers.base import SystemClock
 from gateway.cli.main import main
-from gateway.client import Machine, MachineError
-from gateway.config import Operator, Telemetry
+from gateway.config.telemetry import Operator, Telemetry
 from gateway.model.commands import Command, CommandName, CommandOutcome, Pause
 from gateway.model.events import Health, HealthChecked, StoreHealth
 from gateway.model.text import plain
-from gateway.nc import NcState
-from gateway.telemetry import CommandSigner, TelemetryPublisher
+from gateway.nc.states import NcState
+from gateway.telemetry.client import Machine, MachineError
 from gateway.telemetry.codec import decode_refusal
+from gateway.telemetry.command_signer import CommandSigner
+from gateway.telemetry.publisher import TelemetryPublisher
 from tests.benches.free_port import free_port
 from tests.benches.telemetry_peer import ROOT
 from tests.benches.zenoh_sessions import client

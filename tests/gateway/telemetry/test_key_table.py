@@ -27,9 +27,13 @@ from gateway.model.events import (
     StoreHealth,
 )
 from gateway.model.text import plain
-from gateway.nc import NcState, Source, Step, Write
-from gateway.probing import Outcome, Outlook, Standing
-from gateway.telemetry import MESSAGE_TYPES, keys
+from gateway.nc.probing.cycle import Outcome
+from gateway.nc.probing.schedule import Outlook
+from gateway.nc.probing.standing import Standing
+from gateway.nc.slew import Step, Write
+from gateway.nc.states import NcState, Source
+from gateway.telemetry import keys
+from gateway.telemetry.codec import MESSAGE_TYPES
 from gateway.telemetry.json_schema import schemas
 from talc.frame import Event, EventKind, Frame, Measurement, Why
 from talc.sensor_check import Judgement

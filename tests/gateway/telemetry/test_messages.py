@@ -25,23 +25,12 @@ from gateway.model.events import (
     ReasonsGiven,
     SensorsJudged,
 )
-from gateway.probing import Outlook
-from gateway.telemetry import (
-    MESSAGE_TYPES,
-    Composer,
-    DecisionMessage,
-    HistoryPage,
-    ProbingMessage,
-    ProbingStanding,
-    ReadingMessage,
-    decode,
-    decode_answer,
-    encode,
-)
-from gateway.telemetry.codec import decode_refusal
-from gateway.telemetry.compose import Dropped, GatewayState
+from gateway.nc.probing.schedule import Outlook
+from gateway.telemetry.answers import HistoryPage
+from gateway.telemetry.codec import MESSAGE_TYPES, decode, decode_answer, decode_refusal, encode
+from gateway.telemetry.compose import Composer, Dropped, GatewayState
 from gateway.telemetry.json_schema import schemas
-from gateway.telemetry.messages import Message
+from gateway.telemetry.messages import DecisionMessage, Message, ProbingMessage, ProbingStanding, ReadingMessage
 from talc.frame import Decision
 from talc.learner import Forecast, Misses, PlannedForecast
 from talc.names import THERMAL_ERRORS

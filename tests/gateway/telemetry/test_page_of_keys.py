@@ -15,12 +15,14 @@ import pytest
 import zenoh
 
 from drivers.base import Quality, SystemClock
-from gateway.answers import history_of
-from gateway.clock import RealClock
-from gateway.config import Telemetry
+from gateway.config.telemetry import Telemetry
 from gateway.model.events import DecisionMade, ReadingsTaken
-from gateway.storage import Store
-from gateway.telemetry import HistoryRequest, TelemetryPublisher, encode
+from gateway.runtime.clocks import RealClock
+from gateway.service.stored_answers import history_of
+from gateway.storage.store import Store
+from gateway.telemetry.codec import encode
+from gateway.telemetry.history_queries import HistoryRequest
+from gateway.telemetry.publisher import TelemetryPublisher
 from tests.benches.free_port import free_port
 from tests.benches.telemetry_examples import DECISION
 from tests.benches.telemetry_peer import reading

@@ -10,31 +10,17 @@ import pytest
 import zenoh
 
 from drivers.base import SystemClock
-from gateway.config import Telemetry
+from gateway.config.telemetry import Telemetry
 from gateway.model.events import EventReported
-from gateway.telemetry import (
-    MESSAGE_TYPES,
-    MOST_ROWS,
-    CoursePage,
-    CourseRequest,
-    CourseSource,
-    HistoryPage,
-    HistoryRequest,
-    HistorySource,
-    PublishedCourse,
-    ReportPage,
-    ReportRequest,
-    StoredColumn,
-    StoredRequest,
-    StoredRows,
-    StoredSource,
-    StoredTable,
-    TelemetryPublisher,
-    decode_answer,
-)
-from gateway.telemetry.codec import decode_refusal
+from gateway.telemetry.answers import CoursePage, HistoryPage, ReportPage, StoredColumn, StoredRows, StoredTable
+from gateway.telemetry.codec import MESSAGE_TYPES, decode_answer, decode_refusal
+from gateway.telemetry.history_queries import CourseRequest, CourseSource, HistoryRequest, HistorySource
 from gateway.telemetry.json_schema import schemas
-from gateway.telemetry.report_queries import ReportSource
+from gateway.telemetry.messages import PublishedCourse
+from gateway.telemetry.publisher import TelemetryPublisher
+from gateway.telemetry.queries import MOST_ROWS
+from gateway.telemetry.report_queries import ReportRequest, ReportSource
+from gateway.telemetry.stored_queries import StoredRequest, StoredSource
 from talc.frame import Event, EventKind
 from tests.benches.free_port import free_port
 from tests.benches.telemetry_peer import ROOT, last_values

@@ -5,11 +5,11 @@ from pathlib import Path
 import pytest
 import zenoh
 
-from gateway.client import Machine, MachineError
-from gateway.collect import SiteNetwork
-from gateway.config import Telemetry
-from gateway.heard import Hearing
-from gateway.telemetry import TelemetryError
+from gateway.config.telemetry import Telemetry
+from gateway.listeners.collect.network import SiteNetwork
+from gateway.telemetry.client import Machine, MachineError
+from gateway.telemetry.session import TelemetryError
+from gateway.telemetry.subscriber.hearing import Hearing
 
 GATEWAY = Path(__file__).parents[3] / "gateway"
 NOWHERE = Telemetry(listen=(), connect=("tcp/127.0.0.1:9",))

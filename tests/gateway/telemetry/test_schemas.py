@@ -9,9 +9,7 @@ from typing import Any
 import pytest
 
 from drivers.base import Quality, SystemClock
-from gateway.answers import course_of, history_of, rows_of
-from gateway.clock import RealClock
-from gateway.config import Operator, Telemetry
+from gateway.config.telemetry import Operator, Telemetry
 from gateway.model.commands import CommandName
 from gateway.model.events import (
     CompensationStepped,
@@ -34,9 +32,13 @@ from gateway.model.events import (
     StoreHealth,
 )
 from gateway.model.text import plain
-from gateway.nc import NcState
-from gateway.storage import Store, boot_id
-from gateway.telemetry import MESSAGE_TYPES, ReportPage, TelemetryPublisher
+from gateway.nc.states import NcState
+from gateway.runtime.clocks import RealClock
+from gateway.service.stored_answers import course_of, history_of, rows_of
+from gateway.storage.store import Store, boot_id
+from gateway.telemetry.answers import ReportPage
+from gateway.telemetry.codec import MESSAGE_TYPES
+from gateway.telemetry.publisher import TelemetryPublisher
 from tests.benches import telemetry_examples as example
 from tests.benches.free_port import free_port
 from tests.benches.schema_faults import schema_faults

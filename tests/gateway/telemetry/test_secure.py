@@ -13,11 +13,15 @@ import pytest
 import zenoh
 
 from drivers.base import SystemClock
-from gateway.client import Machine, MachineError
-from gateway.config import Operator, Telemetry, TelemetryTls
+from gateway.config.telemetry import Operator, Telemetry, TelemetryTls
 from gateway.model.commands import Command, CommandName, CommandOutcome
 from gateway.model.text import plain
-from gateway.telemetry import Access, CommandSigner, HistoryPage, HistoryRequest, TelemetryError, TelemetryPublisher
+from gateway.telemetry.answers import HistoryPage
+from gateway.telemetry.client import Machine, MachineError
+from gateway.telemetry.command_signer import CommandSigner
+from gateway.telemetry.history_queries import HistoryRequest
+from gateway.telemetry.publisher import TelemetryPublisher
+from gateway.telemetry.session import Access, TelemetryError
 from tests.benches.free_port import free_port
 from tests.benches.plant_authority import PlantAuthority
 from tests.benches.telemetry_peer import ROOT, problem

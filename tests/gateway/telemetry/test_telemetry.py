@@ -14,9 +14,10 @@ import pytest
 import zenoh
 
 from drivers.base import Quality
-from gateway.acquisition import Sample
+from gateway.acquisition.sample import Sample
 from gateway.cli.beside.view import ViewState, feeding, render
-from gateway.config import GatewayConfig, parse
+from gateway.config.file import parse
+from gateway.config.model import GatewayConfig
 from gateway.model.events import (
     CompensationStepped,
     ConfigurationApplied,
@@ -27,9 +28,11 @@ from gateway.model.events import (
     ReadingsTaken,
 )
 from gateway.model.text import plain
-from gateway.nc import Source, Step, Write
-from gateway.probing import Outlook, Standing
-from gateway.telemetry import TelemetryError
+from gateway.nc.probing.schedule import Outlook
+from gateway.nc.probing.standing import Standing
+from gateway.nc.slew import Step, Write
+from gateway.nc.states import Source
+from gateway.telemetry.session import TelemetryError
 from talc.frame import Event, EventKind, Frame, Why
 from tests.benches.free_port import free_port
 from tests.benches.service_file import adam6015

@@ -12,8 +12,9 @@ import pytest
 
 from drivers.base import Driver, Quality, Reading, SystemClock
 from drivers.build import make_device
-from gateway.acquisition import Acquisition, Line
-from gateway.clock import RealClock
+from gateway.acquisition.acquisition import Acquisition
+from gateway.acquisition.line import Line
+from gateway.runtime.clocks import RealClock
 from simulators.devices.__main__ import DEVICES, emulate
 from simulators.devices.scenario import SWITCHES, NotOfThisDeviceError, Scenario
 from tests.benches.buses import make_bus

@@ -12,8 +12,8 @@ from drivers.base import Quality, SystemClock
 from drivers.build import make_device
 from drivers.mqtt.packets import publish_packet
 from drivers.section import LONGEST_ANSWER_S
-from gateway.cli.emulated.play import Played, play_bus
-from gateway.recordings import WireEvent, WireLogWriter, read_wire_log
+from gateway.acquisition.wire_log import WireEvent, WireLogWriter, read_wire_log
+from gateway.demo.play import Played, play_bus
 from tests.benches.buses import make_bus
 from tests.benches.mosquitto import LIMIT_S, mosquitto
 

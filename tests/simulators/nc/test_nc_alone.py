@@ -16,10 +16,10 @@ from pathlib import Path
 
 import pytest
 
-from gateway.cli.running.serving import serve
-from gateway.config import parse
+from gateway.config.file import parse
 from gateway.model.events import GatewayEvent, MeasurementEnded
-from gateway.probing import End, Outcome
+from gateway.nc.probing.cycle import End, Outcome
+from gateway.service.serving import serve
 from simulators.devices import Adam6015, TcpHost
 from simulators.nc import Activity, CycleSettings, DayPart, LoadCase, MeanLoads, Nck
 from simulators.nc.alone import REFERENCE_CYCLES, ControlTold, GrowingTable, run_alone

@@ -9,11 +9,13 @@ from click.testing import CliRunner
 from rich.console import Console
 
 from drivers.base import SystemClock
-from gateway.cli import main
 from gateway.cli.beside.view import LiveView, ViewState, render
-from gateway.config import Telemetry, load
+from gateway.cli.main import main
+from gateway.config.file import load
+from gateway.config.telemetry import Telemetry
 from gateway.model.events import EventReported, ReadingsTaken
-from gateway.telemetry import ReadingMessage, StatusMessage, TelemetryPublisher
+from gateway.telemetry.messages import ReadingMessage, StatusMessage
+from gateway.telemetry.publisher import TelemetryPublisher
 from talc.frame import Event, EventKind
 from tests.benches.command import LIMIT_S, beside, here
 from tests.benches.free_port import free_port

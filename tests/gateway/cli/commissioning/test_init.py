@@ -14,11 +14,11 @@ from asyncua.crypto.cert_gen import setup_self_signed_certificate
 from click.testing import CliRunner, Result
 from cryptography.x509.oid import ExtendedKeyUsageOID
 
-from gateway.cli import main
 from gateway.cli.commissioning import init as command
-from gateway.clock import RealClock
-from gateway.config import load
-from gateway.scan import ScanPort
+from gateway.cli.main import main
+from gateway.commissioning.scan.ports import ScanPort
+from gateway.config.file import load
+from gateway.runtime.clocks import RealClock
 from simulators.devices import M7015, Adam6015, RtuLine, TcpHost
 from simulators.nc import Activity, DayPart, EmulatedControl, LoadCase, MeanLoads, Security, User
 from simulators.nc.access import APPLICATION_URI

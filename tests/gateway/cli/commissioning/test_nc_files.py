@@ -6,8 +6,9 @@ import pytest
 from click.testing import CliRunner, Result
 
 from drivers.sinumerik import ErrorTerms, errors_program
-from gateway.cli import main
-from gateway.config import SinumerikNc, load
+from gateway.cli.main import main
+from gateway.config.controls import SinumerikNc
+from gateway.config.file import load
 
 CONFIG = """
 [machine]

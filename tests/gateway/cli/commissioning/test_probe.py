@@ -9,7 +9,7 @@ from click.testing import CliRunner, Result
 from drivers.agent import AgentControl
 from drivers.base import Refused
 from drivers.nc import NcSnapshot
-from gateway.cli import main
+from gateway.cli.main import main
 from gateway.nc import build as nc_build
 from tests.benches.service_file import TEXT
 from tests.benches.stepped_clock import SteppedClock

@@ -18,7 +18,9 @@ import pytest
 
 from drivers.base import Quality, SystemClock
 from drivers.build import make_device
-from gateway.acquisition import Acquisition, Line, Sample
+from gateway.acquisition.acquisition import Acquisition
+from gateway.acquisition.line import Line
+from gateway.acquisition.sample import Sample
 from gateway.cli.commissioning.probe_watch import DeviceFigures, ProbeView
 from simulators.devices import Adam6015, TcpHost
 from simulators.devices.source import SensorFault

@@ -11,12 +11,13 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from gateway.cli import main
 from gateway.cli.condition.doctor import ailments, show
 from gateway.cli.condition.doctor_files import unread_files
-from gateway.config import GatewayConfig, load
+from gateway.cli.main import main
+from gateway.config.file import load
+from gateway.config.model import GatewayConfig
 from gateway.model.events import EventReported, FrameMade, MeasurementEnded
-from gateway.storage import Store
+from gateway.storage.store import Store
 from talc.frame import Event, EventKind, Frame
 from tests.benches.plant_authority import DAY, PlantAuthority
 from tests.benches.stepped_clock import SteppedClock

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from gateway.cli.condition.doctor import ailments
-from gateway.config import load
+from gateway.config.file import load
 from tests.benches.plant_authority import DAY, PlantAuthority
 
 TEXT = """

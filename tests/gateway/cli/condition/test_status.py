@@ -11,10 +11,11 @@ import pytest
 from click.testing import CliRunner
 
 from drivers.base import Quality
-from gateway.acquisition import Sample
-from gateway.cli import main
+from gateway.acquisition.sample import Sample
 from gateway.cli.condition.status import file_system_of, is_locked, status_of
-from gateway.config import GatewayConfig, load
+from gateway.cli.main import main
+from gateway.config.file import load
+from gateway.config.model import GatewayConfig
 from gateway.model.commands import Command, CommandName, CommandOutcome
 from gateway.model.events import (
     CommandGiven,
@@ -26,7 +27,7 @@ from gateway.model.events import (
 )
 from gateway.model.text import plain
 from gateway.nc.problems import CONNECTED_AGAIN, NOT_CONNECTED
-from gateway.storage import Store
+from gateway.storage.store import Store
 from talc.frame import Event, EventKind, Frame
 from tests.benches.command import here
 from tests.benches.service_file import TEXT

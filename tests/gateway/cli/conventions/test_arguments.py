@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import click
 import pytest
 
-from gateway.cli import main
+from gateway.cli.main import main
 from tests.benches.command import here
 
 

@@ -7,9 +7,9 @@ import pytest
 from click.testing import CliRunner
 from rich.table import Table
 
-from gateway.cli import main
 from gateway.cli.conventions import terminal as terminal_module
 from gateway.cli.conventions.terminal import duration_text, terminal
+from gateway.cli.main import main
 
 
 def test_names_with_brackets_stand_as_they_are_also_in_tables() -> None:

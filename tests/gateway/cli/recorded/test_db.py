@@ -12,8 +12,8 @@ import pytest
 from pyarrow import parquet
 
 from drivers.base import Quality
-from gateway.acquisition import Sample
-from gateway.config import parse
+from gateway.acquisition.sample import Sample
+from gateway.config.file import parse
 from gateway.model.commands import Command, CommandName, CommandOutcome
 from gateway.model.events import (
     CommandGiven,
@@ -25,9 +25,11 @@ from gateway.model.events import (
     ReadingsTaken,
 )
 from gateway.model.text import plain
-from gateway.nc import Source, Step, Write
-from gateway.probing import Outcome
-from gateway.storage import History, Store
+from gateway.nc.probing.cycle import Outcome
+from gateway.nc.slew import Step, Write
+from gateway.nc.states import Source
+from gateway.storage.history import History
+from gateway.storage.store import Store
 from talc.control import Controller
 from talc.frame import Event, EventKind, Frame, Measurement, Why
 from tests.benches.command import here

@@ -9,9 +9,11 @@ import pytest
 
 from gateway.cli.running.alive import WatchedClock, feed
 from gateway.cli.running.notify import ServiceManager
-from gateway.config import GatewayConfig, parse, validate
-from gateway.past import Past
-from gateway.service import Service
+from gateway.config.extended import validate
+from gateway.config.file import parse
+from gateway.config.model import GatewayConfig
+from gateway.control.restart.earlier import Past
+from gateway.service.service import Service
 from talc.control import Controller
 from tests.benches.kept_events import KeptEvents
 from tests.benches.manual_clock import ManualClock

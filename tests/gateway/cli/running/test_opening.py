@@ -8,7 +8,8 @@ from typing import Any
 import pytest
 
 from gateway.cli.running.opening import opening
-from gateway.config import GatewayConfig, validate
+from gateway.config.extended import validate
+from gateway.config.model import GatewayConfig
 
 MILL: dict[str, Any] = {
     "machine": {"name": "mill"},

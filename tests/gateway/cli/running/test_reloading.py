@@ -7,11 +7,11 @@ from pathlib import Path
 
 import pytest
 
-from gateway.acquisition import BusChanges, PreparedReload, ReloadError
+from gateway.acquisition.reload import BusChanges, PreparedReload, ReloadError
 from gateway.cli.running.reloading import Reloading
-from gateway.config import load
+from gateway.config.file import load
 from gateway.model.events import ConfigurationApplied
-from gateway.service import Service
+from gateway.service.service import Service
 from talc.frame import EventKind
 from tests.benches.kept_events import KeptEvents
 from tests.benches.reloaded_service import service_of
@@ -112,7 +112,7 @@ class Importers(MetaPathFinder):
         (self.by_the_loop if in_loop else self.by_a_thread).add(name.partition(".")[0])
 
 from gateway.cli.running.reloading import Reloading
-from gateway.service import Service
+from gateway.service.service import Service
 from tests.benches.idle_loop import run
 from tests.benches.kept_events import KeptEvents
 from tests.benches.stepped_clock import SteppedClock

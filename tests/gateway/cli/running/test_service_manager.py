@@ -10,10 +10,10 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from gateway.cli import main
+from gateway.cli.main import main
 from gateway.cli.running.notify import ServiceManager
 from gateway.cli.running.run import ramp_s
-from gateway.config import load
+from gateway.config.file import load
 from tests.benches.service_file import FILE, TEXT
 
 LIMIT_S = 120.0

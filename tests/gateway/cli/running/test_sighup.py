@@ -8,8 +8,8 @@ import sys
 import time
 from pathlib import Path
 
-from gateway.config import load
-from gateway.storage import History
+from gateway.config.file import load
+from gateway.storage.history import History
 from tests.benches.database import applied
 from tests.benches.service_file import UNPUBLISHED, m7015, rtu_bus
 

@@ -1,6 +1,0 @@
-"""Emulated machines and devices, for a gateway on the same computer: `demo` and `play`.
-
-Only these commands use the simulators. Others use the modules named here; none is imported.
-"""
-
-__all__ = ["demo", "demo_linuxcnc", "demo_machine", "play"]

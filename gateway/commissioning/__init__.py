@@ -1,0 +1,1 @@
+"""Before a gateway runs: devices are found, and an agent is tried against its contract."""

@@ -1,0 +1,92 @@
+"""`talc-gateway demo`: an emulated machine in a second process and the gateway in this one, over real protocols."""
+
+import asyncio
+import socket
+
+import click
+from rich.console import Console
+
+from gateway.cli.beside.view import LiveView, ViewState, feeding
+from gateway.cli.conventions.signals import stop_on_signals
+from gateway.cli.conventions.terminal import terminal
+from gateway.cli.recorded.report import write
+from gateway.demo.demo_machine import STEPS_PER_HOUR, Demo, on_emulated_machine
+from gateway.demo.demo_page import PAGE_LOG, demo_page
+from gateway.service.serving import serve
+from simulators.clock import SharedClock
+from talc.presets import PRESETS
+from talc.settings import ControlSettings
+
+_LEAVINGS = (
+    "gateway.sqlite",
+    "gateway.sqlite-wal",
+    "gateway.sqlite-shm",
+    "truth.csv",
+    "clock",
+    "report.html",
+    "report.png",
+    PAGE_LOG,
+)
+_USE = "[machine.bench]\ntolerance_um = 8.0\nsphere_radius_mm = 200.0\nsphere_height_mm = 80.0\n"
+"""What its page knows of it: a job's tolerance, and [probing] of simulators/bench/gateway.toml."""
+
+
+def run_demo(demo: Demo) -> None:
+    """Run it, then print the table and write the report."""
+    _check_calibration(demo)
+    _check_port(demo.zenoh_port)
+    demo.folder.mkdir(parents=True, exist_ok=True)
+    for name in _LEAVINGS:
+        (demo.folder / name).unlink(missing_ok=True)
+    console = terminal()
+    asyncio.run(_run(demo, console))
+    console.print()
+    write(demo.folder / "gateway.sqlite", demo.folder / "report.html", truth=demo.folder / "truth.csv")
+    console.print(f"replay: talc-gateway replay {demo.folder / 'gateway.sqlite'}")
+
+
+async def _run(demo: Demo, console: Console) -> None:
+    async with (
+        demo_page(demo.folder, demo.zenoh_port, _USE) as page,
+        on_emulated_machine(demo) as (config, clock),
+    ):
+        said = "its page: not installed; pip install 'talc-gateway[web]'" if page is None else await page.line()
+        console.print(said, highlight=False, soft_wrap=True)
+        stop = asyncio.Event()
+        stop_on_signals(stop)
+        state = ViewState(machine=config.machine.name)
+        state.progress_until_s = demo.hours * 3600.0
+        view = feeding(state, config.input_names, clock, simulated=True)
+        with LiveView(state, plain=demo.plain):
+            ender = asyncio.create_task(_end_at(clock, demo.hours * 3600.0, stop))
+            try:
+                await serve(config, clock, stop, simulated=True, more=[view], started=lambda _: clock.start())
+            finally:
+                ender.cancel()
+                clock.stop()
+
+
+async def _end_at(clock: SharedClock, time_s: float, stop: asyncio.Event) -> None:
+    await clock.sleep_until(time_s)
+    stop.set()
+
+
+def _check_calibration(demo: Demo) -> None:
+    """Raises UsageError when it is not there, or longer than the run."""
+    if demo.method == "learner":
+        if demo.calibration_hours is not None:
+            raise click.UsageError("--calibration-hours is for --method models and --preset: the learner has none")
+        return
+    control = ControlSettings() if demo.preset is None else PRESETS[demo.preset].control
+    hours = demo.calibration_hours or control.calibration_steps / STEPS_PER_HOUR
+    if hours >= demo.hours:
+        raise click.UsageError(f"the calibration of {hours:g} h leaves no time in --hours {demo.hours:g}")
+
+
+def _check_port(port: int) -> None:
+    with socket.socket() as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind(("127.0.0.1", port))
+        except OSError as error:
+            raise OSError(f"port {port} on 127.0.0.1 cannot be used: {error.strerror}; give --zenoh-port") from error

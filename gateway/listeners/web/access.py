@@ -1,0 +1,162 @@
+"""Access to the page: only this computer, or a known user over TLS; and what responses forbid the browser to do."""
+
+import asyncio
+import hashlib
+import hmac
+import os
+import ssl
+from base64 import b64decode
+from binascii import Error as NotBase64
+from collections import OrderedDict
+from typing import Final
+
+from starlette.datastructures import Headers, MutableHeaders
+from starlette.responses import PlainTextResponse
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from drivers.base import SetupError
+from drivers.bus_settings import is_loopback
+from gateway.listeners.web.settings import Tls, WebSettings
+from gateway.runtime.passwords import matches
+
+HEADERS: Final = {
+    "content-security-policy": (
+        "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; connect-src 'self'; "
+        "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+    ),
+    "x-content-type-options": "nosniff",
+    "referrer-policy": "no-referrer",
+    "cross-origin-opener-policy": "same-origin",
+    "cross-origin-resource-policy": "same-origin",
+    "cache-control": "no-store",
+}
+"""Headers of every answer: nothing but this server's own files is loaded, and no script or style within a page is
+run."""
+_LOOPBACK_NAMES = frozenset({"localhost", "127.0.0.1", "::1"})
+_MOST_REMEMBERED = 100
+_CHECKS_AT_ONCE = 2
+"""Each takes 16 MB."""
+
+
+def check_listening(host: str, settings: WebSettings) -> None:
+    """Raises SetupError for an address beyond this computer without TLS or without users."""
+    if is_loopback(host):
+        return
+    missing = []
+    if settings.tls is None:
+        missing.append("[tls] certificate and key")
+    if not settings.users and settings.proxy is None:
+        missing.append("a name with a password hash under [users], or [proxy]")
+    if missing:
+        raise SetupError(
+            f"--listen {host}: others could reach this address, so the file of --settings must have "
+            f"{' and '.join(missing)}; or listen on 127.0.0.1"
+        )
+
+
+def check_certificate(tls: Tls) -> None:
+    """Raises SetupError for files that cannot be used."""
+    try:
+        ssl.create_default_context(ssl.Purpose.CLIENT_AUTH).load_cert_chain(
+            tls.certificate, tls.key, password=str
+        )  # never asks
+    except OSError as error:  # SSLError is one
+        raise SetupError(
+            f"[tls] certificate {tls.certificate}, key {tls.key}: {error.strerror or error}; expected PEM files "
+            "that belong together, the key without a password"
+        ) from None
+
+
+class Guard:
+    """ASGI middleware: lets in who may look, and adds the headers to every answer.
+
+    Without users and proxy everybody on this computer may look; then the Host header must be a name of this computer,
+    so that no web site can read the page through the operator's browser.
+
+    Parameters
+    ----------
+    app: what is guarded; it finds the name of a known user in the request's state
+    settings: users, proxy, hosts
+    """
+
+    def __init__(self, app: ASGIApp, settings: WebSettings) -> None:
+        self._app, self._settings = app, settings
+        self._hosts = _LOOPBACK_NAMES | {host.lower() for host in settings.hosts}
+        self._secret = os.urandom(32)
+        self._known: OrderedDict[bytes, None] = OrderedDict()
+        """Digests of what was found right: a stream and its files are not hashed for seconds again and again."""
+        self._checks = asyncio.Semaphore(_CHECKS_AT_ONCE)
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer, or refuse."""
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+
+        async def with_headers(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                headers = MutableHeaders(scope=message)
+                for key, value in HEADERS.items():
+                    headers.setdefault(key, value)
+            await send(message)
+
+        refused = await self._refusal(scope)
+        await (refused or self._app)(scope, receive, with_headers)
+
+    async def _refusal(self, scope: Scope) -> PlainTextResponse | None:
+        headers, settings = Headers(scope=scope), self._settings
+        if not self._is_method_of(scope):
+            return PlainTextResponse("This page is read-only.", 405, {"allow": "GET, HEAD"})
+        if not settings.users and settings.proxy is None:
+            if _host_name(headers.get("host", "")) in self._hosts:
+                return None
+            return PlainTextResponse("This name is not among `hosts` of the page's settings.", 421)
+        client = scope.get("client")
+        if settings.proxy is not None and client is not None and client[0] in settings.proxy.addresses:
+            named = headers.getlist(settings.proxy.header)
+            if len(named) == 1 and named[0].strip():
+                scope.setdefault("state", {})["user"] = named[0].strip()
+                return None
+        if settings.users and (user := await self._known_user(headers.get("authorization", ""))) is not None:
+            scope.setdefault("state", {})["user"] = user
+            return None
+        if not settings.users:
+            return PlainTextResponse("The proxy has named no user.", 403)
+        return PlainTextResponse(
+            "A name and a password are needed.",
+            401,
+            {"www-authenticate": 'Basic realm="talc-gateway", charset="UTF-8"'},
+        )
+
+    def _is_method_of(self, scope: Scope) -> bool:
+        commands = bool(self._settings.operators) and scope["path"].startswith("/command/")
+        return scope["method"] in (("POST",) if commands else ("GET", "HEAD"))
+
+    async def _known_user(self, authorization: str) -> str | None:
+        scheme, _, given = authorization.partition(" ")
+        if scheme.lower() != "basic":
+            return None
+        try:
+            user, colon, password = b64decode(given.strip(), validate=True).decode().partition(":")
+        except (NotBase64, UnicodeDecodeError, ValueError):
+            return None
+        wanted = self._settings.users.get(user)
+        if wanted is None or not colon:
+            return None
+        digest = hmac.digest(self._secret, f"{user}:{password}".encode(), hashlib.sha256)
+        if digest in self._known:
+            return user
+        async with self._checks:
+            right = await asyncio.to_thread(matches, password, wanted)
+        if right:
+            self._known[digest] = None
+            if len(self._known) > _MOST_REMEMBERED:
+                self._known.popitem(last=False)
+        return user if right else None
+
+
+def _host_name(host: str) -> str:
+    """The name in a Host header, without its port."""
+    if host.startswith("["):
+        return host[1:].partition("]")[0].lower()
+    return host.partition(":")[0].lower()

@@ -1,0 +1,271 @@
+"""The next hours at the tool, from the published forecast, and what would help more: wait, measure or warm up.
+
+A forecast claims no more than earlier ones have achieved: its ends are widened by how far such forecasts have been off,
+and nothing is said of a time for which forecasts have not been compared with what came for long enough.
+"""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+
+import numpy as np
+
+from gateway.listeners.web.at_tool import ToolError, half_width, left_with, moved
+from gateway.listeners.web.sentences import Amount, Atom, Sentence, ToldName, Word, at, um
+from gateway.telemetry.messages import ForecastMessage, PublishedCourse
+from gateway.telemetry.subscriber.instants import instant
+from gateway.telemetry.subscriber.machine import MachineSeen, applied, believable
+from talc.frame import BoolArray, FloatArray
+from talc.indicators import TWO_SIDED_95
+from talc.names import THERMAL_ERRORS
+
+WAIT_S, WARM_S = 1800.0, 7200.0
+"""What waiting is judged after, and how long a warm-up takes."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AheadError:
+    """The error at the tool at S later times, (S, 3) each, µm; NaN: unknown."""
+
+    at: tuple[datetime, ...]
+    seconds: tuple[float, ...]
+    without: FloatArray
+    half: FloatArray
+    """Half of the 95 % interval of `without`, with what forecasts have been off."""
+    far: FloatArray
+    """The far end of what is left."""
+    low: FloatArray
+    """The least and the most that `far` will be, judged by the errors of earlier forecasts."""
+    high: FloatArray
+    measured_far: FloatArray
+    """`far` if the machine is measured now."""
+    waiting_half: FloatArray
+    """Half of the 95 % interval if it is not measured, as the learner says it; likewise if it is measured now."""
+    measured_half: FloatArray
+    usual_far: FloatArray
+    """`far` if the inputs have their usual values from now on."""
+
+    def known(self) -> BoolArray:
+        """(S,) whether earlier forecasts tell how far this one may be off."""
+        return np.asarray(np.isfinite(self.high).all(axis=1), dtype=np.bool_)
+
+
+def ahead(seen: MachineSeen, matrix: FloatArray) -> AheadError | None:
+    """At one place; None: no forecast belongs to the latest estimate."""
+    message = seen.forecast
+    if message is None or seen.decision is None or not message.ahead_s:
+        return None
+    if seen.decision.k - message.k not in (0, 1):  # it follows its decision
+        return None
+    made = instant(message.time)
+    return None if made is None or not _whole(message) else _ahead(seen, message, message.stays, made, matrix)
+
+
+def planned_ahead(seen: MachineSeen, matrix: FloatArray) -> dict[str, AheadError | None]:
+    """The same by planned load, if it runs from now on; None: it is not known yet what this load does."""
+    message = seen.forecast
+    if message is None or (made := instant(message.time)) is None or ahead(seen, matrix) is None:
+        return {}
+    return {
+        name: _ahead(seen, message, courses, made, matrix) if _complete(courses, len(message.ahead_s)) else None
+        for name, courses in message.planned.items()
+    }
+
+
+def _ahead(
+    seen: MachineSeen, message: ForecastMessage, courses: dict[str, PublishedCourse], made: datetime, matrix: FloatArray
+) -> AheadError:
+    now = applied(seen.compensation)
+    value, sigma = _columns(courses)
+    usual_value, usual_sigma = _columns(message.usual)
+    measured = _stacked([message.measured[error] for error in THERMAL_ERRORS])
+    missed, sigma_missed = _columns(message.missed)
+    without, half, measured_half = moved(matrix, value), half_width(matrix, sigma), half_width(matrix, measured)
+    left = left_with(without, now)
+    far = np.abs(left) + half
+    if now.following:
+        spread = TWO_SIDED_95 * sigma_missed
+        high = np.abs(left) + half_width(matrix, sigma + spread)
+        low = np.abs(left) + half_width(matrix, np.maximum(sigma - spread, 0.0))
+    else:
+        off = half_width(matrix, missed)
+        high = np.abs(left) + half_width(matrix, np.hypot(sigma, missed))
+        low = np.maximum(np.abs(left) - off, 0.0) + half
+    return AheadError(
+        at=tuple(made + timedelta(seconds=s) for s in message.ahead_s),
+        seconds=message.ahead_s,
+        without=without,
+        half=half_width(matrix, np.hypot(sigma, missed)),
+        far=far,
+        low=low,
+        high=high,
+        measured_far=np.abs(left) + measured_half,
+        waiting_half=half,
+        measured_half=measured_half,
+        usual_far=np.abs(left_with(moved(matrix, usual_value), now)) + half_width(matrix, usual_sigma),
+    )
+
+
+def _whole(message: ForecastMessage) -> bool:
+    """Whether each error has a number, or null, for each time; others may publish too."""
+    size = len(message.ahead_s)
+    courses = [
+        column
+        for table in (message.stays, message.usual, message.missed)
+        for error in THERMAL_ERRORS
+        if (course := table.get(error)) is not None
+        for column in (course.value, course.sigma)
+    ] + [message.measured.get(error, []) for error in THERMAL_ERRORS]
+    within = all(0.0 < s < 7 * 86400.0 for s in message.ahead_s)
+    return within and len(courses) == 7 * len(THERMAL_ERRORS) and all(len(column) == size for column in courses)
+
+
+def _complete(courses: dict[str, PublishedCourse], size: int) -> bool:
+    return all(
+        error in courses and len(courses[error].value) == len(courses[error].sigma) == size for error in THERMAL_ERRORS
+    )
+
+
+def _columns(courses: dict[str, PublishedCourse]) -> tuple[FloatArray, FloatArray]:
+    """(S, 9) values and sigmas."""
+    own = [courses[error] for error in THERMAL_ERRORS]
+    return _stacked([course.value for course in own]), _stacked([course.sigma for course in own])
+
+
+def _stacked(columns: list[list[float | None]]) -> FloatArray:
+    """(S, 9)"""
+    return np.array([[believable(v) for v in column] for column in columns], dtype=np.float64).T
+
+
+def when(coming: AheadError | None, tolerance_um: float, *, ready: bool) -> Iterator[Sentence]:
+    """When it will be ready, or until when it stays so."""
+    if coming is None:
+        yield Sentence("when.stays_unknown" if ready else "when.no_forecast")
+        return
+    known = coming.known()
+    surely = known & (coming.high <= tolerance_um).all(axis=1)
+    if ready:
+        stays = int(np.argmin(np.append(surely, False)))
+        yield Sentence("when.stays", {"at": at(coming.at[stays - 1])}) if stays else Sentence("when.stays_unknown")
+        return
+    if surely.any():
+        first = int(np.argmax(surely))
+        yield Sentence("when.ready", {"at": at(coming.at[first]), "far": _worst(coming.high[first])})
+        return
+    if not known.any():
+        yield Sentence("when.not_checked")
+        return
+    never = known & (coming.low > tolerance_um).any(axis=1)
+    until = int(np.argmin(np.append(never, False)))
+    if until == len(coming.at):
+        yield Sentence("when.not_within", {"at": at(coming.at[-1])})
+        return
+    off: dict[str, Atom] = {"off": _worst((coming.high - coming.far)[known])}
+    if until:
+        yield Sentence("when.not_before", off | {"at": at(coming.at[until - 1])})
+    else:
+        yield Sentence("when.not_foreseeable", off)
+
+
+def planned(loads: dict[str, AheadError | None], tolerance_um: float, *, ready: bool) -> Iterator[Sentence]:
+    """When it will be ready under each planned load, or until when it stays so."""
+    for load, coming in loads.items():
+        values: dict[str, Atom] = {"load": ToldName(load)}
+        if coming is None:
+            yield Sentence("planned.unknown", values)
+            continue
+        known = coming.known()
+        surely = known & (coming.high <= tolerance_um).all(axis=1)
+        if not known.any():
+            yield Sentence("planned.not_checked", values)
+        elif ready:
+            stays = int(np.argmin(np.append(surely, False)))
+            if stays:
+                yield Sentence("planned.stays", values | {"at": at(coming.at[stays - 1])})
+            else:
+                yield Sentence("planned.may_leave", values | {"at": at(coming.at[0]), "far": _worst(coming.high[0])})
+        elif surely.any():
+            first = int(np.argmax(surely))
+            yield Sentence("planned.ready", values | {"at": at(coming.at[first]), "far": _worst(coming.high[first])})
+        else:
+            last = int(np.flatnonzero(known)[-1])
+            least, most = _worst(coming.low[last]), _worst(coming.high[last])
+            yield Sentence("planned.not_certain", values | {"at": at(coming.at[last]), "low": least, "high": most})
+
+
+def _worst(values: FloatArray) -> Amount:
+    return um(float(np.max(values)))
+
+
+@dataclass(frozen=True, slots=True)
+class Option:
+    """One thing that may be done."""
+
+    what: str
+    """Key of the catalogue."""
+    far_um: float
+    """The far end of what is then left, in the worst axis; NaN: unknown."""
+    off_um: float
+    """How far that may be wrong."""
+    gain_um: float
+    """By how much it reduces what is left now."""
+
+    @property
+    def counts(self) -> bool:
+        """Whether its gain is larger than the possible error of that."""
+        return self.gain_um > self.off_um  # NaN compares false
+
+
+def options(now: ToolError, coming: AheadError) -> tuple[Option, ...]:
+    """Wait, measure, warm up."""
+    seconds = np.array(coming.seconds)
+    soon, later = (int(np.argmin(np.abs(seconds - s))) for s in (WAIT_S, WARM_S))
+    off, here = np.max(coming.high - coming.far, axis=1), float(np.max(now.far))
+    probed = now.far - (coming.far[soon] - coming.measured_far[soon])
+    found = (
+        ("help.wait", float(np.max(coming.far[soon])), float(off[soon])),
+        ("help.probe", float(np.max(probed)), 0.0),
+        ("help.warm", float(np.max(coming.usual_far[later])), float(off[later])),
+    )
+    return tuple(Option(what, far, wrong, here - far) for what, far, wrong in found)
+
+
+def advice(now: ToolError | None, coming: AheadError | None, tolerance_um: float, *, ready: bool) -> Iterator[Sentence]:
+    """What would help more, and by how much; and when warming up brings nothing more."""
+    if now is None or coming is None or not np.isfinite(now.far).all():
+        return
+    choices = options(now, coming)
+    if not ready:
+        best = max(choices, key=lambda each: each.gain_um if each.counts else -math.inf)
+        if best.counts:
+            yield Sentence("help.best", {"what": Word(best.what), "gain": um(best.gain_um)})
+        for each in choices:
+            yield _said(each, tolerance_um)
+        if not best.counts and all(math.isfinite(each.off_um) for each in choices):
+            yield Sentence("help.nothing")
+    if _settled(now, coming) and not choices[-1].counts:
+        yield Sentence("help.stop")
+
+
+def _said(option: Option, tolerance_um: float) -> Sentence:
+    what = Word(option.what)
+    if not (math.isfinite(option.far_um) and math.isfinite(option.off_um)):
+        return Sentence("help.unforeseeable", {"what": what})
+    values: dict[str, Atom] = {
+        "what": what,
+        "far": um(option.far_um),
+        "gain": um(-option.gain_um, sign=True),
+        "off": um(option.off_um),
+    }
+    if option.far_um + option.off_um <= tolerance_um:
+        return Sentence("help.enough", values)
+    return Sentence("help.option" if option.counts else "help.little", values)
+
+
+def _settled(now: ToolError, coming: AheadError) -> bool:
+    """Whether nothing gained within two hours is larger than the forecast's own error."""
+    near = np.array(coming.seconds) <= WARM_S
+    gain = np.max(now.far) - np.max(coming.far[near], axis=1)
+    off = np.max(coming.high - coming.far, axis=1)[near]
+    return bool(near.any() and (gain <= off).all())  # NaN compares false

@@ -1,0 +1,349 @@
+"""The parts of the page below the first: what it waits for, heat, health, events. Samples in, sentences out."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+from statistics import median
+from typing import Literal
+
+from drivers.base import Quality
+from gateway.listeners.web.sentences import Amount, Atom, SaidRow, Sentence, ToldName, Word, at, in_each, name, told, um
+from gateway.model.notice import finding_text
+from gateway.model.text import Text, plain, restored
+from gateway.nc.probing.standing import Standing
+from gateway.nc.states import NcState, Source
+from gateway.telemetry.fields import text_from, texts_from
+from gateway.telemetry.messages import (
+    MeasurementMessage,
+    ProbingStanding,
+    SensorFinding,
+    StatusMessage,
+    StorageStanding,
+)
+from gateway.telemetry.subscriber.instants import instant
+from gateway.telemetry.subscriber.machine import MachineSeen, believable
+from talc.frame import EventKind
+from talc.names import ERROR_UNITS, LEAST_NAMED, MOST_NAMED, THERMAL_ERRORS
+from talc.sensor_check import Finding
+
+_CELSIUS = "°C"
+_BODIES = {
+    "spindle": {"spindle", "head"},
+    "column": {"column", "frame"},
+    "bed": {"bed", "base"},
+    "cradle": {"a", "cradle"},
+    "table": {"c", "table"},
+    "slides": {"x", "y", "z"},
+    "fluids": {"coolant", "fluid", "oil"},
+    "ambient": {"ambient", "space", "air", "room"},
+}
+"""Part of the sketch to words in the names of its channels; the first that fits."""
+_BAD = frozenset({EventKind.PROBLEM, EventKind.MEASUREMENT_REJECTED, EventKind.MODEL_REJECTED})
+_NC_MARKS: dict[str, str] = {NcState.READY: "good", NcState.PROBING: "good", NcState.NONE: ""}
+"""Marks of the control's states; any other is a notice."""
+_RENEW_DAYS, _URGENT_DAYS = 30, 7
+_NOTABLE = frozenset({EventKind.OPERATOR, EventKind.SENSOR_SUSPECT, EventKind.LIMIT_EXCEEDED, EventKind.COMMAND})
+
+
+def waits(seen: MachineSeen) -> Iterator[SaidRow]:
+    """What is not armed, phase, next probing and why, what blocks it, what the operator should do."""
+    for text in seen.unarmed:
+        yield SaidRow("label.unarmed", told(text), "notice")
+    if seen.decision is not None:
+        yield SaidRow("label.phase", Sentence("sentence.word", {"word": Word(f"phase.{seen.decision.phase}")}))
+    status = seen.status
+    for text in () if status is None else texts_from(status.waits_for, status.waits_for_coded):
+        yield SaidRow("label.first", told(text), "notice")
+    yield from _standing(seen.probing)
+    expected = None if seen.reasons is None else seen.at_k(seen.reasons.next_k)
+    if seen.reasons is not None and expected is not None:
+        why = Word(f"why.{seen.reasons.next_why}")
+        yield SaidRow("label.next", Sentence("next.expected", {"at": at(expected), "why": why}))
+    yield _last(seen.last_measurement)
+
+
+def _standing(standing: ProbingStanding | None) -> Iterator[SaidRow]:
+    if standing is None:
+        yield SaidRow("label.probing", Sentence("probing.nothing_heard"))
+        return
+    wanted = Sentence("sentence.word", {"word": Word(f"standing.{standing.standing}")})
+    yield SaidRow("label.probing", wanted, "notice" if standing.standing == Standing.BLOCKED else "")
+    if standing.why is not None:
+        yield SaidRow("label.why", Sentence("sentence.word", {"word": Word(f"why.{standing.why}")}))
+    if standing.reason:
+        yield SaidRow(
+            "label.waits_for",
+            told(text_from(standing.reason, standing.reason_coded)),
+            "notice" if standing.standing == Standing.BLOCKED else "",
+        )
+    if standing.rejected:
+        yield SaidRow("label.rejected", Sentence("probing.rejected", {"n": Amount(standing.rejected, d=0)}), "bad")
+    if standing.operator:
+        yield SaidRow("label.operator", told(text_from(standing.operator, standing.operator_coded)), "notice")
+
+
+def _last(message: MeasurementMessage | None) -> SaidRow:
+    if message is None:
+        return SaidRow("label.last", Sentence("last.none"))
+    ended = at(datetime.fromisoformat(message.ended))
+    if message.errors is None:
+        reason = in_each(text_from(message.reason, message.reason_coded))
+        return SaidRow("label.last", Sentence("last.failed", {"at": ended, "reason": reason}), "bad")
+    return SaidRow("label.last", Sentence("last.used", {"at": ended}), "good")
+
+
+@dataclass(frozen=True, slots=True)
+class ShownChannel:
+    """One reading, or why there is none."""
+
+    channel: str
+    value: Amount | None
+    quality: str
+    """Key of the catalogue."""
+    good: bool
+    detail: str
+    body: str
+    """Part of the machine in the sketch, by its name; empty: none."""
+
+
+@dataclass(frozen=True, slots=True)
+class DrivenError:
+    """What moves one thermal error now."""
+
+    error: str
+    estimate: Amount
+    corrected: bool
+    movers: tuple[tuple[str, Amount], ...]
+    """Names of inputs and by how much, the largest first."""
+
+
+def channels(seen: MachineSeen) -> Iterator[ShownChannel]:
+    """Every channel, those that are not good first, then the temperatures."""
+    shown = [
+        ShownChannel(
+            r.channel,
+            None if r.value is None else Amount(r.value, _unit(r.unit), d=1),
+            f"quality.{r.quality}",
+            r.quality == Quality.GOOD,
+            r.detail,
+            _body(r.channel),
+        )
+        for r in seen.readings.values()
+    ]
+    yield from sorted(shown, key=lambda c: (c.good, c.value is None or c.value.u != _CELSIUS, c.channel))
+
+
+def _body(channel: str) -> str:
+    """The part of the machine that a channel's name tells, as `bed_front_left` does."""
+    words = channel.lower().replace("-", "_").split("_")
+    return next((body for body, told in _BODIES.items() if told & set(words)), "")
+
+
+def driven(seen: MachineSeen) -> Iterator[DrivenError]:
+    """By thermal error that has an estimate, what moves it now."""
+    reasons = {} if seen.reasons is None else seen.reasons.errors
+    for error in THERMAL_ERRORS:
+        reason = reasons.get(error)
+        if reason is None or reason.estimate is None:
+            continue
+        unit = ERROR_UNITS[error]
+        moving = [(i, v) for i, v in reason.inputs.items() if v is not None and abs(v) >= LEAST_NAMED]
+        largest = sorted(moving, key=lambda each: -abs(each[1]))[:MOST_NAMED]
+        movers = tuple((i, Amount(v, unit, sign=True)) for i, v in largest)
+        yield DrivenError(error, Amount(reason.estimate, unit, sign=True), reason.trusted, movers)
+
+
+def doubts(seen: MachineSeen) -> Iterator[Sentence]:
+    """Sensors that fail, that disagree with the others, or whose value was replaced."""
+    bad = sorted(r.channel for r in seen.readings.values() if r.quality != Quality.GOOD)
+    if bad:
+        yield Sentence("doubt.failed", {"names": ToldName(", ".join(bad))})
+    if seen.sensors is not None:
+        for finding in seen.sensors.findings:
+            since = None if finding.since_k is None else seen.at_k(finding.since_k)
+            yield _finding(finding, since, seen.sensors.loads)
+    if seen.decision is not None and seen.decision.substituted:
+        yield Sentence("doubt.substituted", {"names": ToldName(", ".join(seen.decision.substituted))})
+
+
+def _finding(finding: SensorFinding, since: datetime | None, loads: tuple[str, ...]) -> Sentence:
+    off = believable(finding.offset_K)
+    if since is None or not math.isfinite(off):  # an exchange has no offset, and an earlier program sent no `since_k`
+        return Sentence("doubt.finding", {"text": in_each(_found(finding))})
+    names = " / ".join((*finding.inputs, *finding.alternatives))
+    values: dict[str, Atom] = {"names": ToldName(names), "off": Amount(abs(off), "K"), "at": at(since)}
+    if loads:
+        values["loads"] = ToldName(", ".join(loads))
+        return Sentence("doubt.warmer_for_loads" if off > 0.0 else "doubt.colder_for_loads", values)
+    return Sentence("doubt.warmer" if off > 0.0 else "doubt.colder", values)
+
+
+def _found(finding: SensorFinding) -> Text:
+    swapped = finding.kind == "swap" and len(finding.inputs) == 2
+    if not swapped and (finding.kind != "offset" or finding.offset_K is None):
+        return plain(finding.text)  # of a later program
+    kind: Literal["offset", "swap"] = "swap" if swapped else "offset"
+    return finding_text(Finding(kind, finding.inputs, believable(finding.offset_K), 0.0, finding.alternatives))
+
+
+def watched(seen: MachineSeen) -> Sentence | None:
+    """The smallest abnormal temperatures that loads and other sensors would have shown; None: not judged yet."""
+    if seen.sensors is None:
+        return None
+    smallest = {i: v for i, v in seen.sensors.smallest_offset_K.items() if v is not None}
+    if not smallest:
+        return None
+    worst = max(smallest, key=smallest.__getitem__)
+    values: dict[str, Atom] = {
+        "n": Amount(len(smallest), d=0),
+        "median": Amount(median(smallest.values()), "K"),
+        "worst": Amount(smallest[worst], "K"),
+        "name": ToldName(worst),
+    }
+    if seen.sensors.loads:
+        return Sentence("doubt.watched_with_loads", values | {"loads": ToldName(", ".join(seen.sensors.loads))})
+    return Sentence("doubt.watched", values)
+
+
+def health(seen: MachineSeen) -> Iterator[SaidRow]:
+    """The health of the gateway itself."""
+    yield SaidRow(
+        "label.gateway", Sentence("gateway.alive" if seen.present else "gateway.gone"), "" if seen.present else "bad"
+    )
+    yield _channels(seen)
+    step = seen.compensation
+    if step is None:
+        yield SaidRow("label.control", Sentence("control.nothing"))
+    else:
+        said = Sentence("control.step", {"mode": Word(f"mode.{step.mode}"), "source": Word(f"source.{step.source}")})
+        yield SaidRow("label.control", said, "good" if step.written and step.source == Source.PREDICTION else "notice")
+    if seen.status is not None:
+        yield from _status(seen.status)
+    yield from _certificates(seen)
+    yield from _scatter(seen)
+    yield _clock(seen)
+    if seen.boot:
+        yield SaidRow("label.boot", name(seen.boot))
+
+
+def _channels(seen: MachineSeen) -> SaidRow:
+    status = seen.status
+    if status is not None and status.channels is not None and status.channels_good is not None:
+        good, all_of_them = status.channels_good, status.channels
+    else:
+        good, all_of_them = sum(r.quality == Quality.GOOD for r in seen.readings.values()), len(seen.readings)
+    if not all_of_them:
+        return SaidRow("label.channels", Sentence("channels.none"), "notice")
+    said = Sentence("channels.good", {"good": Amount(good, d=0), "all": Amount(all_of_them, d=0)})
+    return SaidRow("label.channels", said, "good" if good == all_of_them else "bad")
+
+
+def _scatter(seen: MachineSeen) -> Iterator[SaidRow]:
+    """How far the touches of the latest measurement are from a rigid body, beside those of the last hours."""
+    found = [m.residual_um for m in seen.measurements if m.residual_um is not None]
+    if found:
+        values: dict[str, Atom] = {
+            "now": um(found[-1]),
+            "median": um(median(found)),
+            "most": um(max(found)),
+            "n": Amount(len(found), d=0),
+        }
+        yield SaidRow("label.scatter", Sentence("scatter.of", values))
+
+
+def _certificates(seen: MachineSeen) -> Iterator[SaidRow]:
+    for field, text in ({} if seen.status is None else seen.status.certificates).items():
+        if (ends := instant(text)) is not None and seen.latest is not None:
+            yield certificate_row(field, ends, seen.latest)
+
+
+def certificate_row(field: str, ends: datetime, now: datetime) -> SaidRow:
+    """How long a certificate is still valid, and what to do when that is not long."""
+    days = math.floor((ends - now) / timedelta(days=1))
+    values: dict[str, Atom] = {"field": ToldName(field), "n": Amount(days, d=0), "at": at(ends)}
+    if days >= _RENEW_DAYS:
+        return SaidRow("label.certificate", Sentence("certificate.good", values), "good")
+    key = "certificate.ended" if ends <= now else "certificate.renew"
+    return SaidRow("label.certificate", Sentence(key, values), "notice" if days >= _URGENT_DAYS else "bad")
+
+
+def _clock(seen: MachineSeen) -> SaidRow:
+    if seen.simulated:
+        return SaidRow("label.clock", Sentence("clock.simulated"))
+    kept = None if seen.status is None else seen.status.clock_synchronised
+    if kept is None:
+        return SaidRow("label.clock", Sentence("clock.system"))
+    return SaidRow("label.clock", Sentence("clock.kept" if kept else "clock.free"), "good" if kept else "notice")
+
+
+def _buses(status: StatusMessage) -> Iterator[SaidRow]:
+    missed = {bus: n for bus, n in status.periods_missed.items() if n}
+    if missed:
+        yield SaidRow("label.missed", name(", ".join(f"{bus}: {n}" for bus, n in sorted(missed.items()))), "notice")
+    elif status.periods_missed:
+        buses = ToldName(", ".join(sorted(status.periods_missed)))
+        yield SaidRow("label.buses", Sentence("buses.good", {"names": buses}), "good")
+
+
+def _status(status: StatusMessage) -> Iterator[SaidRow]:
+    if status.nc is not None:
+        mark = _NC_MARKS.get(status.nc, "notice")
+        yield SaidRow("label.nc", Sentence("sentence.word", {"word": Word(f"nc.{status.nc}")}), mark)
+    storage = status.storage
+    if storage is not None and storage.problem:
+        waiting = Amount(storage.waiting, d=0)
+        problem = in_each(text_from(storage.problem, storage.problem_coded))
+        yield SaidRow("label.store", Sentence("store.problem", {"text": problem, "n": waiting}), "bad")
+    elif storage is not None:
+        yield SaidRow("label.store", Sentence("store.good"), "good")
+    if storage is not None:
+        yield _spool(storage)
+    if storage is not None and storage.free_mb is not None:
+        yield SaidRow("label.disk", Sentence("disk.free", {"gb": Amount(storage.free_mb / 1e3, "GB")}))
+    yield from _buses(status)
+    dropped = status.readings_dropped + status.messages_dropped
+    if dropped:
+        yield SaidRow("label.dropped", Sentence("messages.dropped", {"n": Amount(dropped, d=0)}), "notice")
+    if status.uptime_s is not None:
+        yield SaidRow("label.uptime", Sentence("uptime.hours", {"h": Amount(status.uptime_s / 3600.0, "h")}))
+    if status.version:
+        yield SaidRow("label.version", name(status.version))
+    if status.config:
+        yield SaidRow("label.config", name(status.config[:16]))
+
+
+def _spool(storage: StorageStanding) -> SaidRow:
+    """What is only in memory: with a store that works, what has come since the last commit."""
+    mark = "notice" if storage.problem or storage.dropped else ""
+    values: dict[str, Atom] = {"n": Amount(storage.waiting, d=0)}
+    if storage.dropped:
+        values["dropped"] = Amount(storage.dropped, d=0)
+        return SaidRow("label.spool", Sentence("spool.dropped", values), mark)
+    if not storage.waiting or storage.oldest_s is None:  # or of an earlier program
+        return SaidRow("label.spool", Sentence("spool.waiting" if storage.waiting else "spool.empty", values), mark)
+    values["oldest"] = Amount(storage.oldest_s, "s", d=0)
+    return SaidRow("label.spool", Sentence("spool.oldest", values), mark)
+
+
+@dataclass(frozen=True, slots=True)
+class ShownEvent:
+    """One event."""
+
+    t: str
+    kind: str
+    """Key of the catalogue."""
+    said: Sentence
+    mark: str
+
+
+def events(seen: MachineSeen) -> Iterator[ShownEvent]:
+    """The newest first."""
+    for event in reversed(seen.events):
+        mark = "bad" if event.kind in _BAD else "notice" if event.kind in _NOTABLE else ""
+        said = told(restored(event.text, event.code, event.values) if event.code else plain(event.text))
+        yield ShownEvent(event.time, f"event.{event.kind}", said, mark)
+
+
+def _unit(unit: str) -> str:
+    return _CELSIUS if unit == "degC" else unit.replace("um", "µm") if unit.startswith("um") else unit

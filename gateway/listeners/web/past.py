@@ -1,0 +1,78 @@
+"""The charts of the time before this page's program was listening, from the gateway's store."""
+
+import math
+from dataclasses import dataclass
+from datetime import UTC, datetime
+
+import numpy as np
+
+from drivers.number_types import WRITTEN_NUMBER
+from gateway.listeners.web.at_tool import half_width, moved
+from gateway.telemetry.answers import CoursePage
+from gateway.telemetry.messages import PublishedCourse
+from gateway.telemetry.subscriber.machine import believable
+from talc.frame import FloatArray
+from talc.names import THERMAL_ERRORS
+
+MOST_POINTS = 500
+"""Most points of one answer: more than a chart on a panel has columns."""
+EARLIEST_S, LATEST_S = 946684800.0, 7258118400.0
+"""2000 and 2200."""
+
+
+@dataclass(frozen=True, slots=True)
+class ShownPast:
+    """Columns by axis over the time; null: unknown."""
+
+    t: list[float]
+    """UTC seconds."""
+    without: list[list[float | None]]
+    half: list[list[float | None]]
+    measured_t: list[float]
+    measured: list[list[float | None]]
+    """What measurements found, without compensation."""
+
+
+def shown_past(page: CoursePage, matrix: FloatArray) -> ShownPast:
+    """At one place. Raises ValueError for columns of different lengths."""
+    errors, sigma = estimates_of(page.errors, len(page.time))
+    measured, _ = estimates_of(page.measured, len(page.measured_time))
+    return ShownPast(
+        t=page.time,
+        without=columns(moved(matrix, errors)),
+        half=columns(half_width(matrix, sigma)),
+        measured_t=page.measured_time,
+        measured=columns(moved(matrix, measured)),
+    )
+
+
+def span(begin: str, end: str) -> tuple[datetime, datetime]:
+    """The times that two texts of UTC seconds give. Raises ValueError."""
+    from_s, to_s = written(begin), written(end)
+    if not EARLIEST_S <= from_s < to_s <= LATEST_S:
+        raise ValueError(
+            f"from={begin[:40]}, to={end[:40]}: expected seconds since 1970, the second later than the first"
+        )
+    return datetime.fromtimestamp(from_s, UTC), datetime.fromtimestamp(to_s, UTC)
+
+
+def written(text: str) -> float:
+    """The number of a text in an address; NaN: it is not a number. Python also reads 1_0 and other scripts' digits."""
+    return float(text) if WRITTEN_NUMBER.fullmatch(text) else math.nan
+
+
+def columns(values: FloatArray) -> list[list[float | None]]:
+    """(n, 3) as three lists, to a hundredth of a micrometre."""
+    return [[round(v, 2) if math.isfinite(v) else None for v in column] for column in values.T.tolist()]
+
+
+def estimates_of(found: dict[str, PublishedCourse], size: int) -> tuple[FloatArray, FloatArray]:
+    """(n, 9) values and sigmas; an error that is not there is unknown."""
+    tables = np.full((2, size, len(THERMAL_ERRORS)), np.nan)
+    for j, error in enumerate(THERMAL_ERRORS):
+        if (course := found.get(error)) is not None:
+            for table, column in zip(tables, (course.value, course.sigma), strict=True):
+                if len(column) != size:
+                    raise ValueError(f"{error}: {len(column)} numbers for {size} times")
+                table[:, j] = [believable(v) for v in column]
+    return tables[0], tables[1]

@@ -1,0 +1,188 @@
+"""The verdict, ready or not: compares the error that remains at the tool with a tolerance, as far as it is known."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from datetime import datetime, timedelta
+from enum import StrEnum
+
+import numpy as np
+
+from gateway.listeners.web.ahead import advice, ahead, planned, planned_ahead, when
+from gateway.listeners.web.at_tool import ToolError, at_the_tool, course, half_width
+from gateway.listeners.web.sentences import Atom, Sentence, Word, at, um
+from gateway.nc.probing.standing import Standing
+from gateway.telemetry.subscriber.machine import MachineSeen, applied, holds_s, is_old, nine
+from talc.frame import FloatArray, Phase
+
+
+class Colour(StrEnum):
+    """Colour of the verdict; the page has a word beside each."""
+
+    RED = "red"
+    GREY = "grey"
+    AMBER = "amber"
+    GREEN = "green"
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """Whether the machine may cut to a tolerance."""
+
+    colour: Colour
+    word: str
+    """Key of the catalogue."""
+    because: tuple[Sentence, ...] = ()
+    since: datetime | None = None
+    helps: tuple[Sentence, ...] = ()
+    """When it will be ready, and what would help."""
+    before: bool = False
+    """It was so before `since`, too: nothing earlier is known."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Viewpoint:
+    """From where a browser looks at one machine."""
+
+    matrix: FloatArray
+    """(3, 9) of the chosen place; see gateway.listeners.web.at_tool."""
+    tolerance_um: float | None
+    """None: none was given."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ToolNow:
+    """The error at the tool now; None where no estimate holds."""
+
+    error: ToolError | None
+    old: bool = field(default=False)
+    """There is an estimate, but too old."""
+
+
+def tool_now(seen: MachineSeen, matrix: FloatArray, now_s: float) -> ToolNow:
+    """By the latest decision and what the control has in force. Nothing of a gateway that is gone counts as now."""
+    if seen.decision is None or not seen.present:
+        return ToolNow(None)
+    if is_old(seen, now_s):
+        return ToolNow(None, old=True)
+    errors, sigma = np.array(nine(seen.decision.corrected)), np.array(nine(seen.decision.sigma))
+    return ToolNow(at_the_tool(matrix, errors, sigma, applied(seen.compensation)))
+
+
+def verdict_of(seen: MachineSeen, viewpoint: Viewpoint, now_s: float) -> Verdict:
+    """The verdict for one browser at this monotonic time."""
+    found = judged(seen, viewpoint, now_s)
+    if found.word not in _HELPED:
+        return found
+    since, before = _since(seen, viewpoint)
+    helps = _helps(seen, viewpoint, tool_now(seen, viewpoint.matrix, now_s), ready=found.colour is Colour.GREEN)
+    return replace(found, since=since, before=before, helps=tuple(helps))
+
+
+def judged(seen: MachineSeen, viewpoint: Viewpoint, now_s: float) -> Verdict:
+    """The same without since when it is so, and without what would help: a fraction of the work."""
+    if not seen.present:
+        return _absent(seen)
+    if seen.decision is None:
+        return Verdict(Colour.GREY, "word.no_data", (Sentence("because.no_step"),))
+    tool = tool_now(seen, viewpoint.matrix, now_s)
+    if tool.old:
+        decided = datetime.fromisoformat(seen.decision.time)
+        return Verdict(Colour.GREY, "word.old", (Sentence("because.old", {"at": at(decided)}),), decided)
+    if seen.probing is not None and seen.probing.standing == Standing.ASKED:
+        return Verdict(Colour.AMBER, "word.probing", (Sentence("because.probing"),))
+    error = tool.error
+    if seen.decision.phase == Phase.NO_GOOD:
+        return Verdict(Colour.RED, "word.not_ready", (Sentence("because.no_good"),))
+    if error is None or not np.isfinite(error.far).all():
+        return Verdict(Colour.AMBER, "word.unknown", _unknown(seen, error))
+    worst = int(np.argmax(error.far))
+    said = Sentence("because.left", {"axis": Word("XYZ"[worst]), "left": um(abs(float(error.left[worst]))),
+                                 "half": um(float(error.half[worst])), "far": um(float(error.far[worst]))})  # fmt: skip
+    if viewpoint.tolerance_um is None:
+        return Verdict(Colour.GREY, "word.no_tolerance", (said, Sentence("because.no_tolerance")))
+    colour = _colour(error.near, error.far, viewpoint.tolerance_um)
+    return Verdict(colour, _WORDS[colour], (said,))
+
+
+_WORDS = {Colour.GREEN: "word.ready", Colour.AMBER: "word.unsure", Colour.RED: "word.not_ready"}
+_HELPED = {*_WORDS.values(), "word.unknown"}
+"""For these words it is said since when they hold, and what would help."""
+
+
+def _colour(near: FloatArray, far: FloatArray, tolerance_um: float) -> Colour:
+    """The colour by the (3,) ends of the intervals of what is left."""
+    if not np.isfinite(far).all():
+        return Colour.AMBER
+    if (far <= tolerance_um).all():
+        return Colour.GREEN
+    return Colour.RED if (near > tolerance_um).any() else Colour.AMBER
+
+
+def _absent(seen: MachineSeen) -> Verdict:
+    if seen.heard is None:
+        return Verdict(Colour.GREY, "word.never", (Sentence("because.never"), Sentence("do.start")))
+    if seen.silent:
+        return Verdict(
+            Colour.GREY, "word.silent", (Sentence("because.silent", {"heard": at(seen.heard)}), Sentence("do.restart"))
+        )
+    said = Sentence("because.gone", {"at": at(seen.gone or seen.heard), "heard": at(seen.heard)})
+    return Verdict(Colour.GREY, "word.gone", (said, Sentence("do.start")))
+
+
+def _unknown(seen: MachineSeen, error: ToolError | None) -> tuple[Sentence, ...]:
+    """Why there is no interval."""
+    now = applied(seen.compensation)
+    bounded = now.bounded
+    if math.isnan(now.offsets_um[0]):
+        return (Sentence("because.not_taken"),)
+    if error is not None and np.isfinite(error.without).all() and any(bounded):
+        axes = ", ".join(axis for axis, at_bound in zip("XYZ", bounded, strict=True) if at_bound)
+        return (Sentence("because.bounded", {"axes": Word(axes)}),)
+    if seen.measurements or seen.last_measurement is not None:
+        return (Sentence("because.no_estimate"),)
+    return (Sentence("because.no_measurement"),)
+
+
+def _since(seen: MachineSeen, viewpoint: Viewpoint) -> tuple[datetime | None, bool]:
+    """The time of the first estimate of those in a row that say the same as the latest, and whether that is the first
+    of all. After a time without estimates a new row begins."""
+    if viewpoint.tolerance_um is None or not seen.estimates:
+        return None, False
+    past = course(viewpoint.matrix, seen.estimates)
+    said = [
+        (Colour.RED, True) if e.no_good else (_colour(near, far, viewpoint.tolerance_um), bool(np.isfinite(far).all()))
+        for e, near, far in zip(seen.estimates, past.near, past.far, strict=True)
+    ]
+    times, longest = [e.at for e in seen.estimates], timedelta(seconds=holds_s(seen))
+    first = len(said) - 1
+    while first > 0 and said[first - 1] == said[-1] and times[first] - times[first - 1] <= longest:
+        first -= 1
+    return times[first], first == 0
+
+
+def _helps(seen: MachineSeen, viewpoint: Viewpoint, tool: ToolNow, *, ready: bool) -> Iterator[Sentence]:
+    """When it will be ready or how long it stays so, what would help more, and when the next measurement comes.
+
+    While somebody has paused the compensation, nothing helps as much as ending the pause, and a gateway that is
+    disarmed does not measure: what would help is not said then.
+    """
+    coming, tolerance_um = ahead(seen, viewpoint.matrix), viewpoint.tolerance_um
+    disarmed = seen.status is not None and seen.status.disarmed is not None
+    ordered = disarmed or (seen.status is not None and seen.status.paused is not None)
+    if tolerance_um is not None:
+        yield from when(coming, tolerance_um, ready=ready)
+        if not ordered:
+            yield from advice(tool.error, coming, tolerance_um, ready=ready)
+        yield from planned(planned_ahead(seen, viewpoint.matrix), tolerance_um, ready=ready)
+    if ready or disarmed:
+        return
+    if coming is None and not ordered and seen.measurements and tolerance_um is not None:
+        half = float(np.max(half_width(viewpoint.matrix, np.array(seen.measurements[-1].sigma))))
+        if np.isfinite(half):
+            key = "help.measure" if half <= tolerance_um else "help.measure_not_enough"
+            yield Sentence(key, {"half": um(half)})
+    expected = None if seen.reasons is None else seen.at_k(seen.reasons.next_k)
+    if seen.reasons is not None and expected is not None:
+        values: dict[str, Atom] = {"at": at(expected), "why": Word(f"why.{seen.reasons.next_why}")}
+        yield Sentence("when.next_measurement", values)

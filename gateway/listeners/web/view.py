@@ -1,0 +1,239 @@
+"""A browser's view of one machine or of all, made from the received messages for a given time."""
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from datetime import datetime
+
+import numpy as np
+
+from gateway.listeners.web import parts
+from gateway.listeners.web.ahead import ahead
+from gateway.listeners.web.at_tool import course, moved
+from gateway.listeners.web.past import ShownPast, columns
+from gateway.listeners.web.sentences import Amount, SaidRow, Sentence, ToldName, Word, at, in_each, um
+from gateway.listeners.web.verdict import Verdict, Viewpoint, judged, tool_now, verdict_of
+from gateway.listeners.web.waiting import cost_of_waiting
+from gateway.telemetry.subscriber.machine import MachineSeen, applied
+from talc.frame import FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class ShownVerdict:
+    """Part 1."""
+
+    colour: str
+    word: str
+    because: tuple[Sentence, ...]
+    since: str | None
+    before: bool
+    """Whether it was so before `since`, too."""
+    helps: tuple[Sentence, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class ShownAxis:
+    """Part 2, one axis at the chosen point; a number that is null is unknown."""
+
+    axis: str
+    without: Amount
+    left: Amount
+    half: Amount
+    far: Amount
+    in_force: Amount
+
+
+@dataclass(frozen=True, slots=True)
+class MachineView:
+    """The whole page of a machine."""
+
+    machine: str
+    heard: str | None
+    """When anything was last heard, this computer's UTC."""
+    gateway_time: str | None
+    """The gateway's own time of its latest message."""
+    simulated: bool
+    alive: bool
+    commands: bool
+    """Whether its configuration allows anybody to give commands."""
+    paused: bool
+    unarmed: bool
+    """Whether its configuration leaves something off; `waits` begins with what."""
+    notices: tuple[Sentence, ...]
+    """Who has disarmed the gateway or paused the compensation."""
+    verdict: ShownVerdict
+    planned: tuple[str, ...]
+    """Names of the planned loads of which the verdict may say something."""
+    axes: tuple[ShownAxis, ...]
+    tool_notes: tuple[Sentence, ...]
+    waits: tuple[SaidRow, ...]
+    channels: tuple[parts.ShownChannel, ...]
+    driven: tuple[parts.DrivenError, ...]
+    doubts: tuple[Sentence, ...]
+    watched: Sentence | None
+    health: tuple[SaidRow, ...]
+
+
+def view(seen: MachineSeen, viewpoint: Viewpoint, now_s: float, own: tuple[SaidRow, ...] = ()) -> MachineView:
+    """The page at this monotonic time. own: rows on the page's own program."""
+    return MachineView(
+        machine=seen.machine,
+        heard=_seconds(seen.heard),
+        gateway_time=_seconds(seen.latest),
+        simulated=seen.simulated,
+        alive=seen.present,
+        commands=seen.status is not None and seen.status.commands,
+        paused=seen.status is not None and seen.status.paused is not None,
+        unarmed=bool(seen.unarmed),
+        notices=tuple(_orders(seen)),
+        verdict=_verdict_on_page(verdict_of(seen, viewpoint, now_s)),
+        planned=_planned_loads(seen),
+        axes=_axes(seen, viewpoint.matrix, now_s),
+        tool_notes=tuple(_tool_notes(seen)),
+        waits=(*parts.waits(seen), *cost_of_waiting(seen, viewpoint.matrix, now_s)),
+        channels=tuple(parts.channels(seen)),
+        driven=tuple(parts.driven(seen)),
+        doubts=tuple(parts.doubts(seen)),
+        watched=parts.watched(seen),
+        health=(*parts.health(seen), *own),
+    )
+
+
+def _planned_loads(seen: MachineSeen) -> tuple[str, ...]:
+    """As the status names them, before there is a forecast; an older gateway names them only in its forecasts."""
+    if seen.status is not None and seen.status.planned_loads:
+        return seen.status.planned_loads
+    return () if seen.forecast is None else tuple(seen.forecast.planned)
+
+
+def _seconds(time: datetime | None) -> str | None:
+    return None if time is None else time.isoformat(timespec="seconds")
+
+
+def _verdict_on_page(verdict: Verdict) -> ShownVerdict:
+    since = None if verdict.since is None else verdict.since.isoformat()
+    return ShownVerdict(verdict.colour.value, verdict.word, verdict.because, since, verdict.before, verdict.helps)
+
+
+def _orders(seen: MachineSeen) -> Iterator[Sentence]:
+    if not seen.present or seen.status is None:
+        return
+    for key, order in (("notice.disarmed", seen.status.disarmed), ("notice.paused", seen.status.paused)):
+        if order is not None:
+            yield Sentence(key, {"by": ToldName(order.by), "at": at(datetime.fromisoformat(order.since))})
+
+
+def _axes(seen: MachineSeen, matrix: FloatArray, now_s: float) -> tuple[ShownAxis, ...]:
+    error = tool_now(seen, matrix, now_s).error
+    if error is None:
+        return ()
+    in_force = applied(seen.compensation).offsets_um
+    return tuple(
+        ShownAxis(
+            axis,
+            um(float(error.without[i]), sign=True),
+            replace(um(float(error.left[i]), sign=True), u=""),
+            um(float(error.half[i])),
+            um(float(error.far[i])),
+            um(in_force[i], sign=True),
+        )
+        for i, axis in enumerate("XYZ")
+    )
+
+
+def _tool_notes(seen: MachineSeen) -> Iterable[Sentence]:
+    step = seen.compensation
+    if not seen.present:
+        return
+    if step is None or step.mode != "compensate":
+        yield Sentence("tool.not_written")
+    elif not applied(step).following:
+        yield Sentence("tool.not_following", {"source": Word(f"source.{step.source}")})
+
+
+@dataclass(frozen=True, slots=True)
+class ShownCourse(ShownPast):
+    """The charts of the last hours and the next ones."""
+
+    left: list[list[float | None]]
+    ahead_t: list[float]
+    """The present and the next hours, as far as the forecasts have proved good so far."""
+    ahead: list[list[float | None]]
+    ahead_half: list[list[float | None]]
+    said: Sentence | None
+    """Why there is nothing to show."""
+
+
+def shown_course(seen: MachineSeen, matrix: FloatArray) -> ShownCourse:
+    """The last hours at the chosen point."""
+    if not seen.estimates:
+        none: list[list[float | None]] = [[]] * 3
+        return ShownCourse(
+            t=[],
+            without=none,
+            half=none,
+            measured_t=[],
+            measured=none,
+            left=none,
+            ahead_t=[],
+            ahead=none,
+            ahead_half=none,
+            said=Sentence("chart.nothing"),
+        )
+    past = course(matrix, seen.estimates)
+    dots = seen.measurements
+    found = moved(matrix, np.stack([m.errors for m in dots])) if dots else np.empty((0, 3))
+    coming = ahead(seen, matrix) if seen.present else None
+    later: list[datetime] = []
+    values, halves = np.empty((0, 3)), np.empty((0, 3))
+    if coming is not None and (known := np.asarray(np.isfinite(coming.half).all(axis=1))).any():
+        later = [seen.estimates[-1].at, *(time for time, told in zip(coming.at, known, strict=True) if told)]
+        values = np.vstack([past.without[-1:], coming.without[known]])
+        halves = np.vstack([past.half[-1:], coming.half[known]])
+    return ShownCourse(
+        t=[e.at.timestamp() for e in seen.estimates],
+        without=columns(past.without),
+        left=columns(past.left),
+        half=columns(past.half),
+        measured_t=[m.at.timestamp() for m in dots],
+        measured=columns(found),
+        ahead_t=[time.timestamp() for time in later],
+        ahead=columns(values),
+        ahead_half=columns(halves),
+        said=Sentence("chart.legend"),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class ListedMachine:
+    """One machine in the list."""
+
+    machine: str
+    colour: str
+    word: str
+    because: tuple[Sentence, ...]
+    notices: tuple[Sentence, ...]
+    heard: str | None
+    """To the minute, so that a list of many machines does not change with every message."""
+
+
+_WORST_FIRST = ("word.not_ready", "word.gone", "word.silent", "word.never", "word.old", "word.no_data", "word.unknown",
+                "word.unsure", "word.probing", "word.no_tolerance", "word.ready")  # fmt: skip
+
+
+def listed(
+    machines: Mapping[str, MachineSeen], viewpoints: Mapping[str, Viewpoint], now_s: float
+) -> list[ListedMachine]:
+    """Every machine, the worst first. viewpoints: by machine."""
+    found = [(seen, judged(seen, viewpoints[name], now_s)) for name, seen in sorted(machines.items())]
+    found.sort(key=lambda each: _WORST_FIRST.index(each[1].word))
+    return [
+        ListedMachine(
+            seen.machine,
+            verdict.colour.value,
+            verdict.word,
+            verdict.because,
+            (*_orders(seen), *(Sentence("notice.unarmed", {"text": in_each(text)}) for text in seen.unarmed)),
+            None if seen.heard is None else seen.heard.isoformat(timespec="minutes"),
+        )
+        for seen, verdict in found
+    ]

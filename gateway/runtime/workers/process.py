@@ -1,0 +1,62 @@
+"""The gateway's end: starts a process for each computation, and takes its answer."""
+
+import asyncio
+import pickle
+import signal
+import sys
+from collections.abc import Callable
+from contextlib import suppress
+from typing import ParamSpec, TypeVar
+
+from drivers.error_words import in_words
+
+Arguments = ParamSpec("Arguments")
+Returned = TypeVar("Returned")
+
+WORK_LIMIT_S = 3600.0
+"""Real seconds; the papers' particle swarm over weeks of data takes minutes on a small computer."""
+
+
+class WorkError(Exception):
+    """The process ended without an answer; the message says how."""
+
+
+async def apart(work: Callable[Arguments, Returned], *given: Arguments.args, **named: Arguments.kwargs) -> Returned:
+    """What `work`, a module's function, gives for these arguments. Cancelling ends the process.
+
+    Raises WorkError: no process could be started, or the work raised, was killed, or took longer than an hour.
+    """
+    try:
+        process = await asyncio.create_subprocess_exec(
+            *(sys.executable, "-m", "gateway.runtime.workers"),
+            stdin=asyncio.subprocess.PIPE,
+            stdout=asyncio.subprocess.PIPE,
+            stderr=asyncio.subprocess.PIPE,
+            start_new_session=True,  # Ctrl-C goes to the gateway, which ends the work itself
+        )
+    except OSError as error:  # no memory or descriptor at this moment: not a fault in the gateway
+        what = f"{error.filename}: " if error.filename else ""
+        raise WorkError(f"no process could be started: {what}{in_words(error)}") from error
+    if process.stdin is None or process.stdout is None or process.stderr is None:
+        raise RuntimeError("the process has no pipes")
+    try:
+        async with asyncio.timeout(WORK_LIMIT_S):
+            with suppress(BrokenPipeError, ConnectionResetError):  # it died: its exit status gives the reason
+                process.stdin.write(pickle.dumps((work, given, named)))
+                await process.stdin.drain()
+            answer, complaint = await asyncio.gather(process.stdout.read(), process.stderr.read())
+            status = await process.wait()
+    except TimeoutError:
+        raise WorkError(f"it did not finish within {WORK_LIMIT_S:g} s") from None
+    finally:
+        if process.returncode is None:
+            process.kill()
+            await process.wait()
+        process.stdin.close()
+    if status < 0:
+        raise WorkError(f"its process was ended by {signal.Signals(-status).name}; out of memory?")
+    if status > 0:
+        lines = complaint.decode(errors="replace").strip().splitlines() or ["it left no message"]
+        raise WorkError(f"{lines[-1]} (exit status {status})")
+    found: Returned = pickle.loads(answer)
+    return found

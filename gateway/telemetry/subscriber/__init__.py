@@ -1,0 +1,1 @@
+"""Messages of the machines of a site, as a read-only subscriber holds them."""

@@ -1,0 +1,138 @@
+"""Outside of their family, settings of a bus are made where a mistake is one line that names the field, and their
+defaults and bounds are not written again."""
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Literal
+
+import click
+import pytest
+from click.testing import CliRunner
+from pydantic import Field
+
+from drivers.base import SetupError
+from drivers.build import BUS_KINDS
+from drivers.bus_settings import BusSettings
+from drivers.micro_epsilon import MeEthernetSettings
+from drivers.modbus import ModbusTcpSettings
+from drivers.section import LONGEST_ANSWER_S, Section
+from gateway.cli.commissioning.scan import BAUDS, BITRATES, ME_BAUDS
+from gateway.cli.conventions.arguments import field_option
+from gateway.cli.main import main
+from gateway.commissioning.scan.serial import plan
+from tests.benches.command import here
+
+GATEWAY = Path(__file__).parents[4] / "gateway"
+SMALLEST = 100
+SPEEDS = {*BAUDS, *ME_BAUDS, *BITRATES}
+
+
+def files(*rooms: str) -> Iterator[tuple[str, ast.Module]]:
+    """Name and content of each file of these rooms of the gateway; of all without any."""
+    for file in sorted(GATEWAY.rglob("*.py")):
+        place = file.relative_to(GATEWAY)
+        if not rooms or place.parts[0] in rooms:
+            yield str(place), ast.parse(file.read_text(encoding="utf-8"))
+
+
+def test_no_settings_of_a_bus_are_made_where_a_mistake_would_be_a_traceback() -> None:
+    classes = {settings.__name__ for settings in BUS_KINDS.values()}
+    made = [
+        f"{name}:{node.lineno}: {ast.unparse(node.func)}"
+        for name, tree in files()
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Call) and ast.unparse(node.func).rpartition(".")[2] in classes
+    ]
+    assert made == [], "use drivers.problems.read_settings"
+
+
+def defaults() -> set[int]:
+    """Ports, speeds and bit rates that are usual on some bus; smaller numbers mean something else elsewhere."""
+    fields = (field for settings in BUS_KINDS.values() for field in settings.model_fields.values())
+    return {field.default for field in fields if type(field.default) is int and field.default >= SMALLEST}
+
+
+def is_speed(node: ast.expr) -> bool:
+    return isinstance(node, ast.Constant) and type(node.value) is int and node.value in SPEEDS
+
+
+def test_no_usual_port_or_speed_of_a_bus_is_written_a_second_time() -> None:
+    """By what looks at a wire; elsewhere 502 is an answer of HTTP. A list of speeds to try is not a copy."""
+    known = defaults()
+    assert {502, 10001, 9600} <= known, "the fields were found"
+    written = []
+    for name, tree in files("scan", "cli"):
+        lists = [node for node in ast.walk(tree) if isinstance(node, ast.Tuple) and len(node.elts) > 1]
+        tried = {id(number) for one in lists if all(map(is_speed, one.elts)) for number in one.elts}
+        written += [
+            f"{name}:{node.lineno}: {node.value!r}"
+            for node in ast.walk(tree)
+            if isinstance(node, ast.Constant) and node.value in known and id(node) not in tried
+        ]
+    assert written == [], "take the default of the field"
+
+
+def commands() -> Iterator[tuple[str, click.Command]]:
+    """Those that look at a wire by hand."""
+    for group in ("scan", "inspect"):
+        found = main.get_command(click.Context(main), group)
+        assert isinstance(found, click.Group)
+        context = click.Context(found)
+        for name in found.list_commands(context):
+            command = found.get_command(context, name)
+            assert command is not None
+            yield f"{group} {name}", command
+
+
+def test_each_waits_for_an_answer_as_long_as_a_bus_may() -> None:
+    longest = {
+        name: option.type.max
+        for name, command in commands()
+        for option in command.params
+        if option.name == "timeout_s" and isinstance(option.type, click.FloatRange)
+    }
+    assert set(longest) >= {"scan serial", "scan tcp", "scan can", "inspect registers", "inspect objects"}
+    assert set(longest.values()) == {LONGEST_ANSWER_S}
+
+
+@pytest.mark.parametrize("settings", [ModbusTcpSettings, MeEthernetSettings])
+def test_the_help_names_the_ports_that_are_tried(settings: type[BusSettings]) -> None:
+    assert f"{settings.model_fields['port'].default} (" in here("scan", "tcp", "--help").out
+
+
+class OtherSettings(Section):
+    """With other defaults and bounds than any bus."""
+
+    baud: int = Field(default=77, ge=70, le=80)
+    parity: Literal["M", "S"] = "S"
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "said"),
+    [
+        ((), 0, "77 S"),
+        (("--baud", "80", "--parity", "M"), 0, "80 M"),
+        (("--baud", "69"), 2, "70<=x<=80"),
+        (("--baud", "81"), 2, "70<=x<=80"),
+        (("--parity", "N"), 2, "'M', 'S'"),
+        (("--help",), 0, "default: 77; 70<=x<=80"),
+    ],
+)
+def test_an_option_of_a_field_has_its_default_and_its_bounds(words: tuple[str, ...], code: int, said: str) -> None:
+    @click.command()
+    @field_option("--baud", OtherSettings, "baud")
+    @field_option("--parity", OtherSettings, "parity", "As on the line.")
+    def command(baud: int, parity: str) -> None:
+        click.echo(f"{baud} {parity}")
+
+    done = CliRunner(env={"COLUMNS": "120"}).invoke(command, words)
+    assert done.exit_code == code
+    assert said in done.output
+
+
+@pytest.mark.parametrize(("field", "timeout_s"), [("port: '/'", 1.0), ("timeout_s: 61", 61.0)])
+def test_a_plan_of_what_no_bus_could_have_names_the_field(field: str, timeout_s: float) -> None:
+    with pytest.raises(SetupError, match=f"^{field}"):
+        plan("/" if "port" in field else "/dev/null", bauds=(9600,), parities=("N",), units=(1,), me_bauds=(),
+             me_addresses=(), timeout_s=timeout_s)  # fmt: skip

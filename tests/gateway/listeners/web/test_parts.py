@@ -1,0 +1,153 @@
+"""What the gateway waits for, heat, health: samples in, sentences out."""
+
+from datetime import timedelta
+
+import pytest
+
+from gateway.listeners.web import parts
+from gateway.listeners.web.sentences import Amount, Atom, SaidRow, Sentence, ToldName, at
+from gateway.telemetry.messages import SensorFinding
+from tests.benches.heard import BEGAN, STEP, HeardMachine
+
+
+def keys(rows: object) -> list[tuple[str, str, str]]:
+    """Label, sentence and mark of each row."""
+    assert isinstance(rows, list)
+    return [(row.label, row.said.say, row.mark) for row in rows if isinstance(row, SaidRow)]
+
+
+def test_what_blocks_a_measurement_and_what_the_operator_should_do_stand_there() -> None:
+    heard = HeardMachine()
+    heard.decision()
+    heard.probing("blocked", "interval", "alarm 21612", "clean the sphere")
+    found = {row.label: row for row in parts.waits(heard.seen)}
+    assert found["label.waits_for"].said == Sentence("said.alarm", {"numbers": ToldName("21612")})
+    assert found["label.operator"].said == Sentence("sentence.text", {"text": ToldName("clean the sphere")})
+    assert found["label.probing"].mark == "notice"
+
+
+def test_before_anything_is_heard_it_says_so() -> None:
+    seen = HeardMachine().seen
+    assert keys(list(parts.waits(seen))) == [
+        ("label.probing", "probing.nothing_heard", ""),
+        ("label.last", "last.none", ""),
+    ]
+    assert ("label.channels", "channels.none", "notice") in keys(list(parts.health(seen)))
+    assert (list(parts.channels(seen)), list(parts.driven(seen)), list(parts.doubts(seen))) == ([], [], [])
+
+
+def test_a_measurement_that_was_not_used_says_why() -> None:
+    heard = HeardMachine()
+    heard.measurement(1, None, reason="refused: alarm 21612")
+    assert ("label.last", "last.failed", "bad") in keys(list(parts.waits(heard.seen)))
+    heard.passes(STEP)
+    heard.measurement(2)
+    assert ("label.last", "last.used", "good") in keys(list(parts.waits(heard.seen)))
+
+
+def test_channels_that_are_not_good_come_first_and_temperatures_before_others() -> None:
+    heard = HeardMachine()
+    heard.reading("growth", 250.0, unit="um")
+    heard.reading("bed_rear")
+    heard.reading("a_drive")
+    heard.reading("z_nut", None, "sensor_fault")
+    shown = list(parts.channels(heard.seen))
+    assert [c.channel for c in shown] == ["z_nut", "a_drive", "bed_rear", "growth"]
+    assert [c.value and c.value.u for c in shown] == [None, "°C", "°C", "µm"]
+    assert [said.say for said in parts.doubts(heard.seen)] == ["doubt.failed"]
+    assert ("label.channels", "channels.good", "bad") in keys(list(parts.health(heard.seen)))
+
+
+@pytest.mark.parametrize(
+    ("channel", "body"),
+    [
+        ("bed_front_left", "bed"),
+        ("spindle_rear", "spindle"),
+        ("a_cradle_left", "cradle"),
+        ("c_table", "table"),
+        ("y_nut", "slides"),
+        ("coolant_in", "fluids"),
+        ("cutting_fluid", "fluids"),
+        ("Ambient-High", "ambient"),
+        ("t17", ""),
+    ],
+)
+def test_a_channels_name_tells_its_part_of_the_machine(channel: str, body: str) -> None:
+    heard = HeardMachine()
+    heard.reading(channel)
+    (shown,) = parts.channels(heard.seen)
+    assert shown.body == body
+
+
+def test_every_bus_is_named_or_the_ones_that_missed_reads() -> None:
+    heard = HeardMachine()
+    heard.status(periods_missed={"tcp1": 0, "rtu1": 0})
+    rows = {row.label: row for row in parts.health(heard.seen)}
+    assert rows["label.buses"].said == Sentence("buses.good", {"names": ToldName("rtu1, tcp1")})
+    assert "label.missed" not in rows
+    heard.status(periods_missed={"tcp1": 3, "rtu1": 0})
+    rows = {row.label: row for row in parts.health(heard.seen)}
+    assert rows["label.missed"].said.values["text"] == ToldName("tcp1: 3")
+    assert "label.buses" not in rows
+
+
+def test_an_event_says_how_much_it_matters_and_the_newest_comes_first() -> None:
+    heard = HeardMachine()
+    for kind in ("state_update", "operator", "problem", "of_a_later_version"):
+        heard.event(kind)
+    assert [(e.kind, e.mark) for e in parts.events(heard.seen)] == [
+        ("event.of_a_later_version", ""),
+        ("event.problem", "bad"),
+        ("event.operator", "notice"),
+        ("event.state_update", ""),
+    ]
+
+
+def test_abnormal_heat_says_where_how_much_and_since_when() -> None:
+    heard = HeardMachine()
+    heard.decision(0)
+    heard.passes(STEP)
+    heard.decision(1)
+    motor = SensorFinding("offset", ("motor",), ("a_drive",), 4.5, 1.2, "motor or a_drive is off", since_k=-11)
+    cold = SensorFinding("offset", ("bed",), (), -2.0, 1.2, "bed is off", since_k=1)
+    swap = SensorFinding("swap", ("a", "b"), (), None, 1.2, "a and b may be exchanged", since_k=1)
+    earlier = SensorFinding("offset", ("bed",), (), 2.0, 1.2, "bed is off by +2.0 K")
+    heard.sensors({"motor": 1.0}, motor, cold, swap, earlier)
+    values: dict[str, Atom] = {
+        "names": ToldName("motor / a_drive"),
+        "off": Amount(4.5, "K"),
+        "at": at(BEGAN - 11 * STEP),
+    }
+    warmer, colder, exchanged, without = parts.doubts(heard.seen)
+    assert warmer == Sentence("doubt.warmer", values)
+    assert (colder.say, colder.values["off"]) == ("doubt.colder", Amount(2.0, "K"))
+    assert exchanged == Sentence("doubt.finding", {"text": ToldName("a and b may be exchanged")})
+    assert without == Sentence("doubt.finding", {"text": ToldName("bed is off by +2.0 K")}), "of an earlier program"
+    heard.sensors({"motor": 1.0}, motor, cold, loads=("spindle_speed",))
+    warmer, colder = parts.doubts(heard.seen)
+    assert warmer == Sentence("doubt.warmer_for_loads", values | {"loads": ToldName("spindle_speed")})
+    assert colder.say == "doubt.colder_for_loads"
+
+
+@pytest.mark.parametrize(
+    ("left", "said", "days", "mark"),
+    [
+        (timedelta(days=30), "certificate.good", 30, "good"),
+        (timedelta(days=29, hours=23), "certificate.renew", 29, "notice"),
+        (timedelta(days=7), "certificate.renew", 7, "notice"),
+        (timedelta(days=6, hours=23), "certificate.renew", 6, "bad"),
+        (timedelta(hours=1), "certificate.renew", 0, "bad"),
+        (timedelta(0), "certificate.ended", 0, "bad"),
+        (timedelta(days=-3), "certificate.ended", -3, "bad"),
+    ],
+)
+def test_a_certificate_says_how_long_it_is_valid_by_the_gateways_clock(
+    left: timedelta, said: str, days: int, mark: str
+) -> None:
+    heard = HeardMachine()
+    ends = (heard.now + left).isoformat()
+    heard.status(certificates={"[telemetry.tls] certificate": ends, "[nc] certificate": "soon"})
+    (row,) = [row for row in parts.health(heard.seen) if row.label == "label.certificate"]
+    assert (row.said.say, row.mark) == (said, mark)
+    assert row.said.values["field"] == ToldName("[telemetry.tls] certificate")
+    assert row.said.values["n"] == Amount(days, d=0)
