@@ -1,7 +1,7 @@
 """A problem that began or ended, and the events that report something in words."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 from gateway.model.codes import NoticeCode
 from gateway.model.text import Text, Value
@@ -19,7 +19,7 @@ class Notice:
     from its beginning to its end."""
     text: Text
     ended: bool = False
-    at_s: float = 0.0
+    at_s: float = field(default=0.0, compare=False)
     """On the clock of whoever reports it, monotonic seconds."""
 
     @property

@@ -5,7 +5,7 @@ braces of a sentence stands the name of a value, and after a colon how it is wri
 
 {n}           as it is; a text in a text in the same language, a list with commas
 {um:.1f}      a number in the form of Python, with the language's decimal sign
-{n:|one|many} the first word of exactly one, else the second
+{n:|one|many} the first words of exactly one, else the second, in which # is the number
 {at:minute}   a time, UTC, to the minute; {at:clock} only the time of day
 {ago:lasting} a number of seconds as hours, minutes and seconds
 {why:why}     a word of the group `why` of the same file; a word that is not there stands as it is
@@ -194,7 +194,7 @@ def _written(value: Value, form: str, language: str, words: bool, depth: int) ->
 def _number(value: float, form: str, language: str) -> str:
     if form.startswith("|"):
         _, one, many = f"{form}|".split("|")[:3]
-        return one if value == 1 else many
+        return one if value == 1 else many.replace("#", _number(value, "", language))
     if form == "lasting":
         return str(timedelta(seconds=round(value)))
     try:

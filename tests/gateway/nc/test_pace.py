@@ -2,8 +2,8 @@
 
 import logging
 
-from gateway.model.text import plain
 from gateway.model.notice import Notice
+from gateway.model.text import plain
 from gateway.nc.pace import NcPace
 from gateway.runtime.problems import Problems
 from tests.benches.stepped_clock import SteppedClock

@@ -16,6 +16,7 @@ from gateway.cli.condition.status import file_system_of, is_locked, status_of
 from gateway.cli.main import main
 from gateway.config.file import load
 from gateway.config.model import GatewayConfig
+from gateway.model.codes import NoticeCode
 from gateway.model.commands import Command, CommandName, CommandOutcome
 from gateway.model.events import (
     CommandGiven,
@@ -25,8 +26,8 @@ from gateway.model.events import (
     FrameMade,
     ReadingsTaken,
 )
-from gateway.model.text import plain
-from gateway.nc.problems import CONNECTED_AGAIN, NOT_CONNECTED
+from gateway.model.notice import Notice, problem_event
+from gateway.model.text import Text, plain
 from gateway.storage.store import Store
 from talc.frame import Event, EventKind, Frame
 from tests.benches.command import here
@@ -98,26 +99,27 @@ def test_a_control_that_is_not_connected_is_not_well_until_it_is_again(tmp_path:
     config, clock = configured(tmp_path), SteppedClock()
     now = clock.utc()
     k = int(now.timestamp()) // STEP_S
+    silent = Text(NoticeCode.NC_NOT_CONNECTED, error="device nc: silent")
 
-    def problem(text: str, kind: EventKind = EventKind.PROBLEM) -> None:
-        store.record(EventReported(Event(kind, text), k))
+    def problem(subject: str, text: Text, *, ended: bool = False) -> None:
+        store.record(EventReported(problem_event(Notice(subject, text, ended)), k))
         store.flush()
 
     with Store(config.storage.path, "boot-1", clock) as store:
         store.begin(config.canonical(), config.fingerprint(), "", None)
         store.record(DecisionMade(decision(k)))
         store.record(ReadingsTaken([sample(20.5, Quality.GOOD, now)]))
-        problem(f"{NOT_CONNECTED}device nc: silent")
+        problem("NC", silent)
         for turn in range(20):
-            problem(f"bus rtu1, device rtd1: silent {turn}")
-            problem("device rtd1: answers again", EventKind.PROBLEM_ENDED)
+            problem("device rtd1", plain(f"bus rtu1, device rtd1: silent {turn}"))
+            problem("device rtd1", Text(NoticeCode.ANSWERS_AGAIN, subject="device rtd1"), ended=True)
         lost = status_of(config, now)
         assert (lost.well, lost.control) == (False, ("NC: not connected: device nc: silent",))
         assert [text[6:] for text in lost.problems] == [lost.control[0], "device rtd1: answers again"]
-        problem(CONNECTED_AGAIN, EventKind.PROBLEM_ENDED)
+        problem("NC", Text(NoticeCode.NC_CONNECTED_AGAIN), ended=True)
         again = status_of(config, now)
         assert (again.well, again.control) == (True, ())
-        problem(f"{NOT_CONNECTED}device nc: silent")
+        problem("NC", silent)
         clock.spend(1.0)
         store.record(ConfigurationApplied(config))  # without a control, or with another
         store.flush()
