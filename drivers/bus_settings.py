@@ -1,7 +1,7 @@
 """Bus settings that several families share."""
 
-from abc import abstractmethod
-from collections.abc import Iterable, Mapping
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Iterator, Mapping
 from ipaddress import ip_address
 from typing import Annotated, ClassVar, Literal, NamedTuple, Self
 
@@ -35,7 +35,7 @@ class Here(NamedTuple):
     """Of TCP, for a bus that is a server."""
 
 
-class AnyBus(Section):
+class AnyBus(Section, ABC):
     """What a bus of any kind is, also of another package: whoever handles buses asks it here. It has no fields."""
 
     units: ClassVar[tuple[int, int] | None] = None
@@ -50,9 +50,26 @@ class AnyBus(Section):
     """What it has on the wire, in words, if that is never recorded."""
 
     @property
+    @abstractmethod
+    def place(self) -> str:
+        """What no two buses may share, such as `host:port`."""
+
+    @property
     def serial_path(self) -> tuple[str, str] | None:
         """Field and path of this computer's serial port, if that is where it is. No other program may open it."""
         return None
+
+    @classmethod
+    def moved(cls, to: Here) -> dict[str, object]:  # noqa: ARG003 - overridden
+        """The fields that say where it is, for the same bus on this computer; None: the field's default.
+
+        Empty: only its package knows what it calls its address.
+        """
+        return {}
+
+    def cautions(self) -> Iterator[tuple[str, str]]:
+        """Field, and why it may fail later or is less safe than it could be. May read files."""
+        yield from ()
 
     def timeout_is_age(self, options: Iterable[Mapping[str, object]]) -> bool:  # noqa: ARG002 - overridden
         """Whether a value may be as old as `timeout_s`, where the bus's devices have these options."""
@@ -74,11 +91,6 @@ class BusSettings(AnyBus):
 
     timeout_s: AnswerTime = 0.5
     """How long one answer may take at most. Half of the polling period (`period_s`) or less is best."""
-
-    @classmethod
-    @abstractmethod
-    def moved(cls, to: Here) -> dict[str, object]:
-        """The fields that say where it is, for the same bus on this computer; None: the field's default."""
 
 
 class SerialSettings(BusSettings):

@@ -1,12 +1,18 @@
 """Files that a connection's settings name: passwords, tokens, and certificates of authorities."""
 
+import stat
+from collections.abc import Iterator
+from datetime import timedelta
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from drivers.base import SetupError
 
 if TYPE_CHECKING:
     import ssl
+
+ENDS_SOON: Final = timedelta(days=30)
+"""A certificate that ends within this time is reported."""
 
 
 def unusable_file(field: str, path: Path | None, error: Exception, device: str = "") -> SetupError:
@@ -31,3 +37,14 @@ def trust_in(authority: Path | None) -> "ssl.SSLContext":
         return ssl.create_default_context(cafile=None if authority is None else str(authority))
     except (OSError, ValueError) as error:
         raise unusable_file("authority", authority, error) from error
+
+
+def secret_cautions(path: Path) -> Iterator[str]:
+    """Why this file with a secret is not as it should be."""
+    try:
+        mode = path.stat().st_mode
+    except OSError as error:
+        yield f"'{path}' cannot be read: {error.strerror}"
+    else:
+        if mode & (stat.S_IRGRP | stat.S_IROTH):
+            yield f"'{path}' can be read by other users; chmod 600"

@@ -1,8 +1,8 @@
 """The fields that every profile has."""
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Self
+from typing import TYPE_CHECKING, Annotated, Self
 
 from pydantic import AfterValidator, PrivateAttr, model_validator
 
@@ -41,6 +41,20 @@ class DeviceProfile(Section):
     """Unit of every channel, one of `UNITS`."""
     confirm: tuple[str, ...] = ()
     """Points that no manual confirms: check them on the device."""
+    if TYPE_CHECKING:  # each has them as fields, constants or properties
+
+        @property
+        def protocol(self) -> str:
+            """The protocol by which `drivers.families` knows such profiles."""
+
+        @property
+        def buses(self) -> Sequence[str]:
+            """Kinds of bus that the device can be on."""
+
+        @property
+        def channels(self) -> int:
+            """Number of channels."""
+
     _name: str = PrivateAttr(default="")
 
     def model_post_init(self, context: Mapping[str, object] | None) -> None:

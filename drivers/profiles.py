@@ -1,46 +1,17 @@
 """Loads device profiles, from `drivers/profiles/*.toml` or from a user's own file of the same form."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from hashlib import sha256
 from importlib.resources import files
 from pathlib import Path
 
-from drivers.agent import AgentProfile
 from drivers.base import SetupError
-from drivers.can import CanDbcProfile
-from drivers.canopen import CanOpenProfile, Cia404Profile
 from drivers.error_words import in_words
-from drivers.micro_epsilon import MeEthernetProfile, MeRs485Profile
-from drivers.modbus import ModbusProfile
-from drivers.mqtt import MqttProfile
-from drivers.opcua import OpcUaProfile
+from drivers.families import DEVICES
 from drivers.problems import read_settings, shown, suggestion, toml_data
+from drivers.profile import DeviceProfile
 from drivers.section import OTHER_ENCODING
 
-Profile = (
-    ModbusProfile
-    | Cia404Profile
-    | CanOpenProfile
-    | CanDbcProfile
-    | MeRs485Profile
-    | MeEthernetProfile
-    | OpcUaProfile
-    | MqttProfile
-    | AgentProfile
-)
-
-_PROTOCOLS: Mapping[object, type[Profile]] = {
-    "modbus": ModbusProfile,
-    "cia404": Cia404Profile,
-    "canopen": CanOpenProfile,
-    "can_dbc": CanDbcProfile,
-    "me_rs485": MeRs485Profile,
-    "me_ethernet": MeEthernetProfile,
-    "opcua": OpcUaProfile,
-    "mqtt": MqttProfile,
-    "agent": AgentProfile,
-}
 _SUPPLIED = files("drivers") / "profiles"
 
 
@@ -49,7 +20,7 @@ def profile_names() -> tuple[str, ...]:
     return tuple(sorted(Path(entry.name).stem for entry in _SUPPLIED.iterdir() if entry.name.endswith(".toml")))
 
 
-def load_profile(name: str) -> Profile:
+def load_profile(name: str) -> DeviceProfile:
     """The profile with that name, or from that file when `name` ends with `.toml`.
 
     Raises SetupError naming file, field and value, or listing the profiles that exist.
@@ -73,7 +44,7 @@ def is_users(name: str) -> bool:
 class UserProfile:
     """A user's own profile as read from its files at one moment."""
 
-    profile: Profile
+    profile: DeviceProfile
     text: str
     other: tuple[str, str] | None
     """Key and text of the file that it refers to, if any."""
@@ -118,14 +89,15 @@ def _decoded(name: str, content: bytes) -> str:
         raise SetupError(f"profile {name}: cannot be read: {error}", hint="give the path of a TOML file") from error
 
 
-def _parse(name: str, text: str, *, file: str) -> Profile:
+def _parse(name: str, text: str, *, file: str) -> DeviceProfile:
     try:
         data = toml_data(text)
     except ValueError as error:
         raise SetupError(f"{file}: invalid TOML: {error}") from error
     protocol = data.get("protocol", "")
-    if not isinstance(protocol, str) or protocol not in _PROTOCOLS:
-        possible = suggestion(str(protocol), map(str, _PROTOCOLS))
+    if not isinstance(protocol, str) or protocol not in DEVICES:
+        possible = suggestion(str(protocol), DEVICES)
         found = f"{shown(protocol)} is invalid" if protocol else "missing"
         raise SetupError(f"{file}: protocol: {found}; {possible}")
-    return read_settings(_PROTOCOLS[protocol], data, {"name": name, "folder": Path(file).parent}, file=file)
+    kind: type[DeviceProfile] = DEVICES[protocol].profile
+    return read_settings(kind, data, {"name": name, "folder": Path(file).parent}, file=file)

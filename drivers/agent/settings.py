@@ -1,11 +1,13 @@
 """Settings of the connection to an agent on a control: address and shared key. No network."""
 
+from collections.abc import Iterator
 from typing import ClassVar, Final
 
 from pydantic import Field
 
 from drivers.base import SetupError
-from drivers.bus_settings import BusSettings, Here
+from drivers.bus_settings import BusSettings, Here, is_loopback
+from drivers.credential_files import secret_cautions
 from drivers.nc import AXES, LARGEST_UM, REQUEST_VALID_FOR_S
 from drivers.section import FilePath, HostName, NotNegative, Port, Positive, Section, ServerTime, host_and_port
 from drivers.signature import shared_key
@@ -27,9 +29,15 @@ class AgentAddress(Section):
     timeout_s: ServerTime = 2.0
     """How long one answer may take."""
 
+    def cautions(self) -> Iterator[tuple[str, str]]:
+        """Field, and why it is less safe than it could be. Reads files."""
+        if not is_loopback(self.host):
+            yield "host", f"'{self.host}' is another computer: use a tunnel, lines are signed but not encrypted"
+        yield from (("key_file", text) for text in secret_cautions(self.key_file))
+
 
 class AgentBusSettings(AgentAddress, BusSettings):
-    """A control whose agent reports values that are channels."""
+    """A control with an agent whose values are channels, such as LinuxCNC's HAL pins; see docs/agent.md."""
 
     bus_kind: ClassVar[str] = "agent"
     unrecorded: ClassVar[str] = "a control's agent, which is signed,"

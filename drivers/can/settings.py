@@ -74,9 +74,9 @@ class CanInterfaceSettings(BusSettings):
 
 
 class CanSettings(CanInterfaceSettings):
-    """Devices on a CAN bus that send without being asked, described by a DBC file. `timeout_s`: how old a frame may be.
+    """Devices on a CAN bus that send without being asked, described by a DBC file.
 
-    It must be longer than the devices' cycle.
+    `timeout_s`: how old a frame may be, at most three times `period_s`.
     """
 
     bus_kind: ClassVar[str] = "can"

@@ -4,11 +4,11 @@ from typing import ClassVar
 
 from pydantic import Field
 
-from drivers.bus_settings import HostSettings, SerialSettings, Telegrams
+from drivers.bus_settings import AnyBus, HostSettings, SerialSettings, Telegrams
 from drivers.section import Port, Section
 
 
-class LineSettings(Section):
+class LineSettings(AnyBus):
     """Any line with RTU frames."""
 
     local_echo: bool | None = None

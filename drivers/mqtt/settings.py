@@ -48,7 +48,7 @@ class MqttServer(UrlServer):
 
 
 class MqttBusSettings(MqttServer, BusSettings):
-    """An MQTT broker whose topics are channels."""
+    """An MQTT broker whose topics are channels. `period_s`: at least a third of the longest time between messages."""
 
     bus_kind: ClassVar[str] = "mqtt"
     only_listens: ClassVar[bool] = True

@@ -1,5 +1,6 @@
 """Certificates and keys of an OPC UA connection: whether they can be used, and what they say."""
 
+from collections.abc import Iterator
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -9,7 +10,7 @@ from cryptography.hazmat.primitives.asymmetric import rsa
 from cryptography.hazmat.primitives.serialization import load_der_private_key, load_pem_private_key
 
 from drivers.base import SetupError
-from drivers.credential_files import unusable_file
+from drivers.credential_files import ENDS_SOON, unusable_file
 
 LEAST_BITS, MOST_BITS = 2048, 4096
 """Smallest and largest size of RSA keys (OPC UA Part 7, Basic256Sha256)."""
@@ -67,3 +68,26 @@ def application_uri(certificate: x509.Certificate, path: Path | None, device: st
     if not uris:
         raise SetupError(f"certificate = {str(path)!r} holds no application URI as alternative name", device=device)
     return uris[0]
+
+
+def certificate_cautions(path: Path, name: str) -> Iterator[str]:
+    """Why this certificate cannot be used, or that it ends soon."""
+    try:
+        end = valid_certificate(path, name, "").not_valid_after_utc
+    except SetupError as error:
+        yield error.what
+    else:
+        if end - datetime.now(UTC) < ENDS_SOON:
+            yield f"'{path}' expires on {end:%Y-%m-%d}; renew it before then, or no connection is possible"
+
+
+def key_cautions(path: Path | None, key: Path | None) -> Iterator[str]:
+    """Why this key cannot be used with its certificate; nothing if the certificate itself cannot be used."""
+    try:
+        certificate = valid_certificate(path, "certificate", "")
+    except SetupError:
+        return
+    try:
+        check_key(certificate, key, "")
+    except SetupError as error:
+        yield error.what

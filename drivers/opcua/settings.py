@@ -1,11 +1,13 @@
 """Settings of an OPC UA connection: address, certificates, ports. No network."""
 
+from collections.abc import Iterator
 from typing import Annotated, ClassVar, Literal, Self
 from urllib.parse import urlsplit
 
 from pydantic import model_validator
 
 from drivers.bus_settings import BusSettings, Here
+from drivers.credential_files import secret_cautions
 from drivers.section import FilePath, NotEmpty, Section, ServerTime, matching, user_and_password, wrong
 
 _DEFAULT_PORT = 4840
@@ -49,6 +51,31 @@ class OpcUaServer(Section):
                 raise wrong(f"{str(path)!r}: expected a file ending in .pem or .der", name)
         return self
 
+    def server_cautions(self, *, in_the_clear: str) -> Iterator[tuple[str, str]]:
+        """Field, and why it may fail later or is less safe than it could be. Reads files.
+
+        in_the_clear: what security = "none" exposes; empty: nothing that matters
+        """
+        if self.security != "none":
+            yield from self._certificates_cautions()
+        elif in_the_clear:
+            yield "security", f"'none' sends {in_the_clear} unencrypted; use Basic256Sha256"
+        for name in ("password_file", "private_key"):
+            path = getattr(self, name)
+            if path is not None:
+                yield from ((name, text) for text in secret_cautions(path))
+
+    def _certificates_cautions(self) -> Iterator[tuple[str, str]]:
+        from drivers.opcua.certificates import certificate_cautions, key_cautions  # loads cryptography
+
+        if self.server_certificate is None:
+            yield "server_certificate", "missing; any server at this address is accepted"
+        for name in ("certificate", "server_certificate"):
+            path = getattr(self, name)
+            if path is not None:
+                yield from ((name, text) for text in certificate_cautions(path, name))
+        yield from (("private_key", text) for text in key_cautions(self.certificate, self.private_key))
+
 
 class OpcUaSettings(OpcUaServer):
     """A control's server."""
@@ -62,6 +89,10 @@ class OpcUaBusSettings(OpcUaServer, BusSettings):
 
     bus_kind: ClassVar[str] = "opcua"
     unrecorded: ClassVar[str] = "an OPC UA session"
+
+    def cautions(self) -> Iterator[tuple[str, str]]:
+        """Of its certificates and secrets."""
+        return self.server_cautions(in_the_clear="the password" if self.password_file is not None else "")
 
     @classmethod
     def moved(cls, to: Here) -> dict[str, object]:

@@ -2,12 +2,8 @@
 
 from collections.abc import Callable, Collection
 
-from drivers.base import Bus, Driver
-from drivers.build import bus_from_settings, make_device
 from drivers.tap import Tap
 from gateway.acquisition.line import Line
-from gateway.config.buses import BusSection
-from gateway.config.extensions import OtherBus
 from gateway.config.model import GatewayConfig
 from gateway.runtime.clocks import ServiceClock
 
@@ -32,7 +28,8 @@ def lines_of(
     for number, section in enumerate(config.buses):
         if only is not None and section.name not in only:
             continue
-        bus, drivers = _made(section, config, clock, None if tap is None else tap(section.name))
+        devices = config.devices_of(section.name)
+        bus, drivers = section.built(devices, config.profile_of, None if tap is None else tap(section.name), clock)
         lines.append(
             Line(
                 bus,
@@ -45,25 +42,3 @@ def lines_of(
             )
         )
     return tuple(lines)
-
-
-def _made(
-    section: BusSection, config: GatewayConfig, clock: ServiceClock, tap: Tap | None
-) -> tuple[Bus, tuple[Driver, ...]]:
-    """One bus and its devices."""
-    devices = config.devices_of(section.name)
-    if isinstance(section, OtherBus):
-        return section.built(devices, tap, clock)
-    bus = bus_from_settings(section.name, section, tap)
-    return bus, tuple(
-        make_device(
-            device.name,
-            bus,
-            config.profile_of(device),
-            device.unit,
-            device.channels,
-            device.options,
-            clock,
-        )
-        for device in devices
-    )

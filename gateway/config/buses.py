@@ -1,123 +1,79 @@
-"""`[[bus]]`: where devices are, and how the gateway reads them. There is one section per kind of wire.
+"""`[[bus]]` of every family of drivers: its settings, which say where it is, with the polling of any bus added."""
 
-The drivers' settings define where a bus is and what its fields may hold; the gateway's own fields are added here.
-"""
+from collections.abc import Iterator, Sequence
+from functools import cache
+from typing import TYPE_CHECKING, Any, Literal, cast
 
-from collections.abc import Iterator
-from typing import TYPE_CHECKING, Annotated, Literal
+from pydantic import Field, create_model
 
-from pydantic import Field
-
-from drivers.agent import AgentBusSettings
-from drivers.can import CanSettings
-from drivers.canopen import CanOpenSettings
-from drivers.micro_epsilon import MeEthernetSettings, MeRs485Settings
-from drivers.modbus import ModbusRtuSettings, ModbusRtuTcpSettings, ModbusTcpSettings
-from drivers.mqtt import MqttBusSettings
-from drivers.opcua import OpcUaBusSettings
-from gateway.config.credentials import agent_cautions
-from gateway.config.extensions import OtherBus
-from gateway.config.opcua_cautions import server_cautions
-from gateway.config.polled import Polled
+from drivers.base import Bus, Clock, Driver, SetupError
+from drivers.build import bus_from_settings, check_device, make_device
+from drivers.bus_settings import BusSettings
+from drivers.families import BUS_KINDS
+from drivers.profiles import is_users, load_profile, profile_names
+from drivers.tap import Tap
+from gateway.config.polled import BusSection, ProfileOf, refused
+from gateway.config.problems import Problem, suggestion
+from gateway.config.reading import any_section_of
+from gateway.config.sections import Device
 
 
-class ModbusRtuSection(ModbusRtuSettings, Polled):
-    """Modbus RTU on a serial line (RS-485)."""
+class FamilyBus(BusSection):
+    """A bus of a family, whose devices have profiles. Its class derives from the family's settings too."""
 
-    kind: Literal["modbus_rtu"]
-    """`modbus_rtu`."""
+    def problems(self, devices: Sequence[Device], profile_of: ProfileOf) -> Iterator[Problem]:
+        """Unknown profiles, and what the drivers would reject: units, channel numbers, options."""
+        for device in devices:
+            where = f"device '{device.name}', profile"
+            if not is_users(device.profile) and device.profile not in profile_names():
+                known = suggestion(device.profile, profile_names())
+                yield Problem(where, f"unknown profile '{device.profile}'; {known}")
+                continue
+            try:
+                profile = profile_of(device)
+                loaded = load_profile(profile) if isinstance(profile, str) else profile
+                check_device(
+                    device.name,
+                    self.name,
+                    cast("BusSettings", self),
+                    loaded,
+                    device.unit,
+                    device.channels,
+                    device.options,
+                )
+            except SetupError as error:
+                yield refused(device.name, error)
+                continue
+            if loaded.oldest_s is not None and loaded.oldest_s > 3.0 * self.period_s:
+                yield Problem(where, "max_age_s = " + self.too_old(loaded.oldest_s))
 
-
-class ModbusRtuTcpSection(ModbusRtuTcpSettings, Polled):
-    """Modbus RTU over TCP: units on the serial line of a device server, whose TCP port forwards the bytes unchanged.
-
-    The server sets speed and parity of the line.
-    """
-
-    kind: Literal["modbus_rtu_tcp"]
-    """`modbus_rtu_tcp`."""
-
-
-class MeRs485Section(MeRs485Settings, Polled):
-    """Micro-Epsilon displacement sensors on RS-485."""
-
-    kind: Literal["me_rs485"]
-    """`me_rs485`."""
-
-
-class ModbusTcpSection(ModbusTcpSettings, Polled):
-    """Modbus TCP to one host, which is a device itself or a gateway to several units."""
-
-    kind: Literal["modbus_tcp"]
-    """`modbus_tcp`."""
-
-
-class MeEthernetSection(MeEthernetSettings, Polled):
-    """The data port of a Micro-Epsilon controller on Ethernet."""
-
-    kind: Literal["me_ethernet"]
-    """`me_ethernet`."""
-
-
-class CanOpenSection(CanOpenSettings, Polled):
-    """CANopen nodes on a CAN bus."""
-
-    kind: Literal["canopen"]
-    """`canopen`."""
+    def built(
+        self, devices: Sequence[Device], profile_of: ProfileOf, tap: Tap | None, clock: Clock
+    ) -> tuple[Bus, tuple[Driver, ...]]:
+        """Imports the libraries of the family."""
+        bus = bus_from_settings(self.name, cast("BusSettings", self), tap)
+        return bus, tuple(
+            make_device(d.name, bus, profile_of(d), d.unit, d.channels, d.options, clock) for d in devices
+        )
 
 
-class CanSection(CanSettings, Polled):
-    """Devices on a CAN bus that send without being asked, described by a DBC file.
-
-    `timeout_s`: how old a frame may be, at most three times `period_s`.
-    """
-
-    kind: Literal["can"]
-    """`can`."""
-
-
-class OpcUaSection(OpcUaBusSettings, Polled):
-    """An OPC UA server whose nodes are channels."""
-
-    kind: Literal["opcua"]
-    """`opcua`."""
-
-    def cautions(self) -> Iterator[tuple[str, str]]:
-        """Of its certificates and secrets."""
-        yield from server_cautions(self, in_the_clear="the password" if self.password_file is not None else "")
+@cache
+def section_of_settings(settings: type[BusSettings]) -> type[Any]:
+    """The section of a kind of bus: its settings, with polling and `kind` added."""
+    kind = settings.bus_kind
+    named: Any = Literal[kind]  # a value, which a type checker does not follow
+    return create_model(
+        f"{settings.__name__.removesuffix('Settings')}Section",
+        __base__=(settings, FamilyBus),
+        __module__=__name__,
+        __doc__=settings.__doc__,
+        kind=(named, Field(description=f"`{kind}`.")),
+    )
 
 
-class MqttSection(MqttBusSettings, Polled):
-    """An MQTT broker whose topics are channels. `period_s`: at least a third of the longest time between messages."""
-
-    kind: Literal["mqtt"]
-    """`mqtt`."""
-
-
-class AgentSection(AgentBusSettings, Polled):
-    """A control with an agent whose values are channels, such as LinuxCNC's HAL pins; see docs/agent.md."""
-
-    kind: Literal["agent"]
-    """`agent`."""
-
-    def cautions(self) -> Iterator[tuple[str, str]]:
-        """Of its host and its key."""
-        yield from agent_cautions(self)
-
-
-_Own = (
-    ModbusRtuSection
-    | ModbusRtuTcpSection
-    | ModbusTcpSection
-    | CanOpenSection
-    | CanSection
-    | MeRs485Section
-    | MeEthernetSection
-    | OpcUaSection
-    | MqttSection
-    | AgentSection
-)
+SECTIONS = {kind: section_of_settings(settings) for kind, settings in BUS_KINDS.items()}
+"""By `kind`, of the families of `drivers`."""
 if TYPE_CHECKING:
-    BusSection = _Own | OtherBus
+    AnyBusSection = BusSection
 else:  # gateway.config.extended adds those of other packages where a file uses them
-    BusSection = Annotated[_Own, Field(discriminator="kind")]
+    AnyBusSection = any_section_of(SECTIONS.values())

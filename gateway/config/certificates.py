@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from drivers.opcua import OpcUaServer
     from gateway.config.model import GatewayConfig
 
 
@@ -32,18 +31,13 @@ def certificate_end(path: Path) -> datetime | None:
 
 
 def _named(config: "GatewayConfig") -> Iterator[tuple[str, Path]]:
-    from gateway.config.buses import OpcUaSection  # the page asks only for the end of its own certificate
-    from gateway.config.controls import SinumerikNc
+    from drivers.opcua import OpcUaServer  # the page asks only for the end of its own certificate
 
     tls = config.telemetry.tls
     sections = [("[telemetry.tls]", "certificate", tls.certificate), ("[telemetry.tls]", "authority", tls.authority)]
-    servers: list[tuple[str, OpcUaServer]] = [
-        (f"bus '{bus.name}',", bus) for bus in config.buses if isinstance(bus, OpcUaSection)
-    ]
-    if isinstance(config.nc, SinumerikNc):
-        servers.append(("[nc]", config.nc))
-    for section, server in servers:
-        if server.security != "none":
+    holders: list[tuple[str, object]] = [*((f"bus '{bus.name}',", bus) for bus in config.buses), ("[nc]", config.nc)]
+    for section, server in holders:
+        if isinstance(server, OpcUaServer) and server.security != "none":
             sections.append((section, "certificate", server.certificate))
             sections.append((section, "server_certificate", server.server_certificate))
     yield from ((f"{section} {field}", path) for section, field, path in sections if path is not None)

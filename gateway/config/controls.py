@@ -14,10 +14,8 @@ from drivers.nc import LARGEST_UM
 from drivers.problems import settings_of
 from drivers.section import host_and_port
 from drivers.sinumerik import SinumerikControl, SinumerikSettings, StateNode, default_states
-from gateway.config.credentials import agent_cautions
 from gateway.config.extensions import ControlSection, Poses
 from gateway.config.fields import Name
-from gateway.config.opcua_cautions import server_cautions
 from gateway.config.polled import PolledControl
 
 
@@ -73,7 +71,7 @@ class SinumerikNc(PolledControl, SinumerikControl):
     def cautions(self) -> Iterator[tuple[str, str]]:
         """Field, and why it may fail later or is less safe than it could be. Reads files."""
         exposed = "" if _on_this_computer(self.url) else "password and offsets"
-        yield from server_cautions(self, in_the_clear=exposed)
+        yield from self.server_cautions(in_the_clear=exposed)
 
 
 class PolledAgent(PolledControl, AgentAddress):
@@ -105,10 +103,6 @@ class PolledAgent(PolledControl, AgentAddress):
     def largest_um(self) -> float:
         """Larger offsets are never sent; the agent's own bound is in its greeting."""
         return LARGEST_UM
-
-    def cautions(self) -> Iterator[tuple[str, str]]:
-        """Field, and why it may fail or is less safe than it could be. Reads files."""
-        return agent_cautions(self)
 
 
 class LinuxCncNc(PolledAgent):

@@ -9,7 +9,7 @@ from typing import Any, get_args
 from pydantic import Field, TypeAdapter, create_model
 
 from drivers.section import strictly
-from gateway.config.buses import BusSection
+from gateway.config.buses import SECTIONS
 from gateway.config.controls import Nc
 from gateway.config.extensions import (
     BUSES,
@@ -33,7 +33,7 @@ def _sections(union: object) -> dict[str, type[Any]]:
     return {str(get_args(section.model_fields["kind"].annotation)[0]): section for section in sections}
 
 
-_OWN = {CONTROLS: _sections(Nc), BUSES: _sections(BusSection)}
+_OWN: Mapping[str, Mapping[str, type[Any]]] = {CONTROLS: _sections(Nc), BUSES: SECTIONS}
 _BASES: Mapping[str, type[Any]] = {CONTROLS: ControlSection, BUSES: OtherBus}
 
 

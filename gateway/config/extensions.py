@@ -15,11 +15,13 @@ from typing import Any, ClassVar, Final, Generic, TypeVar
 from pydantic import BaseModel
 
 from drivers.base import Bus, Clock, Driver, DriverError, SetupError, SystemClock
-from drivers.bus_settings import AnyBus
+from drivers.families import register
+from drivers.family import Family
 from drivers.nc import LARGEST_UM, NumericalControl
 from drivers.section import ServerTime
 from drivers.tap import Tap
-from gateway.config.polled import Polled, PolledControl
+from gateway.config.buses import section_of_settings
+from gateway.config.polled import BusSection, PolledControl, ProfileOf, refused
 from gateway.config.problems import Problem
 from gateway.config.sections import Device
 
@@ -84,19 +86,15 @@ class ControlSection(PolledControl, ABC):
         return _Kept()
 
 
-class OtherBus(Polled, AnyBus, ABC):
+class OtherBus(BusSection):
     """`[[bus]]` of a kind of another package, whose class derives from it and has `kind: Literal["..."]`."""
 
     kind: str
     """The entry point's name."""
+    has_profiles: ClassVar[bool] = False
     units: ClassVar[tuple[int, int] | None] = (0, 0xFFFF)
     timeout_s: ServerTime = 1.0
     """How long one answer may take."""
-
-    @property
-    @abstractmethod
-    def place(self) -> str:
-        """What no two buses may share, such as `host:port`."""
 
     @abstractmethod
     def bus(self, tap: Tap | None) -> Bus:
@@ -128,7 +126,17 @@ class OtherBus(Polled, AnyBus, ABC):
             self._kept.put((self, tuple(devices)), clock, (bus, tuple(drivers)))
         return refused
 
-    def built(self, devices: Sequence[Device], tap: Tap | None, clock: Clock) -> tuple[Bus, tuple[Driver, ...]]:
+    def problems(self, devices: Sequence[Device], profile_of: ProfileOf) -> Iterator[Problem]:  # noqa: ARG002
+        """Whatever `check` finds."""
+        yield from (refused(name, error) for name, error in self.check(devices).items())
+
+    def built(
+        self,
+        devices: Sequence[Device],
+        profile_of: ProfileOf,  # noqa: ARG002
+        tap: Tap | None,
+        clock: Clock,
+    ) -> tuple[Bus, tuple[Driver, ...]]:
         """The bus and its drivers that the check made, for the first who asks without a tap; otherwise other ones.
 
         Raises SetupError.
@@ -231,6 +239,8 @@ class Extension:
             found: Any = self.entry.load()
         except (Exception, SystemExit) as error:  # whatever the package does when it is imported
             raise self._unusable(f"{type(error).__name__}: {error}") from error
+        if isinstance(found, Family) and base is OtherBus:
+            return self._of_family(found)
         is_one = isinstance(found, type) and issubclass(found, base)
         if not is_one:
             public = base.__module__
@@ -250,6 +260,18 @@ class Extension:
             raise self._unusable(f'{self.entry.value} has kind {allowed}: expected Literal["{self.kind}"]')
         made: type[Any] = found
         return made
+
+    def _of_family(self, family: Family) -> type[Any]:
+        kinds = {bus.settings.bus_kind: bus.settings for bus in family.buses}
+        if self.kind not in kinds:
+            raise self._unusable(f"{self.entry.value} has no bus of this kind")
+        try:
+            register(family)
+        except ValueError as error:
+            raise self._unusable(str(error)) from error
+        settings: Any = kinds[self.kind]
+        section: type[Any] = section_of_settings(settings)
+        return section
 
     def _unusable(self, why: str) -> ExtensionError:
         return ExtensionError(

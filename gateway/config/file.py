@@ -6,7 +6,6 @@ from pathlib import Path
 from drivers.base import SetupError
 from drivers.profiles import UserProfile, is_users, user_profile
 from gateway.config.extended import config_class
-from gateway.config.extensions import OtherBus
 from gateway.config.model import GatewayConfig, with_database
 from gateway.config.prior import PriorError, prior_for
 from gateway.config.problems import ConfigError, Problem, read_sections
@@ -53,7 +52,7 @@ def _with_own_profiles(config: GatewayConfig) -> tuple[GatewayConfig, list[Probl
     device's check reports it with the device."""
     profiles: dict[str, UserProfile] = {}
     unreadable: list[Problem] = []
-    others = {bus.name for bus in config.buses if isinstance(bus, OtherBus)}  # there a profile is the package's affair
+    others = {bus.name for bus in config.buses if not bus.has_profiles}
     devices = (device for device in config.devices if device.bus not in others)
     for name in dict.fromkeys(device.profile for device in devices if is_users(device.profile)):
         try:

@@ -8,9 +8,10 @@ from typing import Self
 
 from pydantic import Field, PrivateAttr
 
-from drivers.profiles import Profile, UserProfile
+from drivers.profile import DeviceProfile
+from drivers.profiles import UserProfile
 from drivers.section import Section
-from gateway.config.buses import BusSection
+from gateway.config.buses import AnyBusSection
 from gateway.config.controls import Nc
 from gateway.config.metrics import Metrics
 from gateway.config.prior import PriorFile
@@ -50,7 +51,7 @@ class GatewayConfig(Section):
     storage: Storage = Storage()
     telemetry: Telemetry = Telemetry()
     metrics: Metrics = Metrics()
-    buses: tuple[BusSection, ...] = Field(default=(), alias="bus")
+    buses: tuple[AnyBusSection, ...] = Field(default=(), alias="bus")
     devices: tuple[Device, ...] = Field(default=(), alias="device")
     states: tuple[State, ...] = Field(default=(), alias="state")
     planned_loads: tuple[PlannedLoad, ...] = Field(default=(), alias="planned_load", max_length=8)
@@ -69,7 +70,7 @@ class GatewayConfig(Section):
         """The content of the user's own profiles when this configuration was loaded, by `profile` of a device."""
         return self._profiles
 
-    def profile_of(self, device: Device) -> str | Profile:
+    def profile_of(self, device: Device) -> str | DeviceProfile:
         """A device's profile: the user's own as it was when this configuration was loaded, or a supplied one's name."""
         own = self._profiles.get(device.profile)
         return device.profile if own is None else own.profile

@@ -59,7 +59,10 @@ def _texts(owner: type) -> Iterator[tuple[str, str]]:
     """Names of a class's own fields, and the text under each."""
     if not getattr(owner, "__annotations__", None) or owner.__module__.startswith("pydantic"):
         return
-    (made,) = ast.parse(dedent(getsource(owner))).body
+    try:
+        (made,) = ast.parse(dedent(getsource(owner))).body
+    except OSError:
+        return  # made by a program, with descriptions
     for field, below in pairwise(made.body if isinstance(made, ast.ClassDef) else ()):
         if isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name) and isinstance(below, ast.Expr):
             match below.value:

@@ -7,14 +7,12 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 
 from drivers.base import SetupError
-from drivers.build import check_device
 from drivers.modbus import ModbusProfile, addresses_as_in_manuals
-from drivers.profiles import load_profile, profile_names
-from gateway.config.buses import BusSection
 from gateway.config.controls import Nc, SinumerikNc
-from gateway.config.extensions import OtherBus, asked
+from gateway.config.extensions import asked
 from gateway.config.metrics import metrics_problems
 from gateway.config.model import GatewayConfig
+from gateway.config.polled import BusSection
 from gateway.config.problems import Problem, suggestion
 from gateway.config.telemetry_rules import telemetry_cautions, telemetry_problems
 from talc.probing import check_poses
@@ -192,11 +190,10 @@ def _planned_loads(config: GatewayConfig) -> Iterator[Problem]:
 
 def _answers(config: GatewayConfig) -> Iterator[Problem]:
     for bus in config.buses:
-        if isinstance(bus, OtherBus):
-            try:
-                bus.check_answers(config.devices_of(bus.name))
-            except SetupError as error:
-                yield Problem(f"bus '{bus.name}'", error.advice)
+        try:
+            bus.check_answers(config.devices_of(bus.name))
+        except SetupError as error:
+            yield Problem(f"bus '{bus.name}'", error.advice)
 
 
 def _places(config: GatewayConfig) -> Iterator[Problem]:
@@ -228,14 +225,7 @@ def _waits(config: GatewayConfig) -> Iterator[Problem]:
             )
         options = (device.options for device in config.devices_of(bus.name))
         if bus.timeout_s > 3.0 * bus.period_s and bus.timeout_is_age(options):
-            yield Problem(f"bus '{bus.name}', timeout_s", _goes_stale(bus.timeout_s, bus))
-
-
-def _goes_stale(age_s: float, bus: BusSection) -> str:
-    return (
-        f"{age_s:g}: a value goes stale after three periods; expected at most {3.0 * bus.period_s:g}, or a longer "
-        f"period_s of bus '{bus.name}'"
-    )
+            yield Problem(f"bus '{bus.name}', timeout_s", bus.too_old(bus.timeout_s))
 
 
 def _addresses(config: GatewayConfig) -> Iterator[Problem]:
@@ -328,34 +318,8 @@ def _devices(config: GatewayConfig) -> Iterator[Problem]:
     """What the drivers would reject: profiles, units, channel numbers, options. Uses no network."""
     names = Counter(bus.name for bus in config.buses)
     for bus in config.buses:
-        if names[bus.name] > 1:
-            continue
-        devices = config.devices_of(bus.name)
-        if isinstance(bus, OtherBus):
-            for name, error in bus.check(devices).items():
-                yield _refused(name, error)
-            continue
-        for device in devices:
-            where = f"device '{device.name}'"
-            if not device.profile.endswith(".toml") and device.profile not in profile_names():
-                yield Problem(
-                    f"{where}, profile",
-                    f"unknown profile '{device.profile}'; {suggestion(device.profile, profile_names())}",
-                )
-                continue
-            try:
-                profile = config.profile_of(device)
-                check_device(device.name, bus.name, bus, profile, device.unit, device.channels, device.options)
-                loaded = load_profile(profile) if isinstance(profile, str) else profile
-                if loaded.oldest_s is not None and loaded.oldest_s > 3.0 * bus.period_s:
-                    yield Problem(f"{where}, profile", "max_age_s = " + _goes_stale(loaded.oldest_s, bus))
-            except SetupError as error:
-                yield _refused(device.name, error)
-
-
-def _refused(device: str, error: SetupError) -> Problem:
-    where = f"device '{device}'"
-    return Problem(f"{where}, channels.{error.channel}" if error.channel else where, error.advice)
+        if names[bus.name] == 1:
+            yield from bus.problems(config.devices_of(bus.name), config.profile_of)
 
 
 def _nc(config: GatewayConfig) -> Iterator[Problem]:

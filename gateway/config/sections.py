@@ -70,8 +70,7 @@ class Device(Section):
     """Profile with the addresses of its values: one of drivers/profiles, or the path of a .toml file."""
     unit: int = Field(default=1, ge=0, le=0xFFFF)
     """Address on its bus: Modbus unit 1 to 247 (Modbus TCP: 0 to 255), CANopen node 1 to 127, sensor on `me_rs485` 2 to
-    126. Devices on `can`, `me_ethernet`, `opcua`, `mqtt` and `agent` have no address: leave it out; it means nothing
-    there."""
+    126. Devices on other kinds of bus have no address: leave it out; it means nothing there."""
     options: Mapping[str, str | int | float | bool] = Field(default_factory=dict)
     """Options that its profile leaves open, such as the vendor or the range."""
     channels: Mapping[Name, int] = Field(min_length=1)

@@ -6,8 +6,8 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
+from drivers.credential_files import ENDS_SOON, secret_cautions
 from drivers.signature import shared_key
-from gateway.config.credentials import ENDS_SOON, secret_cautions
 from gateway.config.problems import Problem
 from gateway.config.telemetry import Telemetry, TelemetryTls
 

@@ -17,10 +17,9 @@ from drivers.bus_settings import BusWire, Here
 from gateway.acquisition.wire_log import WireEvent, WireLogError, is_wire_log, read_wire_log
 from gateway.cli.conventions.signals import stop_on_signals
 from gateway.cli.conventions.terminal import terminal
-from gateway.config.buses import BusSection
-from gateway.config.extensions import OtherBus
 from gateway.config.model import GatewayConfig
 from gateway.config.packed import unpacked
+from gateway.config.polled import BusSection
 from gateway.config.wires import toml_value, wires_toml
 from simulators.devices import (
     EXTENDED,
@@ -222,8 +221,6 @@ def _ready(config: GatewayConfig | None, played: Sequence[Played], folder: Path)
 
 def _nowhere(bus: BusSection, folder: Path) -> dict[str, object]:
     """An address at which a bus that never opened cannot be opened either."""
-    if isinstance(bus, OtherBus):
-        return {}  # only its package knows what it calls its address; see docs/extensions.md
     return bus.moved(Here(str((folder / bus.name).absolute()), _NOBODY))
 
 

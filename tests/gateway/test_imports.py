@@ -144,7 +144,6 @@ def test_a_bus_loads_the_libraries_of_its_own_kind(kind: str, needed: str, forei
         ("from drivers.mqtt import MqttBusSettings, MqttBus, MqttDevice, MqttServer, number_in", set()),
         ("from drivers.mqtt import MqttConnection", {"paho"}),
         ("from drivers.sinumerik import SinumerikControl, SinumerikSettings, make_sinumerik", set()),
-        ("from gateway.config.opcua_cautions import server_cautions", set()),
         ("from gateway.listeners.outlets.mqtt import MqttOutlet, MqttOutletSettings", set()),
         ("from gateway.listeners.umati.settings import ShownMachine, check_serving, load_serving", set()),
         ("from gateway.listeners.umati.server import MachineToolServer", {"asyncua", "cryptography"}),

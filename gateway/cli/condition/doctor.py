@@ -121,22 +121,24 @@ def _disk(config: GatewayConfig) -> Iterator[Ailment]:
 
 def _can(config: GatewayConfig, root: Path) -> Iterator[Ailment]:
     for bus in config.buses:
-        if not isinstance(bus, CanInterfaceSettings) or bus.interface != "socketcan":
+        settings: object = bus  # of any family
+        if not isinstance(settings, CanInterfaceSettings) or settings.interface != "socketcan":
             continue
-        state = kernel_text(root / "sys/class/net" / bus.channel / "operstate")
+        channel = settings.channel
+        state = kernel_text(root / "sys/class/net" / channel / "operstate")
         why = f"bus '{bus.name}' cannot be read"
         if not state:
-            yield Ailment(f"there is no interface {bus.channel}", why, "is the adapter plugged in? ip -details link")
-        elif state == "down" and _is_up(root, bus.channel):
+            yield Ailment(f"there is no interface {channel}", why, "is the adapter plugged in? ip -details link")
+        elif state == "down" and _is_up(root, channel):
             yield Ailment(
-                f"{bus.channel} is up and has left the bus (bus-off), or has no carrier",
+                f"{channel} is up and has left the bus (bus-off), or has no carrier",
                 why,
                 "check bit rate, termination (60 ohm between CAN_H and CAN_L) and whether another node is on;"
                 " restart-ms 100 lets it return by itself: deploy/pi/80-can.network",
             )
         elif state == "down":
-            up = f"ip link set {bus.channel} up type can bitrate {bus.bitrate} restart-ms 100"
-            yield Ailment(f"{bus.channel} is down", why, f"{up}; at every start: deploy/pi/80-can.network")
+            up = f"ip link set {channel} up type can bitrate {settings.bitrate} restart-ms 100"
+            yield Ailment(f"{channel} is down", why, f"{up}; at every start: deploy/pi/80-can.network")
 
 
 def _is_up(root: Path, interface: str) -> bool:

@@ -10,9 +10,9 @@ from drivers.build import BUS_KINDS
 from drivers.problems import settings_of
 from drivers.profiles import load_profile
 from gateway.commissioning.scan.found import Found, Place
-from gateway.config.buses import BusSection
 from gateway.config.file import draft, parse
 from gateway.config.model import GatewayConfig
+from gateway.config.polled import BusSection
 from gateway.config.wires import toml_value
 
 CONFIRM = "CONFIRM"

@@ -12,18 +12,7 @@ from drivers.mqtt import MqttServer
 from drivers.opcua import OpcUaServer
 from drivers.opcua.settings import with_port
 from drivers.sinumerik.settings import Handshake
-from gateway.config.buses import (
-    AgentSection,
-    CanOpenSection,
-    CanSection,
-    MeEthernetSection,
-    MeRs485Section,
-    ModbusRtuSection,
-    ModbusRtuTcpSection,
-    ModbusTcpSection,
-    MqttSection,
-    OpcUaSection,
-)
+from gateway.config.buses import SECTIONS
 from gateway.config.controls import AgentNc, LinuxCncNc, MtConnectNc, Nc, SinumerikNc
 from gateway.config.sections import Compensation, Storage
 from gateway.listeners.outlets.influxdb import InfluxDbSettings
@@ -36,16 +25,16 @@ SERVER = POLLED | {"timeout_s": 2.0}
 CONTROL = {"period_s": 1.0, "timeout_s": 2.0}
 OUTLET = {"most_waiting": 20_000, "timeout_s": 10.0, "reading_every_s": 0.0}
 SHIPPED: Mapping[type[BaseModel], Mapping[str, Any]] = {
-    ModbusRtuSection: WIRE,
-    ModbusRtuTcpSection: WIRE,
-    ModbusTcpSection: WIRE | {"port": 502},
-    CanOpenSection: WIRE | {"port": 43113},
-    CanSection: WIRE | {"port": 43113},
-    MeRs485Section: WIRE,
-    MeEthernetSection: WIRE | {"port": 10001},
-    MqttSection: SERVER | {"keepalive_s": 30},
-    OpcUaSection: SERVER,
-    AgentSection: SERVER | {"port": 7621},
+    SECTIONS["modbus_rtu"]: WIRE,
+    SECTIONS["modbus_rtu_tcp"]: WIRE,
+    SECTIONS["modbus_tcp"]: WIRE | {"port": 502},
+    SECTIONS["canopen"]: WIRE | {"port": 43113},
+    SECTIONS["can"]: WIRE | {"port": 43113},
+    SECTIONS["me_rs485"]: WIRE,
+    SECTIONS["me_ethernet"]: WIRE | {"port": 10001},
+    SECTIONS["mqtt"]: SERVER | {"keepalive_s": 30},
+    SECTIONS["opcua"]: SERVER,
+    SECTIONS["agent"]: SERVER | {"port": 7621},
     AgentNc: CONTROL | {"port": 7621, "request_valid_for_s": 900.0},
     LinuxCncNc: CONTROL | {"port": 7621},
     MtConnectNc: CONTROL,

@@ -4,10 +4,10 @@ from pathlib import Path
 
 import pytest
 
+from drivers.modbus.settings import ModbusRtuSettings
 from drivers.recognition import Recognition
 from gateway.commissioning.scan.found import Found, Place
 from gateway.commissioning.scan.fragment import check_addable, merged
-from gateway.config.buses import ModbusRtuSection
 from gateway.config.file import parse
 from gateway.config.problems import ConfigError
 
@@ -79,8 +79,9 @@ def test_whatever_a_device_calls_itself_adds_no_line(profile: str) -> None:
 def test_unit_found_at_any_speed_of_a_scan_is_accepted_by_the_configuration(baud: int) -> None:
     text = merged(BEGUN, [rtu(baud, "E", 1)], FILE)
     [bus] = parse(text, FILE).buses
-    assert isinstance(bus, ModbusRtuSection)
-    assert (bus.baud, bus.parity) == (baud, "E")
+    settings: object = bus
+    assert isinstance(settings, ModbusRtuSettings)
+    assert (settings.baud, settings.parity) == (baud, "E")
 
 
 def test_units_at_the_speed_of_the_file_join_it_though_more_have_another() -> None:

@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 
 from drivers.base import ConnectError
+from drivers.modbus.settings import ModbusRtuSettings
 from gateway.commissioning.scan.found import Found, ScanReport
 from gateway.commissioning.scan.fragment import merged
 from gateway.commissioning.scan.serial import SerialScan, plan, scan_line
-from gateway.config.buses import ModbusRtuSection
 from gateway.config.file import load
 from simulators.devices import M7015, MeSensor, RtuLine
 from simulators.devices.modbus_servers import crc16
@@ -73,8 +73,9 @@ async def test_slow_module_can_be_written_to_a_configuration_that_loads(tmp_path
     file = tmp_path / "gateway.toml"
     file.write_text(merged("", report.places, file), encoding="utf-8")
     (bus,) = load(file).buses
-    assert isinstance(bus, ModbusRtuSection)
-    assert (bus.baud, bus.place) == (600, path)
+    settings: object = bus
+    assert isinstance(settings, ModbusRtuSettings)
+    assert (settings.baud, settings.place) == (600, path)
 
 
 @pytest.mark.simulated_time
