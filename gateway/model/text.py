@@ -116,6 +116,13 @@ def values_of(text: str) -> tuple[str, dict[str, Any]]:
     return (text.code, json_of(text.values)) if isinstance(text, Text) else ("", {})
 
 
+def json_text(value: object) -> str:
+    """What msgspec writes for a text. Raises TypeError for anything else."""
+    if isinstance(value, Text):
+        return str(value)
+    raise TypeError(f"{type(value).__name__} is not JSON")
+
+
 def json_of(values: Mapping[str, Value]) -> dict[str, Any]:
     """The values of a text as JSON has them."""
     return {name: _as_json(value) for name, value in values.items()}

@@ -6,7 +6,7 @@ from typing import Final, TypeVar
 import msgspec
 from msgspec import Struct
 
-from gateway.model.text import Text, plain
+from gateway.model.text import Text, json_text, plain
 from gateway.telemetry import keys
 from gateway.telemetry.answers import (
     CommandAnswer,
@@ -68,7 +68,7 @@ ANSWERS: Final[Mapping[str, type[Struct]]] = {
 _UNDECODABLE = (msgspec.DecodeError, RecursionError)
 """The second: of brackets within brackets, also in a field that this version does not know."""
 
-_ENCODER = msgspec.json.Encoder()
+_ENCODER = msgspec.json.Encoder(enc_hook=json_text)
 _REFUSAL_DECODER = msgspec.json.Decoder(QueryRefused)
 _DECODERS = {kind: msgspec.json.Decoder(type_) for kind, type_ in MESSAGE_TYPES.items()}
 

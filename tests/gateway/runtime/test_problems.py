@@ -26,7 +26,7 @@ class Seen:
     def bad(self, subject: str, kind: str, now_s: float) -> Notice | None:
         self.clock.move_to(now_s)
         self.notices.clear()
-        self.problems.report(subject, plain(kind), f"{subject}: {kind}")
+        self.problems.report(subject, plain(f"{subject}: {kind}"), kind)
         return self.notices[0] if self.notices else None
 
     def well(self, subject: str, now_s: float) -> Notice | None:
@@ -107,8 +107,8 @@ async def test_what_is_reported_is_logged_once_and_a_bug_with_its_traceback(capl
     caplog.set_level(logging.INFO, logger=LOG.name)
     seen, bug = Seen(), ValueError("no rows")
     for _ in range(3):
-        seen.problems.report("a", plain("ValueError"), "a: unexpected", bug=bug)
-    seen.problems.report("a", plain("silent"), "a: silent")
+        seen.problems.report("a", plain("a: unexpected"), "ValueError", bug=bug)
+    seen.problems.report("a", plain("a: silent"), "silent")
     for _ in range(2):
         seen.problems.clear("a", plain("a: well"))
     assert [(r.levelname, r.getMessage(), r.exc_info is not None) for r in caplog.records] == [
@@ -133,9 +133,13 @@ def test_a_quiet_one_logs_each_unexpected_exception_once_and_notifies_of_all(cap
     problems = Problems(ManualClock(), 1.0, notices.append, LOG, quiet=True)
     bug = ValueError("no rows")
     for subject in ("a", "b", "a"):
-        problems.report(subject, plain("ValueError"), f"{subject}: unexpected", bug=bug)
-    problems.report("c", plain("silent"), "c: silent")
-    assert notices == [Notice("a", plain("a: unexpected")), Notice("b", "b: unexpected"), Notice("c", "c: silent")]
+        problems.report(subject, plain(f"{subject}: unexpected"), "ValueError", bug=bug)
+    problems.report("c", plain("c: silent"), "silent")
+    assert notices == [
+        Notice("a", plain("a: unexpected")),
+        Notice("b", plain("b: unexpected")),
+        Notice("c", plain("c: silent")),
+    ]
     assert [(r.getMessage(), r.exc_info is not None) for r in caplog.records] == [("a: unexpected", True)]
 
 

@@ -8,7 +8,9 @@ import pytest
 
 from drivers.nc import NcSnapshot, OperatingMode, ProgramState
 from gateway.config.sections import Probing
-from gateway.model.text import plain
+from gateway.model.codes import NoticeCode
+from gateway.model.notice import event_of
+from gateway.model.text import Text, plain
 from gateway.nc.probing.cycle import End
 from gateway.nc.probing.schedule import Bulletin, Moment, Outlook, ProbingSchedule, moment, schedule_of
 from gateway.nc.probing.standing import Standing
@@ -214,18 +216,19 @@ def test_a_measurement_no_longer_wanted_while_requested_is_not_requested_again(e
 @pytest.mark.parametrize(
     ("wanted", "seen", "said"),
     [
-        (Why.INTERVAL, CUTTING, "probing, resolved: the control cannot be reached"),
-        (None, None, "probing: no measurement is wanted any more; until now: the control cannot be reached"),
+        (Why.INTERVAL, CUTTING, NoticeCode.PROBING_FREE),
+        (None, None, NoticeCode.PROBING_MOOT),
     ],
 )
 def test_a_problem_that_may_go_on_is_not_said_to_be_over(
-    wanted: Why | None, seen: NcSnapshot | None, said: str
+    wanted: Why | None, seen: NcSnapshot | None, said: NoticeCode
 ) -> None:
     plan, bulletin = schedule(), Bulletin()
     plan.want(Why.INTERVAL, 0.0)
     assert [event.kind for event in bulletin.of(plan.look(None, 0.0))] == [EventKind.PROBLEM]
     plan.want(wanted, 60.0)
-    assert bulletin.of(plan.look(seen, 60.0)) == (Event(EventKind.PROBLEM_ENDED, said),)
+    ended = event_of(EventKind.PROBLEM_ENDED, Text(said, reason=Text(NoticeCode.NC_UNREACHABLE)))
+    assert bulletin.of(plan.look(seen, 60.0)) == (ended,)
 
 
 def test_repeats_end_when_the_measurement_is_no_longer_wanted() -> None:
