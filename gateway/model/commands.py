@@ -74,6 +74,14 @@ class StandingOrder:
     by: str
     since: datetime
 
+    @property
+    def text(self) -> Text:
+        """Who has ordered what, and when."""
+        raise NotImplementedError
+
+    def __str__(self) -> str:
+        return str(self.text)
+
 
 @dataclass(frozen=True, slots=True)
 class Pause(StandingOrder):
@@ -81,7 +89,7 @@ class Pause(StandingOrder):
 
     @property
     def text(self) -> Text:
-        """Who has ordered it, and when."""
+        """Who has paused it, and when."""
         return Text(NoticeCode.PAUSED_BY, by=self.by, since=self.since)
 
 
@@ -91,5 +99,5 @@ class Disarmed(StandingOrder):
 
     @property
     def text(self) -> Text:
-        """Who has ordered it, and when."""
+        """Who has disarmed it, and when."""
         return Text(NoticeCode.DISARMED_BY, by=self.by, since=self.since)

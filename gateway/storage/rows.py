@@ -5,7 +5,7 @@ written, bit for bit.
 """
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, replace
 from datetime import datetime
 from typing import Any, Final
@@ -15,7 +15,7 @@ import numpy as np
 from gateway.config.outline import inputs_if_known, outlined, step_s_of
 from gateway.model.commands import Command, CommandName, CommandOutcome
 from gateway.model.notice import worded
-from gateway.model.text import plain, restored, values_of
+from gateway.model.text import json_of, plain, restored, values_of
 from gateway.nc.probing.cycle import Outcome
 from gateway.nc.slew import Write
 from gateway.runtime.ages import StepTime
@@ -136,10 +136,15 @@ def of_event(event: Event, k: int | None, time: datetime) -> Row:
     return time.isoformat(), k, event.kind.value, event.text, event.error, event.value, event.limit
 
 
-def of_text(text: str) -> Row | None:
-    """Row of `coded`, without its id; None: it is only words."""
-    code, values = values_of(text)
-    return (str(text), code, json.dumps(values)) if code else None
+def of_texts(*texts: str) -> list[Row]:
+    """Rows of `coded`, without their ids, of those that are not only words."""
+    coded = ((str(text), *values_of(text)) for text in texts)
+    return [(text, code, json.dumps(values)) for text, code, values in coded if code]
+
+
+def of_codes(events: Iterable[Event]) -> list[Row]:
+    """Rows of `coded`, without their ids, of events in words that are not only words."""
+    return [(str(e.text), e.code, json.dumps(json_of(e.values))) for e in events if e.code or e.values]
 
 
 def of_command(outcome: CommandOutcome) -> Row:
@@ -246,7 +251,7 @@ def coded_event_of(row: Sequence[Any]) -> tuple[datetime, int | None, Event]:
     if code is None:
         return at, k, event
     text = restored(event.text, code, json.loads(content))
-    return at, k, replace(event, text=text, code=text.code, values=text.values)
+    return at, k, replace(event, text=text, code=code, values=text.values)
 
 
 def compensation_of(row: Sequence[Any]) -> StoredCompensation:

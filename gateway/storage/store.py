@@ -248,7 +248,7 @@ class Store:
                             [(moment.origin,)],
                         )
             case DecisionMade(decision):
-                self._put_codes([event.text for event in map(worded, decision.events)])
+                self._put_codes(rows.of_codes(map(worded, decision.events)))
                 put("trust", "INSERT OR REPLACE INTO trust VALUES (?, ?)", [rows.of_trust(decision)])
                 put(
                     "decision",
@@ -265,7 +265,7 @@ class Store:
                     commit=True,
                 )
             case MeasurementEnded(outcome):
-                self._put_codes([outcome.reason])
+                self._put_codes(rows.of_texts(outcome.reason))
                 row = rows.of_outcome(outcome)
                 if self._known.reference is None and outcome.measurement is not None and outcome.centres_mm is not None:
                     self._known.reference = row
@@ -279,11 +279,11 @@ class Store:
                 put("model", "INSERT INTO model VALUES (NULL, ?, ?, ?)", [rows.of_models(models, after_k)], commit=True)
             case EventReported(reported, k):
                 reported = worded(reported)
-                self._put_codes([reported.text])
+                self._put_codes(rows.of_codes([reported]))
                 row = rows.of_event(reported, k, self._clock.utc())
                 put("event", "INSERT INTO event VALUES (NULL, ?, ?, ?, ?, ?, ?, ?)", [row], kind=WaitingKind.EVENTS)
             case CommandGiven(outcome):
-                self._put_codes([outcome.text])
+                self._put_codes(rows.of_texts(outcome.text))
                 row = rows.of_command(outcome)
                 name = outcome.command.name
                 if outcome.accepted and name in rows.STANDING:
@@ -309,9 +309,9 @@ class Store:
             case _:
                 assert_never(event)
 
-    def _put_codes(self, texts: Sequence[str]) -> None:
-        """Store what the texts say besides their words; those of which it is stored already change nothing."""
-        if coded := [row for row in map(rows.of_text, texts) if row is not None]:
+    def _put_codes(self, coded: Sequence[rows.Row]) -> None:
+        """Store what texts say besides their words; those of which it is stored already change nothing."""
+        if coded:
             statement = "INSERT OR IGNORE INTO coded VALUES (NULL, ?, ?, ?)"
             self._writer.put("coded", statement, coded, kind=WaitingKind.EVENTS)
 

@@ -50,9 +50,7 @@ DIRT = plain("dirt")
             "Kalibrierung → Kompensation",
         ),
         (
-            Text(
-                NoticeCode.CHANNEL_BAD_BECAUSE, channel="bed_1", quality="comm_fault", detail="no answer within 0.5 s"
-            ),
+            Text(NoticeCode.CHANNEL_BAD_BECAUSE, channel="bed_1", quality="comm_fault", detail="no answer"),
             "Kanal bed_1: keine Verbindung: no answer",
         ),
         (

