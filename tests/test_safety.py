@@ -240,7 +240,7 @@ BROKEN: dict[str, tuple[str, Break]] = {
         always("read_back"),
     ),
     "drivers/test_nc_watchdog.py::test_a_second_gateway_is_refused_until_the_first_is_silent_or_gone": (
-        "drivers.sinumerik.control:Sinumerik.claim",
+        "drivers.sinumerik.lease:SinumerikLease.claim",
         never("holder"),
     ),
     f"{AGENT}::test_an_agent_that_touches_other_poses_is_refused_and_a_whole_turn_is_none": (

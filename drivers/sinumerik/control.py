@@ -18,6 +18,8 @@ from drivers.nc import (
     check_offsets,
 )
 from drivers.opcua import OpcUaNumber, OpcUaSession
+from drivers.sinumerik.lease import SinumerikLease
+from drivers.sinumerik.numbers import code_of, finite_numbers, given_numbers
 from drivers.sinumerik.settings import SinumerikSettings
 
 _RIGHTS: Final = {
@@ -67,8 +69,6 @@ _EMERGENCY_STOP: Final = 3000
 """Alarm while an emergency stop is pressed or not yet acknowledged."""
 _KNOWS_DRY_RUNS: Final = 2
 """Version of TALC_SAFE_POINT that does."""
-SESSION_ALIVE: Final = 1
-"""State of the control's watchdog while it receives the gateway's heartbeat."""
 
 
 class Sinumerik:
@@ -83,11 +83,13 @@ class Sinumerik:
         self._clock = clock
         self._session = OpcUaSession(settings, settings.device, _RIGHTS, settings.namespace_uri, settings.session_s)
         paths = settings.nodes
-        self._positions = tuple(paths.position.format(n=settings.axis_numbers[axis]) for axis in AXES)
+        self._positions = tuple(
+            settings.in_channel(paths.position).format(n=settings.axis_numbers[axis]) for axis in AXES
+        )
         self._states = settings.state_sources
-        names = ("mode", "program", "tool", "probe_in_spindle", "drives_on", "metric")
+        names = ("mode", "program", "tool", "tool_length", "probe_in_spindle", "drives_on", "metric")
         named = {name: getattr(paths, name) for name in names if name != "metric" or settings.writes or settings.asks}
-        self._named = {name: path for name, path in named.items() if path}
+        self._named = {name: settings.in_channel(path) for name, path in named.items() if path}
         state_paths = (source.path for source in self._states.values())
         self._referenced = settings.linear(paths.referenced) if paths.referenced else ()
         self._snapshot = (
@@ -96,6 +98,8 @@ class Sinumerik:
             *self._named.values(),
             *self._referenced,
         )
+        self._tool_mm = 0.0
+        """By how much the tool in use is longer than the one of the origin."""
         self._probing = (
             settings.r(settings.handshake.state),
         )  # a separate request: a control may not report changes of its R-parameters
@@ -112,7 +116,7 @@ class Sinumerik:
         self._result = (*self._status, settings.r(hand.result_of), *(settings.r(n) for n in (*results, hand.spread)))
         self._offsets, self._in_force = settings.offset_nodes, settings.in_force_nodes
         lease = settings.lease
-        self._lease = tuple(settings.r(n) for n in (lease.owner, lease.beat, lease.state))
+        self._lease = SinumerikLease(self._session, settings)
         self._leased = tuple(settings.r(n) for n in (lease.owner, lease.beat, lease.silence, lease.ramp))
 
     @property
@@ -136,7 +140,7 @@ class Sinumerik:
                 await self._session.read((*self._request, *self._asked))
                 await self._look_for_dry_runs()
             if self._settings.writes:
-                await self._session.read((*self._lease, *self._leased))
+                await self._session.read((*self._lease.nodes, *self._leased))
         except BaseException:
             await self._session.close()
             raise
@@ -149,7 +153,7 @@ class Sinumerik:
     async def _look_for_dry_runs(self) -> None:
         """The program may be loaded, or first called, while the gateway is connected."""
         [version] = await self._session.read((self._program,))
-        self._runs_dry = _code(version) >= _KNOWS_DRY_RUNS
+        self._runs_dry = code_of(version) >= _KNOWS_DRY_RUNS
 
     async def _look_at_units(self) -> None:
         """Raises WrongDevice for an inch system. A gateway that only reads goes on if it may not read the unit."""
@@ -195,22 +199,39 @@ class Sinumerik:
         referenced = values[len(self._named) :]
         if "metric" in self._named:
             self._check_units(named["metric"])  # an operator can switch it while the control runs
-        alarms = tuple(_code(alarm) for alarm in shown if alarm)
+        self._look_at_tool(named)
+        alarms = tuple(code_of(alarm) for alarm in shown if alarm)
         tool, probe = named.get("tool"), named.get("probe_in_spindle")
         return NcSnapshot(
             time=time,
             monotonic_s=monotonic_s,
-            positions=dict(zip(AXES, (*self._from_origin(x, y, z), *rotary), strict=True)),
+            positions=dict(zip(AXES, (*self._from_origin(x, y, z - self._tool_mm), *rotary), strict=True)),
             states=states,
-            mode=_MODES.get(_code(named.get("mode")), OperatingMode.UNKNOWN),
-            program=_PROGRAM_STATES.get(_code(named.get("program")), ProgramState.UNKNOWN),
+            mode=_MODES.get(code_of(named.get("mode")), OperatingMode.UNKNOWN),
+            program=_PROGRAM_STATES.get(code_of(named.get("program")), ProgramState.UNKNOWN),
             tool=None if tool is None or not math.isfinite(tool) else int(tool),
             probe_in_spindle=None if probe is None or not math.isfinite(probe) else bool(probe),
             alarms=alarms,
             ready=not _may_be_stopped(shown) and _drives(named) and all(map(_is_odd, referenced)),
-            probing=PROBING_STATES.get(_code(probing)) in UNDER_WAY,
+            probing=PROBING_STATES.get(code_of(probing)) in UNDER_WAY,
             quality=Quality.GOOD,
         )
+
+    def _look_at_tool(self, named: dict[str, OpcUaNumber | None]) -> None:
+        """Without a length in force (D0) the last one counts. Raises BadAnswer for a length that no tool has."""
+        length = named.get("tool_length")
+        if length is None or not length:
+            return
+        settings = self._settings
+        longer = float(length) - settings.origin_tool_mm
+        if not abs(longer) <= settings.tool_range_mm:
+            raise BadAnswer(
+                f"{settings.nodes.tool_length} = {length:g}: a tool {longer:g} mm longer than that of the origin, "
+                f"expected {settings.tool_range_mm:g} at most",
+                device=settings.device,
+                hint="correct origin_mm and origin_tool_mm",
+            )
+        self._tool_mm = longer
 
     async def request_probing(self, number: int, dry_run_mm: float = 0.0) -> None:
         """Raises ValueError for a number outside 1 .. 2**31 - 1 or a height outside 0 .. 1000 mm, Refused when the
@@ -232,7 +253,7 @@ class Sinumerik:
                 device=self._settings.device,
                 hint="continue from a higher number",
             )
-        if PROBING_STATES.get(_code(state)) in UNDER_WAY:
+        if PROBING_STATES.get(code_of(state)) in UNDER_WAY:
             raise self._busy(f"cycle {answers:.0f} is in progress")
         if request > 0 and request not in (answers, taken_back):
             raise self._busy(f"request {request:.0f} waits for the control's next safe point")
@@ -268,12 +289,12 @@ class Sinumerik:
         if known not in FINAL:
             return RequestStatus(number, known)
         # The four parameters may be from different moments. A final state no longer changes: read it with the results.
-        again = self._given(self._result, await self._session.read(self._result))
+        again = given_numbers(self._result, await self._session.read(self._result), self._settings.device)
         _, answers_again, state_again, reason, result_of, *values, spread = again
         if answers_again != answers or state_again != state:
             return RequestStatus(number, ProbingState.REQUESTED)
         if known is not ProbingState.DONE:
-            return RequestStatus(number, known, reason=PROBING_REASONS.get(_code(reason), f"reason {reason:g}"))
+            return RequestStatus(number, known, reason=PROBING_REASONS.get(code_of(reason), f"reason {reason:g}"))
         if result_of != number:
             raise BadAnswer(
                 f"the control reports cycle {number} as done, but its results belong to cycle {result_of:g}",
@@ -314,8 +335,7 @@ class Sinumerik:
 
     async def try_writing(self) -> None:
         """Implements TriesWriting: the same values again are no new request and no beat, and move nothing."""
-        holder, _, state = self._numbers(self._lease, await self._session.read(self._lease))
-        if holder and state == SESSION_ALIVE:
+        if holder := await self._lease.holder():
             raise Refused(
                 f"gateway {holder:.0f} holds the control: writing was not tried",
                 device=self._settings.device,
@@ -333,29 +353,15 @@ class Sinumerik:
 
     async def claim(self, owner: int, terms: WatchdogTerms, predecessor: int | None = None) -> None:
         """Raises ValueError for an owner outside 1 .. 2**31 - 1."""
-        check_number(owner, "owner")
-        holder, beat, state = self._numbers(self._lease, await self._session.read(self._lease))
-        if holder not in (0, owner, predecessor) and state == SESSION_ALIVE:
-            raise self._anothers(holder)
-        lease, r = self._settings.lease, self._settings.r
-        await self._session.write(self._watchdog_values(terms))
-        await self._session.write({r(lease.owner): float(owner)})
-        await self._session.write({r(lease.beat): next_beat(beat)})
+        await self._lease.claim(owner, self._watchdog_values(terms), predecessor)
 
     async def heartbeat(self, owner: int) -> bool:
-        """Raises ValueError like `claim`."""
-        check_number(owner, "owner")
-        holder, beat, state = self._numbers(self._lease, await self._session.read(self._lease))
-        if holder != owner:
-            raise self._anothers(holder)
-        await self._session.write({self._settings.r(self._settings.lease.beat): next_beat(beat)})
-        return state == SESSION_ALIVE
+        """Raises ValueError like `claim`. False also unless this beat, like the one before it, passes through the
+        control's program."""
+        return await self._lease.heartbeat(owner)
 
     async def release(self, owner: int) -> None:
-        check_number(owner, "owner")
-        holder, _, _ = self._numbers(self._lease, await self._session.read(self._lease))
-        if holder == owner:
-            await self._session.write({self._settings.r(self._settings.lease.owner): 0.0})
+        await self._lease.release(owner)
 
     def _watchdog_values(self, terms: WatchdogTerms) -> dict[str, float]:
         lease, r = self._settings.lease, self._settings.r
@@ -366,47 +372,24 @@ class Sinumerik:
         hint = f"is another gateway probing? writing its number to R{hand.withdraw} withdraws a request"
         return Refused(what, device=self._settings.device, hint=hint)
 
-    def _anothers(self, holder: float) -> Refused:
-        return Refused(
-            f"the control's compensation belongs to gateway {holder:.0f}, not to this one",
-            device=self._settings.device,
-            hint="stop the other gateway, or run this one in the mode monitor or advise",
-        )
-
     def _from_origin(self, x: float, y: float, z: float) -> Triple:
         """Machine coordinates converted to the gateway's."""
         x0, y0, z0 = self._settings.origin_mm
         return x - x0, y - y0, z - z0
 
     def _state(self, value: float) -> ProbingState:
-        state = PROBING_STATES.get(_code(value))
+        state = PROBING_STATES.get(code_of(value))
         if state is None:
             raise BadAnswer(f"probing state {value:g}: expected 0 to 5", device=self._settings.device)
         return state
 
     def _numbers(self, paths: tuple[str, ...], values: list[OpcUaNumber | None]) -> list[float]:
-        numbers = self._given(paths, values)
-        for path, value in zip(paths, numbers, strict=True):
-            if not math.isfinite(value):
-                raise BadAnswer(f"{path} = {value:g}: not a finite number", device=self._settings.device)
-        return numbers
-
-    def _given(self, paths: tuple[str, ...], values: list[OpcUaNumber | None]) -> list[float]:
-        """The values may be non-finite: the caller checks the results of a cycle."""
-        for path, value in zip(paths, values, strict=True):
-            if value is None:
-                raise BadAnswer(f"{path} has no value", device=self._settings.device)
-        return [float(value) for value in values if value is not None]
-
-
-def next_beat(beat: float) -> float:
-    """A number that differs from the last one: the watchdog detects changes."""
-    return float((_code(beat) + 1) % 1_000_000)
+        return finite_numbers(paths, values, self._settings.device)
 
 
 def _may_be_stopped(shown: list[OpcUaNumber | None]) -> bool:
     """The list begins with the oldest: if no place is free, or one has no value, further alarms may be hidden."""
-    return bool(shown) and (_EMERGENCY_STOP in map(_code, shown) or None in shown or all(shown))
+    return bool(shown) and (_EMERGENCY_STOP in map(code_of, shown) or None in shown or all(shown))
 
 
 def _drives(named: dict[str, OpcUaNumber | None]) -> bool:
@@ -414,10 +397,5 @@ def _drives(named: dict[str, OpcUaNumber | None]) -> bool:
 
 
 def _is_odd(value: OpcUaNumber | None) -> bool:
-    code = _code(value)
+    code = code_of(value)
     return code > 0 and code % 2 == 1  # a missing value counts as false
-
-
-def _code(value: OpcUaNumber | None) -> int:
-    """An R-parameter is a floating-point number even where it holds a code; -1 for none."""
-    return -1 if value is None or not math.isfinite(value) else round(value)

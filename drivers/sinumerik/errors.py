@@ -16,7 +16,8 @@ from drivers.nc import (
     check_errors,
     check_offsets,
 )
-from drivers.sinumerik.control import SESSION_ALIVE, Sinumerik, next_beat
+from drivers.sinumerik.control import Sinumerik
+from drivers.sinumerik.lease import ALIVE
 from drivers.sinumerik.programs import ER0T, EX0C, EY0A, EZ0A, PROGRAM_VERSION, ErrorTerms
 from drivers.sinumerik.settings import ERROR_TERMS, SinumerikSettings
 
@@ -36,8 +37,10 @@ class SinumerikWithErrors(Sinumerik):
         numbers, r = settings.errors, settings.r
         self._wanted = tuple(r(numbers.wanted + i) for i in range(ERRORS))
         self._probed = tuple(r(numbers.probed + i) for i in range(3))
-        self._version, self._echo = (r(numbers.version),), (r(numbers.echo), r(settings.lease.beat))
+        self._version = (r(numbers.version),)
+        self._echo_of_shifts, self._echo_of_errors = self._lease.echo, r(numbers.echo)
         self._moving = (r(settings.lease.state), *(r(numbers.in_force + i) for i in range(ERRORS)))
+        self._tool, self._tool_range = r(numbers.tool), (r(numbers.tool_range),)
         self._terms_told = tuple(r(numbers.terms + i) for i in range(ERROR_TERMS))
         self._terms: ErrorTerms | None = None
         self._reach: tuple[float, float] | None = None
@@ -53,11 +56,18 @@ class SinumerikWithErrors(Sinumerik):
     async def connect(self) -> None:
         """Also finds out whether the program is there. Raises BadAnswer for another version or invalid terms of it."""
         self._terms = self._reach = None
+        self._lease.echo = self._echo_of_shifts
         await super().connect()
         try:
             [version] = self._numbers(self._version, await self._session.read(self._version))
             if version:
                 await self._look_at_program(version)
+            elif self._settings.compensation.synchronised:
+                raise Refused(
+                    "the control has no TALC_ERRORS, and without it the axes of a gantry would not get the same offset",
+                    device=self._device,
+                    hint=_AGAIN,
+                )
         except BaseException:
             await self.close()
             raise
@@ -67,11 +77,23 @@ class SinumerikWithErrors(Sinumerik):
             raise BadAnswer(
                 f"TALC_ERRORS is of version {version:g}: expected {PROGRAM_VERSION}", device=self._device, hint=_AGAIN
             )
-        await self._session.read((*self._wanted, *self._probed, *self._echo, *self._moving))
+        await self._session.read((*self._wanted, *self._probed, self._echo_of_errors, *self._moving))
         slew, radius, x, y, z, *reach = self._numbers(self._terms_told, await self._session.read(self._terms_told))
         if min(slew, radius, x, y, z, *reach) <= 0:
             raise BadAnswer("TALC_ERRORS reports a term of 0 or less", device=self._device, hint=_AGAIN)
+        await self._check_tool_range()
         self._terms, self._reach = ErrorTerms(slew, radius, (x, y, z)), (reach[0], reach[1])
+        self._lease.echo = self._echo_of_errors
+
+    async def _check_tool_range(self) -> None:
+        wanted = self._settings.tool_range_mm
+        [found] = self._numbers(self._tool_range, await self._session.read(self._tool_range))
+        if wanted and not math.isclose(found, wanted, rel_tol=_SAME):
+            raise Refused(
+                f"TALC_ERRORS takes tools longer by {found:g} mm, the configuration by {wanted:g}",
+                device=self._device,
+                hint=_AGAIN,
+            )
 
     async def claim(self, owner: int, terms: WatchdogTerms, predecessor: int | None = None) -> None:
         """Like Sinumerik's. Raises Refused if the program slews at another rate than the one that is declared."""
@@ -83,14 +105,6 @@ class SinumerikWithErrors(Sinumerik):
                 hint=_AGAIN,
             )
         await super().claim(owner, terms, predecessor)
-
-    async def heartbeat(self, owner: int) -> bool:
-        """False also if the beat before the last one has not passed through the whole program."""
-        runs = True
-        if self._terms is not None:
-            echo, beat = self._numbers(self._echo, await self._session.read(self._echo))
-            runs = beat in (echo, next_beat(echo))
-        return await super().heartbeat(owner) and runs
 
     async def write_errors(self, errors: NineErrors) -> None:
         """Raises NotSendable, before anything is sent, for numbers that are not finite or beyond `largest_um`, and for
@@ -126,7 +140,7 @@ class SinumerikWithErrors(Sinumerik):
         and the offsets would change from pose to pose."""
         if self._terms is not None:
             state, *in_force = self._numbers(self._moving, await self._session.read(self._moving))
-            if state != SESSION_ALIVE and max(map(abs, in_force)) > _SAME:
+            if state != ALIVE and max(map(abs, in_force)) > _SAME:
                 raise Refused(
                     "TALC_ERRORS still has errors in force, but no gateway is alive: they would move in the cycle",
                     device=self._device,
@@ -146,7 +160,10 @@ class SinumerikWithErrors(Sinumerik):
         return super()._writable if self._terms is None else (*super()._writable[:-1], self._wanted)
 
     async def _put(self, errors: tuple[float, ...] | list[float]) -> None:
-        await self._session.write(dict(zip(self._wanted, errors, strict=True)))
+        wanted = dict(zip(self._wanted, errors, strict=True))
+        if self._settings.tool_range_mm:
+            wanted[self._tool] = self._tool_mm
+        await self._session.write(wanted)
 
     def _known(self) -> ErrorTerms:
         if self._terms is None:

@@ -3,7 +3,12 @@
 It consists of synchronised actions. They contain only what NC Programming, Programming Manual, 12/2019
 (6FC5398-2EP40-0BA0), 2.15.7, lists for them: SIN and COS of degrees and ABS, but no MINVAL, and comparisons in
 parentheses, because AND and OR bind tighter. The smaller of a and b is 0.5 * (a + b - ABS(a - b)); a value within plus
-and minus b is 0.5 * (ABS(a + b) - ABS(a - b)).
+and minus b is 0.5 * (ABS(a + b) - ABS(a - b)); TRUNC(1 / (1 + ABS(a - b))) is 1 where two whole numbers are equal,
+otherwise 0.
+
+What must outlast a cycle is in R-parameters and in SD43900 itself: RESET sets $AC_PARAM to 0. Each beat walks through
+all actions: those without which the watchdog would not do its work add 1 to $AC_PARAM[1], and the last one copies the
+beat only if none is missing. A gateway whose beat is not copied writes nothing.
 """
 
 from collections.abc import Iterator
@@ -12,9 +17,9 @@ from typing import Final
 
 from drivers.base import SetupError
 from drivers.nc import ERRORS, LINEAR_AXES, Triple
-from drivers.sinumerik.settings import SinumerikSettings, error_reach_mm
+from drivers.sinumerik.settings import ERROR_STATES, SinumerikSettings, error_reach_mm
 
-PROGRAM_VERSION: Final = 1
+PROGRAM_VERSION: Final = 2
 """Version of the program and of the meaning of its parameters; the control shows it while the program is active."""
 FIRST_ID: Final = 60
 """ID of the first static synchronised action; the others follow it."""
@@ -22,6 +27,11 @@ _IMPLAUSIBLE_UM: Final = 1_000_000
 """What would move the tool by a metre is an invalid number: nothing moves."""
 _GONE_MM: Final = 0.00005
 """Offsets that together are less may go to zero at once."""
+_TINY_UM: Final = 1e-9
+_COUNTS: Final = 26
+"""First of nine $AC_PARAM: the errors that count."""
+_LONG_AGO_S: Final = 1_000_000
+_COUNT: Final = " $AC_PARAM[1] = $AC_PARAM[1] + 1"
 EY0A, EZ0A, EX0C, EY0C, EZ0T, ER0T, EA0C, EB0C, EC0C = range(ERRORS)
 
 
@@ -39,8 +49,9 @@ def errors_program(settings: SinumerikSettings, terms: ErrorTerms) -> str:
     """The text of TALC_ERRORS.SPF. Raises SetupError for settings of another route."""
     if settings.compensation.route != "errors":
         raise SetupError(f"route = {settings.compensation.route!r}: only 'errors' needs a generated program")
-    lines = [*_start(settings, terms)]
-    for number, action in enumerate(_actions(settings, terms), FIRST_ID):
+    lines, actions = [*_start(settings, terms)], [*_actions(settings, terms)]
+    counted = sum(action.endswith(_COUNT) for action in actions)
+    for number, action in enumerate([*actions, _echo(settings, counted)], FIRST_ID):
         lines.append(f"IDS={number} {action}")
     lines += ["STOPRE", f"R[{settings.errors.version}] = {PROGRAM_VERSION}", "RET"]
     return "\n".join(lines) + "\n"
@@ -52,31 +63,33 @@ def _start(settings: SinumerikSettings, terms: ErrorTerms) -> Iterator[str]:
     yield "; Offsets of X, Y, Z from nine thermal errors and from where the tool is, in each interpolation cycle."
     yield "; Written by talc-gateway nc sinumerik-files: do not change it here. HAS NOT RUN ON A REAL CONTROL."
     yield "; Call after power on instead of TALC_START, with the axes at rest. Parameters: docs/nc.md, Nine errors."
-    yield "PROC TALC_ERRORS DISPLOF"
+    yield "PROC TALC_ERRORS SAVE DISPLOF"
+    yield "G710"
     yield "; By hand only while nothing is in force: what goes to zero here would be a step."
     yield "STOPRE"
-    in_force = " + ".join(f"ABS($SA_TEMP_COMP_ABS_VALUE[{comp.axis_names[axis]}])" for axis in LINEAR_AXES)
+    names = [name for axis in range(3) for name in comp.moved_together(axis)]
+    in_force = " + ".join(f"ABS($SA_TEMP_COMP_ABS_VALUE[{name}])" for name in names)
     yield f"IF ($P_PROG_EVENT <> 4) AND ({in_force} > {_nc_number(_GONE_MM)})"
     yield '  MSG("TALC_ERRORS: offsets are in force. Stop the gateway, wait until they are 0, call it again")'
     yield from ("  M0", "  RET", "ENDIF")
-    for axis in LINEAR_AXES:
-        yield f"$SA_TEMP_COMP_ABS_VALUE[{comp.axis_names[axis]}] = 0"
-    for number in (lease.owner, lease.silence, lease.state, lease.ramp, errors.version, errors.echo):
+    for name in names:
+        yield f"$SA_TEMP_COMP_ABS_VALUE[{name}] = 0"
+    for number in (lease.owner, lease.silence, lease.state, lease.ramp, errors.version, errors.tool):
         yield f"R[{number}] = 0"
-    for first, count in ((errors.wanted, ERRORS), (errors.in_force, ERRORS), (errors.probed, 3)):
+    for first, count in (
+        (errors.wanted, ERRORS), (errors.in_force, ERRORS), (errors.probed, 3), (errors.kept, ERROR_STATES)
+    ):  # fmt: skip
         yield " ".join(f"R[{first + i}] = 0" for i in range(count))
     told = (terms.slew_um_per_s, terms.radius_mm, *terms.bound_um, along, across)
     yield " ".join(f"R[{errors.terms + i}] = {_nc_number(value)}" for i, value in enumerate(told))
-    yield f"$AC_PARAM[1] = R[{lease.beat}]"
-    yield "$AC_PARAM[2] = $MN_IPO_CYCLE_TIME"
-    yield "$AC_PARAM[3] = -1"
-    yield " ".join(f"$AC_PARAM[{number}] = 0" for number in (9, 21, 22, 23, 24, 25, 26))
+    yield f"R[{errors.tool_range}] = {_nc_number(settings.tool_range_mm)}"
+    yield f"R[{errors.echo}] = R[{lease.beat}] R[{lease.age}] = {_LONG_AGO_S}"
     yield "STOPRE"
     yield "TALC_RESET"
 
 
 def _actions(settings: SinumerikSettings, terms: ErrorTerms) -> Iterator[str]:
-    """In the order in which a cycle runs them."""
+    """In the order in which a cycle runs them; the last one is missing."""
     yield from _watchdog(settings)
     yield from _hold(settings)
     yield from _slew(settings, terms)
@@ -84,101 +97,174 @@ def _actions(settings: SinumerikSettings, terms: ErrorTerms) -> Iterator[str]:
     yield from _output(settings, terms)
 
 
-def _watchdog(settings: SinumerikSettings) -> Iterator[str]:
-    """As in TALC_START, but on silence the wanted errors are zero, and the slew takes them there."""
-    hand, lease = settings.handshake, settings.lease
-    owner, beat, silence, state, ramp = (
-        _r(n) for n in (lease.owner, lease.beat, lease.silence, lease.state, lease.ramp)
+def _walks(settings: SinumerikSettings) -> str:
+    """A new beat has not passed through all actions yet."""
+    return f"({_r(settings.lease.beat)} <> {_r(settings.errors.echo)})"
+
+
+def _echo(settings: SinumerikSettings, counted: int) -> str:
+    """The last action. counted: how many of them count"""
+    lease = settings.lease
+    owned = f"({_r(lease.owner)} > 0) AND ($AC_PARAM[1] == {counted})"
+    return (
+        f"WHENEVER {_walks(settings)} AND {owned} DO {_r(settings.errors.echo)} = {_r(lease.beat)} {_r(lease.age)} = 0"
     )
-    asked = _r(hand.request)
-    yield f"WHENEVER {asked} <> $AC_PARAM[3] DO $AC_PARAM[3] = {asked} $AC_TIMER[1] = 0"
-    yield f"WHENEVER ({beat} <> $AC_PARAM[1]) AND ({owner} > 0) DO $AC_PARAM[1] = {beat} $AC_TIMER[2] = 0 {state} = 1"
-    yield f"WHENEVER ({state} == 1) AND (($AC_TIMER[2] > {silence}) OR ({owner} == 0)) DO {state} = 2"
-    for first in range(0, ERRORS, 3):
-        zero = " ".join(f"{_r(settings.errors.wanted + first + i)} = 0" for i in range(3))
+
+
+def _watchdog(settings: SinumerikSettings) -> Iterator[str]:
+    """As in TALC_START, but on silence the wanted errors are zero, and the slew takes them there: $AC_PARAM[2] is 1
+    while a gateway is alive, $AC_PARAM[26] to [34] are the errors that count."""
+    hand, lease, first = settings.handshake, settings.lease, settings.errors.wanted
+    owner, age, silence, state, ramp = (_r(n) for n in (lease.owner, lease.age, lease.silence, lease.state, lease.ramp))
+    asked, seen, alive, three = _r(hand.request), "$AC_PARAM[3]", "$AC_PARAM[2]", range(3)
+    none = " ".join(f"$AC_PARAM[{_COUNTS + i}] = 0" for i in range(ERRORS))
+    fresh = f"$AC_PARAM[1] = 0 {alive} = 0 $AC_PARAM[7] = 0 $AC_PARAM[24] = 0"
+    yield f"DO {fresh} {age} = {age} + $MN_IPO_CYCLE_TIME {none}{_COUNT}"
+    yield f"WHENEVER ({age} <= {silence}) AND ({owner} > 0) DO {alive} = 1"
+    yield f"DO {state} = (2 - {alive}) * {_within(f'{state} + {alive}', '1')}{_COUNT}"
+    for i in range(0, ERRORS, 3):
+        zero = " ".join(f"{_r(first + i + k)} = 0" for k in three)
         yield f"WHENEVER ({state} == 2) AND ({ramp} > 0) DO {zero}"
+    for i in range(0, ERRORS, 3):
+        wanted = " ".join(f"$AC_PARAM[{_COUNTS + i + k}] = {_r(first + i + k)}" for k in three)
+        yield f"WHENEVER ({state} <> 2) OR ({ramp} <= 0) DO {wanted}"
+    same = f"TRUNC(1 / (1 + ABS(({asked} + 1 - {seen}) * {seen})))"
+    yield (
+        f"WHENEVER ({asked} + 1 <> {seen}) OR {_walks(settings)} DO $AC_TIMER[1] = $AC_TIMER[1] * {same}"
+        f" {seen} = {asked} + 1{_COUNT}"
+    )
 
 
 def _hold(settings: SinumerikSettings) -> Iterator[str]:
     """$AC_PARAM[8]: nothing moves from the first touch to the last while a gateway is alive. Both ends are at the same
-    place, so that there is nothing to take back afterwards. The held shift is reported."""
-    probing, state, first = _r(settings.handshake.state), _r(settings.lease.state), settings.errors.probed
-    probes = f"({probing} > 1.5) AND ({probing} < 2.5)"
-    yield "DO $AC_PARAM[8] = 0"
-    yield f"WHENEVER {probes} AND ({state} == 1) DO $AC_PARAM[8] = 1"
-    told = " ".join(f"{_r(first + axis)} = 0.001 * $AC_PARAM[{21 + axis}]" for axis in range(3))
-    yield f"WHENEVER {probes} AND ($AC_PARAM[9] == 0) DO {told}"
+    place, so that there is nothing to take back afterwards. $AC_PARAM[21] to [23] are the offsets in force, mm; held,
+    they are reported."""
+    comp, first = settings.compensation, settings.errors.probed
+    touches = f"TRUNC(1 / (1 + ABS({_r(settings.handshake.state)} - 2)))"
+    out = " ".join(
+        f"$AC_PARAM[{21 + i}] = {_minus(comp.sign(i))}$$SA_TEMP_COMP_ABS_VALUE[{comp.axis_names[axis]}]"
+        for i, axis in enumerate(LINEAR_AXES)
+    )
+    yield f"DO G710 {out}{_COUNT}"
+    told = " ".join(
+        f"{_r(first + i)} = {_r(first + i)} + $AC_PARAM[9] * ($AC_PARAM[{21 + i}] - {_r(first + i)})" for i in range(3)
+    )
+    yield (
+        f"DO $AC_PARAM[9] = {touches} $AC_PARAM[8] = $AC_PARAM[9] * $AC_PARAM[2]"
+        f" $AC_PARAM[9] = $AC_PARAM[9] * (1 - {_held(settings)}) {told}{_COUNT}"
+    )
 
 
 def _slew(settings: SinumerikSettings, terms: ErrorTerms) -> Iterator[str]:
-    """The errors in force move in proportion, so far that no point of the travel moves faster than the slew."""
-    state, ramp = _r(settings.lease.state), f"1000 * {_r(settings.lease.ramp)}"
-    slew = _nc_number(terms.slew_um_per_s)
-    wanted = [_r(settings.errors.wanted + i) for i in range(ERRORS)]
+    """The errors in force move in proportion, so far that no point of the travel moves faster than the slew. What is
+    not a number moves nothing, and counts as a missing beat."""
+    slew, ramp = _nc_number(terms.slew_um_per_s), f"1000 * {_r(settings.lease.ramp)}"
+    wanted = [f"$AC_PARAM[{_COUNTS + i}]" for i in range(ERRORS)]
     force = [_r(settings.errors.in_force + i) for i in range(ERRORS)]
     way = [f"ABS({w} - {e})" for w, e in zip(wanted, force, strict=True)]
     along_mm, across_mm = error_reach_mm(settings)
     along, across = _nc_number(along_mm * 1e-3), _nc_number(across_mm * 1e-3)
     grown = [_nc_number(reach / terms.radius_mm) for reach in (along_mm, across_mm)]
-    yield f"DO $AC_PARAM[4] = {slew} * $AC_PARAM[2] $AC_PARAM[27] = 0.5 * {slew} * $AC_PARAM[2]"
-    yield f"WHENEVER {state} <> 1 DO $AC_PARAM[4] = 0.5 * ({slew} + {ramp} - ABS({slew} - {ramp})) * $AC_PARAM[2]"
-    bridged = "ABS($AC_PARAM[24]) + ABS($AC_PARAM[25]) + ABS($AC_PARAM[26])"
-    yield f"WHENEVER ({bridged}) > 0.000001 DO $AC_PARAM[4] = 0.5 * $AC_PARAM[4]"
-    yield f"DO $AC_PARAM[5] = {way[EX0C]} + {grown[0]} * {way[ER0T]} + {across} * ({way[EB0C]} + {way[EC0C]})"
+    silent = f"0.5 * ({slew} + {ramp} - ABS({slew} - {ramp}))"
+    bridged = " + ".join(f"ABS({bridge})" for bridge in _bridge(settings))
+    yield (
+        f"DO $AC_PARAM[4] = ($AC_PARAM[2] * {slew} + (1 - $AC_PARAM[2]) * {silent}) * $MN_IPO_CYCLE_TIME"
+        f" $AC_PARAM[25] = 0.5 * {slew} * $MN_IPO_CYCLE_TIME"
+        f" $AC_PARAM[9] = TRUNC(1000000 * ({bridged}))"
+        f" $AC_PARAM[4] = $AC_PARAM[4] * (1 - 0.5 * {_within('$AC_PARAM[9]', '1')}){_COUNT}"
+    )
+    yield f"DO $AC_PARAM[5] = {way[EX0C]} + {grown[0]} * {way[ER0T]} + {across} * ({way[EB0C]} + {way[EC0C]}){_COUNT}"
     yield (
         f"DO $AC_PARAM[6] = {way[EY0C]} + {way[EZ0T]} + {grown[1]} * {way[ER0T]} + {across} * {way[EA0C]}"
-        f" + {along} * ({way[EB0C]} + {way[EC0C]})"
+        f" + {along} * ({way[EB0C]} + {way[EC0C]}){_COUNT}"
     )
     higher = f"0.5 * ({way[EY0A]} + {way[EZ0A]} + ABS({way[EY0A]} - {way[EZ0A]}))"
-    yield f"DO $AC_PARAM[6] = $AC_PARAM[6] + {higher}"
-    yield "DO $AC_PARAM[5] = 0.5 * ($AC_PARAM[5] + $AC_PARAM[6] + ABS($AC_PARAM[5] - $AC_PARAM[6])) $AC_PARAM[7] = 0"
-    yield "WHENEVER $AC_PARAM[5] <= $AC_PARAM[4] DO $AC_PARAM[7] = 1"
-    part = f"($AC_PARAM[5] > $AC_PARAM[4]) AND ($AC_PARAM[4] > 0) AND ($AC_PARAM[5] < {_IMPLAUSIBLE_UM})"
-    yield f"WHENEVER {part} DO $AC_PARAM[7] = $AC_PARAM[4] / $AC_PARAM[5]"
-    yield "WHENEVER $AC_PARAM[8] == 1 DO $AC_PARAM[7] = 0"
+    yield f"DO $AC_PARAM[6] = $AC_PARAM[6] + {higher}{_COUNT}"
+    yield f"DO $AC_PARAM[5] = 0.5 * ($AC_PARAM[5] + $AC_PARAM[6] + ABS($AC_PARAM[5] - $AC_PARAM[6])){_COUNT}"
+    possible = f"WHENEVER $AC_PARAM[5] < {_IMPLAUSIBLE_UM} DO"
+    part = _within(f"$AC_PARAM[4] / ($AC_PARAM[5] + {_nc_number(_TINY_UM)})", "1")
+    yield f"{possible} $AC_PARAM[7] = (1 - $AC_PARAM[8]) * {part}{_COUNT}"
     for first in range(0, ERRORS, 3):
         moved = (
             f"{force[i]} = {force[i]} + $AC_PARAM[7] * ({wanted[i]} - {force[i]})" for i in range(first, first + 3)
         )
-        yield f"WHENEVER $AC_PARAM[7] > 0 DO {' '.join(moved)}"
+        yield f"{possible} {' '.join(moved)}{_COUNT}"
 
 
 def _geometry(settings: SinumerikSettings, terms: ErrorTerms) -> Iterator[str]:
-    """The shift of the tool at the present position, µm, in $AC_PARAM[16], [19] and [20]: talc.kinematics."""
+    """The shift of the tool at the present position, µm, in $AC_PARAM[16], [19] and [20]: talc.kinematics. No system
+    variable of the main run holds the length of the tool, so the gateway tells it; $AC_PARAM[24] is its change."""
     names = settings.compensation.axis_names
     e = [_r(settings.errors.in_force + i) for i in range(ERRORS)]
     x, y, z = (
         _less(f"$AA_IM[{names[axis]}]", zero) for axis, zero in zip(LINEAR_AXES, settings.origin_mm, strict=True)
     )
+    if settings.tool_range_mm:
+        z = f"({z} - {_r(_tool_kept(settings))})"
     a, c, s = f"$AA_IM[{names['A']}]", "$AC_PARAM[10]", "$AC_PARAM[11]"
     px, py, pz, grown = (f"$AC_PARAM[{number}]" for number in (12, 13, 14, 15))
-    yield f"DO {c} = COS({a}) {s} = SIN({a}) {px} = 0.001 * {x}"
-    yield f"DO {py} = 0.001 * ({c} * {y} + {s} * {z}) {pz} = 0.001 * ({c} * {z} - {s} * {y})"
-    yield f"DO {grown} = {_nc_number(1000.0 / terms.radius_mm)} * {e[ER0T]}"
-    yield f"DO $AC_PARAM[16] = {e[EX0C]} + {grown} * {px} + {e[EB0C]} * {pz} - {e[EC0C]} * {py}"
-    yield f"DO $AC_PARAM[17] = {e[EY0C]} + {grown} * {py} - {e[EA0C]} * {pz} + {e[EC0C]} * {px}"
-    yield f"DO $AC_PARAM[18] = {e[EZ0T]} + {e[EA0C]} * {py} - {e[EB0C]} * {px}"
-    yield f"DO $AC_PARAM[19] = {e[EY0A]} + {c} * $AC_PARAM[17] - {s} * $AC_PARAM[18]"
-    yield f"DO $AC_PARAM[20] = {e[EZ0A]} + {s} * $AC_PARAM[17] + {c} * $AC_PARAM[18]"
+    if settings.tool_range_mm:
+        told, kept = _r(settings.errors.tool), _r(_tool_kept(settings))
+        changed = f"$AC_PARAM[24] = {told} - {kept} {kept} = {told}"
+        yield f"WHENEVER ABS({told}) <= {_nc_number(settings.tool_range_mm)} DO {changed}{_COUNT}"
+    yield f"DO G710 {c} = COS({a}) {s} = SIN({a}) {px} = 0.001 * {x}{_COUNT}"
+    yield f"DO G710 {py} = 0.001 * ({c} * {y} + {s} * {z}) {pz} = 0.001 * ({c} * {z} - {s} * {y}){_COUNT}"
+    yield f"DO {grown} = {_nc_number(1000.0 / terms.radius_mm)} * {e[ER0T]}{_COUNT}"
+    yield f"DO $AC_PARAM[16] = {e[EX0C]} + {grown} * {px} + {e[EB0C]} * {pz} - {e[EC0C]} * {py}{_COUNT}"
+    yield f"DO $AC_PARAM[17] = {e[EY0C]} + {grown} * {py} - {e[EA0C]} * {pz} + {e[EC0C]} * {px}{_COUNT}"
+    yield f"DO $AC_PARAM[18] = {e[EZ0T]} + {e[EA0C]} * {py} - {e[EB0C]} * {px}{_COUNT}"
+    yield f"DO $AC_PARAM[19] = {e[EY0A]} + {c} * $AC_PARAM[17] - {s} * $AC_PARAM[18]{_COUNT}"
+    yield f"DO $AC_PARAM[20] = {e[EZ0A]} + {s} * $AC_PARAM[17] + {c} * $AC_PARAM[18]{_COUNT}"
 
 
 def _output(settings: SinumerikSettings, terms: ErrorTerms) -> Iterator[str]:
-    """Within the bound, to K0. What would be a step after a cycle goes into a bridge, which the slew takes back."""
+    """Within the bound, to K0. What would be a step after a cycle or at a change of the tool goes into a bridge, which
+    the slew takes back."""
     comp = settings.compensation
     target = [f"$AC_PARAM[{number}]" for number in (16, 19, 20)]
-    out, bridge = ([f"$AC_PARAM[{first + axis}]" for axis in range(3)] for first in (21, 24))
+    out, bridge = [f"$AC_PARAM[{21 + axis}]" for axis in range(3)], _bridge(settings)
     bounds = [_nc_number(bound) for bound in terms.bound_um]
-    free = "WHENEVER $AC_PARAM[8] == 0 DO"
-    each = range(3)
-    yield "DO " + " ".join(f"{target[i]} = {_within(target[i], bounds[i])}" for i in each)
-    left = " ".join(f"{bridge[i]} = {out[i]} - {target[i]}" for i in each)
-    yield f"WHENEVER ($AC_PARAM[9] == 1) AND ($AC_PARAM[8] == 0) DO {left}"
-    yield f"{free} " + " ".join(f"{bridge[i]} = {bridge[i]} - {_within(bridge[i], '$AC_PARAM[27]')}" for i in each)
-    yield f"{free} " + " ".join(f"{out[i]} = {_within(f'{target[i]} + {bridge[i]}', bounds[i])}" for i in each)
-    for i, axis in enumerate(LINEAR_AXES):
-        minus = "0 - " if comp.sign(i) < 0 else ""
-        yield f"{free} $$SA_TEMP_COMP_ABS_VALUE[{comp.axis_names[axis]}] = {minus}0.001 * {out[i]}"
-    yield f"DO $AC_PARAM[9] = $AC_PARAM[8] {_r(settings.errors.echo)} = {_r(settings.lease.beat)}"
+    free, each = "(1 - $AC_PARAM[8])", range(3)
+    yield "DO " + " ".join(f"{target[i]} = {_within(target[i], bounds[i])}" for i in each) + _COUNT
+    same_tool = "TRUNC(1 / (1 + 1000000 * ABS($AC_PARAM[24])))"
+    yield (
+        f"DO $AC_PARAM[9] = 1 - (1 - {_held(settings)} * {free}) * {same_tool} "
+        + " ".join(
+            f"{bridge[i]} = {bridge[i]} + $AC_PARAM[9] * (1000 * {out[i]} - {target[i]} - {bridge[i]})" for i in each
+        )
+        + _COUNT
+    )
+    decay = " ".join(f"{bridge[i]} = {bridge[i]} - {free} * {_within(bridge[i], '$AC_PARAM[25]')}" for i in each)
+    yield f"DO {decay}{_COUNT}"
+    for i in each:
+        yield (
+            f"DO {out[i]} = {out[i]} + {free} * (0.001 * {_within(f'{target[i]} + {bridge[i]}', bounds[i])} - {out[i]})"
+            f"{_COUNT}"
+        )
+    for i in each:
+        for name in comp.moved_together(i):
+            k0 = f"$$SA_TEMP_COMP_ABS_VALUE[{name}] = {_minus(comp.sign(i))}{out[i]}"
+            yield f"WHENEVER ($AC_PARAM[8] == 0) OR {_walks(settings)} DO G710 {k0}{_COUNT}"
+    yield f"DO {_held(settings)} = $AC_PARAM[8]{_COUNT}"
+
+
+def _bridge(settings: SinumerikSettings) -> list[str]:
+    """What remains of a step, µm, of each axis."""
+    return [_r(settings.errors.kept + axis) for axis in range(3)]
+
+
+def _held(settings: SinumerikSettings) -> str:
+    """Whether the offsets were held in the cycle before."""
+    return _r(settings.errors.kept + 3)
+
+
+def _tool_kept(settings: SinumerikSettings) -> int:
+    """R-parameter of the tool that the offsets in force are for."""
+    return settings.errors.kept + 4
+
+
+def _minus(sign: int) -> str:
+    return "0 - " if sign < 0 else ""
 
 
 def _r(number: int) -> str:

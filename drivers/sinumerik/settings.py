@@ -15,6 +15,10 @@ from drivers.section import NotNegative, Positive, Section, matching
 _DEGREES_PER_TURN = 360.0
 ERROR_TERMS: Final = 7
 """R-parameters by which the control's program tells what it keeps to."""
+ERROR_STATES: Final = 5
+"""R-parameters in which that program keeps what outlasts RESET."""
+LONGEST_TOOL_MM: Final = 300.0
+"""A tool is longer or shorter than that of the origin by no more than this."""
 PAIRS: Final = {
     shifted + over: (LINEAR_AXES.index(shifted), LINEAR_AXES.index(over))
     for shifted in LINEAR_AXES
@@ -77,6 +81,9 @@ class Paths(Section):
     """State of the program: 1 interrupted, 2 stopped, 3 running, 4 waiting, 5 aborted."""
     tool: NodePathOrNone = "/Channel/State/actTNumber[u1]"
     """Number of the tool in the spindle."""
+    tool_length: NodePathOrNone = ""
+    """Length of the tool in use along Z, mm, such as `/Channel/State/actToolLength1[u1]`. Empty: not read; then every
+    tool counts as one of the length with which `origin_mm` was found. Not for route `k0_slope`."""
     referenced: NumberedPathOrNone = "/Channel/MachineAxis/refPtStatus[u1,{n}]"
     """Whether X, Y, Z are referenced: an odd number when so. Empty: not read."""
     probe_in_spindle: NodePathOrNone = ""
@@ -149,6 +156,9 @@ class OffsetRoute(Section):
     """Routes `k0_slope` and `errors`: travel of X, Y, Z in machine coordinates; bound and slew hold over all of it."""
     axis_names: Mapping[str, str] = Field(default_factory=lambda: {"X": "X", "Y": "Y", "Z": "Z", "A": "A"})
     """Route `errors`: identifiers of the machine axes X, Y, Z, A on the control (MD10000), such as `{X = "X1", ...}`"""
+    synchronised: Mapping[str, str] = Field(default_factory=dict)
+    """Route `errors`: identifier of the synchronised axis of a gantry, such as `{X = "X2"}`; it gets the same offset in
+    the same cycle. The other routes write one axis after the other, which would set the gantry askew."""
     reference_mm: Triple = (0.0, 0.0, 0.0)
     """Route `k0_slope`: P0 of X, Y, Z (SD43920) and zero of the tables, in machine coordinates."""
     tables: Mapping[str, Annotated[int, Field(ge=0)]] = Field(default_factory=dict)
@@ -173,6 +183,12 @@ class OffsetRoute(Section):
             raise SetupError(f"tables are for route 'k0_slope', not for {self.route!r}")
         if self.route == "errors":
             self._check_names()
+        elif self.synchronised:
+            raise SetupError(
+                "synchronised axes are for route 'errors': with any other, the axes of a gantry would get their "
+                "offsets one after the other",
+                hint="set route = 'errors'",
+            )
         return self
 
     def _check_travel(self) -> None:
@@ -185,7 +201,10 @@ class OffsetRoute(Section):
     def _check_names(self) -> None:
         if set(self.axis_names) != {*LINEAR_AXES, "A"} or len(set(self.axis_names.values())) != len(self.axis_names):
             raise SetupError(f"axis_names = {dict(self.axis_names)!r}: expected four different names for X Y Z A")
-        for axis, name in self.axis_names.items():
+        taken = [*self.axis_names.values(), *self.synchronised.values()]
+        if not set(self.synchronised) <= set(LINEAR_AXES) or len(set(taken)) != len(taken):
+            raise SetupError(f"synchronised = {dict(self.synchronised)!r}: expected names of other axes for X, Y or Z")
+        for axis, name in (*self.axis_names.items(), *self.synchronised.items()):
             if not re.fullmatch(r"[A-Z][A-Z0-9_]{0,31}", name):
                 raise SetupError(f"axis_names.{axis} = {name!r}: expected capital letters, digits and _")
 
@@ -195,6 +214,11 @@ class OffsetRoute(Section):
                 raise SetupError(f"tables.{pair}: expected one of {', '.join(PAIRS)}")
         if len(set(self.tables.values())) != len(self.tables):
             raise SetupError(f"tables = {dict(self.tables)!r}: expected a different table for each pair")
+
+    def moved_together(self, axis: int) -> tuple[str, ...]:
+        """Identifiers of the machine axes that get the offset of X, Y or Z (0, 1, 2)."""
+        letter = LINEAR_AXES[axis]
+        return self.axis_names[letter], *(name for of, name in self.synchronised.items() if of == letter)
 
     def table_sign(self, axis: int) -> int:
         """The sign of a sag table that shifts this axis (0, 1, 2: X, Y, Z)."""
@@ -208,8 +232,13 @@ class OffsetRoute(Section):
 
 
 class LeaseParameters(Section):
-    """R-parameters of claim and watchdog (docs/nc.md). The gateway writes all but `state`."""
+    """R-parameters of claim and watchdog (docs/nc.md). The gateway writes all but `echo`, `age` and `state`."""
 
+    echo: RNumber = 68
+    """The beat, copied by the last of the program's actions once it has passed through all of them: only a program that
+    runs can do so. With route `errors` and its program, `errors.echo` takes its place."""
+    age: RNumber = 69
+    """The control's own: seconds since that beat."""
     owner: RNumber = 93
     """Number of the gateway that writes offsets; 0: none."""
     beat: RNumber = 94
@@ -225,7 +254,7 @@ class LeaseParameters(Section):
 
 
 class ErrorParameters(Section):
-    """R-parameters of route `errors` (docs/nc.md). The gateway writes `wanted`, the control the rest."""
+    """R-parameters of route `errors` (docs/nc.md). The gateway writes `wanted` and `tool`, the control the rest."""
 
     version: RNumber = 99
     """Version of the program on the control; 0: no program."""
@@ -239,6 +268,12 @@ class ErrorParameters(Section):
     """First of three: shift of the tool in mm that was held during the last probing cycle."""
     terms: RNumber = 123
     """First of seven: slew in µm/s, radius of ER0T in mm, three bounds in µm, two reaches in mm."""
+    kept: RNumber = 130
+    """First of five, the program's own: what remains of a step in X, Y, Z, whether the offsets are held, the tool."""
+    tool: RNumber = 135
+    """Written by the gateway: by how much the tool in use is longer than the one of `origin_mm`, mm."""
+    tool_range: RNumber = 136
+    """How much of that the program takes, either way, mm; 0: it takes no tool."""
 
 
 class SinumerikControl(OpcUaSettings):
@@ -247,11 +282,15 @@ class SinumerikControl(OpcUaSettings):
     subscribe_s: NotNegative = 0.0
     """The control reports changes this often instead of being polled every period; 0 polls. A control that offers no
     subscription, or falls silent, is polled."""
+    channel: Annotated[int, Field(ge=1, le=10)] = 1
+    """Number of the channel in which the programs run: it takes the place of u1 in node names under `/Channel/`."""
     axis_numbers: Mapping[str, int] = Field(default={"X": 1, "Y": 2, "Z": 3, "A": 4, "C": 5})
     """Number of each machine axis on the control."""
     origin_mm: Triple = (0.0, 0.0, 0.0)
     """Machine coordinates of X, Y, Z at which the tool tip is where A and C meet. Shifts from tilt errors grow with the
     distance from there."""
+    origin_tool_mm: float = 0.0
+    """With `nodes.tool_length`: length of the tool with which `origin_mm` was found."""
     nodes: Paths = Paths()
     handshake: Handshake = Handshake()
     lease: LeaseParameters = LeaseParameters()
@@ -266,6 +305,12 @@ class SinumerikControl(OpcUaSettings):
             raise ValueError(
                 f"axis_numbers = {dict(self.axis_numbers)!r}: expected for each of X Y Z A C its own number from 1 on"
             )
+        return self
+
+    @model_validator(mode="after")
+    def _tool_or_slopes(self) -> Self:
+        if self.nodes.tool_length and self.compensation.route == "k0_slope":
+            raise SetupError("nodes.tool_length: route 'k0_slope' does not take it, its slopes count from the axes")
         return self
 
 
@@ -310,8 +355,10 @@ class SinumerikSettings(SinumerikControl):
                     yield f"{group}.{field}", number
         if self.compensation.route == "errors":
             yield "errors.version", self.errors.version
-            yield "errors.echo", self.errors.echo
-            for name, count in (("wanted", ERRORS), ("in_force", ERRORS), ("probed", 3), ("terms", ERROR_TERMS)):
+            yield from ((f"errors.{name}", getattr(self.errors, name)) for name in ("echo", "tool", "tool_range"))
+            for name, count in (
+                ("wanted", ERRORS), ("in_force", ERRORS), ("probed", 3), ("terms", ERROR_TERMS), ("kept", ERROR_STATES)
+            ):  # fmt: skip
                 first = getattr(self.errors, name)
                 yield from ((f"errors.{name} (the first of {count})", first + i) for i in range(count))
         if self.compensation.route == "r":
@@ -319,15 +366,25 @@ class SinumerikSettings(SinumerikControl):
 
     @property
     def state_sources(self) -> Mapping[str, StateNode]:
-        return self.states if self.states is not None else default_states(self.axis_numbers)
+        states = self.states if self.states is not None else default_states(self.axis_numbers)
+        return {name: node.model_copy(update={"path": self.in_channel(node.path)}) for name, node in states.items()}
+
+    def in_channel(self, path: str) -> str:
+        """The node name for the configured channel."""
+        return re.sub(r"\[u1(?=[,\]])", f"[u{self.channel}", path) if path.startswith("/Channel/") else path
 
     def r(self, number: int) -> str:
         """Node name of an R-parameter."""
-        return self.nodes.r_parameter.format(n=number)
+        return self.in_channel(self.nodes.r_parameter).format(n=number)
+
+    @property
+    def tool_range_mm(self) -> float:
+        """By how much a tool may be longer or shorter than the one of the origin; 0: its length is not read."""
+        return LONGEST_TOOL_MM if self.nodes.tool_length else 0.0
 
     def linear(self, path: str) -> tuple[str, ...]:
         """Node names of X, Y, Z by a path of `nodes`."""
-        return tuple(path.format(n=self.axis_numbers[axis]) for axis in LINEAR_AXES)
+        return tuple(self.in_channel(path).format(n=self.axis_numbers[axis]) for axis in LINEAR_AXES)
 
     @property
     def offset_nodes(self) -> tuple[str, ...]:
@@ -353,10 +410,10 @@ class SinumerikSettings(SinumerikControl):
         return (*form, *self.table_nodes.values(), *self.linear(nodes.position))
 
 
-def error_reach_mm(settings: SinumerikControl) -> tuple[float, float]:
+def error_reach_mm(settings: SinumerikSettings) -> tuple[float, float]:
     """Farthest that the tool gets from where A and C meet, along X and across it. Raises SetupError without travel."""
     if settings.compensation.travel_mm is None:
         raise SetupError("travel_mm is missing")
     ends = zip(settings.compensation.travel_mm, settings.origin_mm, strict=True)
     x, y, z = (max(abs(low - zero), abs(high - zero)) for (low, high), zero in ends)
-    return x, math.hypot(y, z)
+    return x, math.hypot(y, z + settings.tool_range_mm)

@@ -12,8 +12,9 @@ from simulators.nc.cycle import Centre, CycleSettings, ProbingCycle, ReasonCode
 from simulators.nc.main_run import MainRun
 from simulators.nc.moves import AXIS_LETTERS, positions_at, probing_loads, probing_positions, tool_at
 from simulators.nc.nine_errors import R_COUNT_WITH_ERRORS, ErrorFollower, FollowingTerms
+from simulators.nc.nine_errors import R_ECHO as R_ECHO_OF_ERRORS
 from simulators.nc.program import LoadCase, MeanLoads
-from simulators.nc.watchdog import R_BEAT, R_OWNER, R_SLOPE_RAMP, R_WATCH, Logged, Watchdog
+from simulators.nc.watchdog import R_BEAT, R_ECHO, R_OWNER, R_SLOPE_RAMP, R_WATCH, Logged, Watchdog
 
 R_COUNT = 100
 """R-parameters of channel 1: R0 to R99, the control's default."""
@@ -38,6 +39,7 @@ INTERRUPTED, STOPPED, IN_PROGRESS = 1, 2, 3
 PROBE_TOOL = 99
 _EMERGENCY_STOP = 3000
 """Number of the alarm."""
+_CYCLES_OF_AN_ANSWER = 2
 REFERENCED, NOT_REFERENCED = 3, 2
 """Values of an axis's reference point status."""
 
@@ -121,9 +123,10 @@ class Nck:
         self.table_weight = [0.0] * len(CEC_TABLES)
         """SD41310 $SN_CEC_TABLE_WEIGHT."""
         offsets = () if errors is not None else ((self.k0_mm, 0), (self.r, R_OFFSETS))
-        self.watchdog = Watchdog(self.r, offsets, ((self.slope, 1.0), (self.table_weight, 1e3)))
+        echo = R_ECHO if errors is None else R_ECHO_OF_ERRORS
+        self.watchdog = Watchdog(self.r, offsets, ((self.slope, 1.0), (self.table_weight, 1e3)), echo)
         self._programs, self._ipo_s = programs, ipo_s
-        self.main_run = self._started(None)
+        self.main_run = self._started(programs, None)
         """What runs the programs; None without any."""
         self.errors = (
             None
@@ -143,6 +146,8 @@ class Nck:
         self.drives_on = True
         self.metric = True
         """MD10240: its basic system is metric."""
+        self.tool_length_mm = 0.0
+        """Length in force along Z."""
         self.probe_available = True
         self.sphere_present = True
         self.chip_um: dict[int, Centre] = {}
@@ -181,14 +186,22 @@ class Nck:
             self.main_run.cycle(self._where(time_s))
             self._note(time_s, ramped=True)
 
+    def _run_ahead(self, now_s: float) -> None:
+        """The next cycles before their time: an answer on the wire takes longer than they do."""
+        if self.main_run is not None:
+            for _ in range(_CYCLES_OF_AN_ANSWER):
+                self.main_run.next_cycle(self._where(now_s))
+                self._note(now_s, ramped=True)
+
     def _where(self, time_s: float) -> list[float]:
-        if self.cycle.ended and 0.0 <= time_s - self.cycle.ended[-1][1] < 2.0 * self._ipo_s:
+        late_s = (2.0 + _CYCLES_OF_AN_ANSWER) * self._ipo_s
+        if self.cycle.ended and 0.0 <= time_s - self.cycle.ended[-1][1] < late_s:
             # The interpolation cycle that first sees the end finds the axes where they were.
-            time_s -= 2.0 * self._ipo_s
+            time_s -= late_s
         positions = self.state(time_s).positions
         return [positions[axis] for axis in AXIS_LETTERS]
 
-    def _started(self, now_s: float | None) -> MainRun | None:
+    def _started(self, programs: Sequence[str], now_s: float | None) -> MainRun | None:
         if not self._programs:
             return None
         settings = {
@@ -196,7 +209,7 @@ class Nck:
             "SA_TEMP_COMP_SLOPE": self.slope,
             "SN_CEC_TABLE_WEIGHT": self.table_weight,
         }
-        return MainRun(self._programs, self.r, settings, AXIS_LETTERS, self._ipo_s, now_s)
+        return MainRun(programs, self.r, settings, AXIS_LETTERS, self._ipo_s, now_s)
 
     def state(self, time_s: float) -> MachineState:
         """The machine's state at a time until now, or later if no cycle is requested until then."""
@@ -246,8 +259,11 @@ class Nck:
         other, self.r[number] = value != self.r[number], value
         if number == R_OWNER:
             self._run(now_s)  # the silence of a gateway that leaves begins now
-        elif number == R_BEAT and other and self.main_run is None:
-            self.watchdog.beat(now_s)
+        elif number == R_BEAT and other:
+            if self.main_run is None:
+                self.watchdog.beat(now_s)
+            else:
+                self._run_ahead(now_s)
         elif number == R_REQUEST and value > 0 and value != self.cycle.answer.number:
             valid_for, raised_mm = self.r[R_VALID_FOR], max(0.0, self.r[R_DRY_RUN])
             if self.r[R_VERSION] < VERSION:
@@ -263,20 +279,48 @@ class Nck:
         self.k0_mm[axis] = value_mm
         self._note(now_s, ramped=False)
 
-    def power_on(self, now_s: float) -> None:
-        """Switch off and on again: TALC_START removes the offsets, no gateway is known, no axis is referenced."""
+    def power_on(self, now_s: float, *, started: bool = True) -> None:
+        """Switch off and on again. R-parameters and setting data keep their values, no static action is active, no axis
+        is referenced. Then the programs begin, which remove the offsets and forget the gateway.
+
+        started: False: PROG_EVENT did not call them
+        """
         self.advance(now_s)
         self.cycle.interrupt(now_s, ReasonCode.STOPPED)
-        self.k0_mm[:] = self.slope[:] = [0.0] * 3
-        self.table_weight[:] = [0.0] * len(CEC_TABLES)
-        for number in range(R_OFFSETS, R_SLOPE_RAMP + 1):
-            self.r[number] = 0.0
-        self.main_run = self._started(now_s)
-        if self.errors is not None:
-            self.errors.power_on(now_s)
+        self.watchdog.runs = started
+        if self._programs:
+            self.main_run = self._started(self._programs if started else (), now_s)
+        elif started:
+            self.k0_mm[:] = self.slope[:] = [0.0] * 3
+            self.table_weight[:] = [0.0] * len(CEC_TABLES)
+            for number in range(R_OFFSETS, R_SLOPE_RAMP + 1):
+                self.r[number] = 0.0
+            if self.errors is not None:
+                self.errors.power_on(now_s)
         self.referenced = False
         self._note(now_s, ramped=False)
         self._show_answer(now_s)
+
+    def reset(self, now_s: float) -> None:
+        """RESET: ends the program and a cycle in progress. Static actions, R-parameters and setting data stay."""
+        self.advance(now_s)
+        self.cycle.interrupt(now_s, ReasonCode.STOPPED)
+        self.end_program(now_s)
+
+    def end_program(self, now_s: float) -> None:
+        """M30."""
+        self.advance(now_s)
+        if self.main_run is not None:
+            self.main_run.reset()
+        self._show_answer(now_s)
+
+    def end_watchdog(self, now_s: float) -> None:
+        """Somebody has removed all static actions."""
+        self.advance(now_s)
+        self.watchdog.runs = False
+        if self.main_run is not None:
+            for number in self.main_run.actions.numbers:
+                self.main_run.actions.cancel(number)
 
     def reference(self, now_s: float) -> None:
         """The axes have found their reference points."""

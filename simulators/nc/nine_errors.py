@@ -11,12 +11,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from simulators.nc.cycle import CycleState
-from simulators.nc.watchdog import R_BEAT, R_OWNER, R_RAMP, R_WATCH, Watchdog, WatchState
+from simulators.nc.watchdog import R_OWNER, R_RAMP, R_WATCH, Watchdog, WatchState
 
 R_CYCLE, R_VERSION, R_WANTED, R_IN_FORCE, R_ECHO, R_PROBED, R_TERMS = 65, 99, 100, 110, 119, 120, 123
+R_TOOL, R_TOOL_RANGE = 135, 136
 """R-parameters of the probing cycle's state, and of the program (docs/nc.md, Nine errors)."""
-R_COUNT_WITH_ERRORS = 130
-_VERSION = 1
+R_COUNT_WITH_ERRORS = 137
+_VERSION = 2
 _ERRORS = 9
 ShiftOfTool = np.ndarray[tuple[int, ...], np.dtype[np.float64]]
 """(3,) of X, Y, Z, µm, unless it says otherwise."""
@@ -33,6 +34,8 @@ class FollowingTerms:
     bound_um: tuple[float, float, float]
     reach_mm: tuple[float, float]
     """Largest distance of the tool from where A and C meet, along X and across it."""
+    tool_range_mm: float = 0.0
+    """How far a tool may be longer or shorter than the one of the origin; 0: its length is not told."""
 
 
 class ErrorFollower:
@@ -68,16 +71,17 @@ class ErrorFollower:
         self._force: ShiftOfTool = np.zeros(_ERRORS)
         self._bridge: ShiftOfTool = np.zeros(3)
         self._out: ShiftOfTool = np.zeros(3)
-        self._held, self._seen = False, (-1.0, -1.0, False)
+        self._held, self._seen, self._tool = False, (-1.0, -1.0, False), 0.0
         self._r[R_WANTED:] = [0.0] * (len(self._r) - R_WANTED)
         terms = self._terms
         told = (terms.slew_um_per_s, terms.radius_mm, *terms.bound_um, *terms.reach_mm)
         self._r[R_TERMS : R_TERMS + len(told)] = told
+        self._r[R_TOOL_RANGE] = terms.tool_range_mm
         self._r[R_VERSION] = float(_VERSION)
 
     def advance(self, now_s: float) -> None:
         """Let time pass. Called when the cycle's state has changed, too."""
-        if now_s <= self._now_s and self._seen == self._states:
+        if not self._watchdog.runs or (now_s <= self._now_s and self._seen == self._states):
             return  # not even one of its cycles has passed
         if (silent_s := self._watchdog.silent_from_s) < now_s:
             self._until(silent_s)
@@ -96,6 +100,12 @@ class ErrorFollower:
     def _states(self) -> tuple[float, float, bool]:
         return self._r[R_CYCLE], self._r[R_WATCH], self._r[R_OWNER] > 0
 
+    @property
+    def _longer_mm(self) -> float:
+        """By how much the tool in use is longer than the one of the origin. One beyond the range changes nothing."""
+        told = self._r[R_TOOL]
+        return told if abs(told) <= self._terms.tool_range_mm else self._tool
+
     def _until(self, now_s: float) -> None:
         passed_s, self._now_s = max(0.0, now_s - self._now_s), max(now_s, self._now_s)
         self._want_nothing_if_silent()
@@ -107,7 +117,8 @@ class ErrorFollower:
         held = touching and r[R_WATCH] == WatchState.ALIVE
         if not held:
             here = self._positions(now_s)
-            if self._held:
+            if self._held or self._tool != self._longer_mm:
+                self._tool = self._longer_mm
                 self._bridge = self._out - self._target(here)
             self._out = self.shift_um(here)
         if touching:
@@ -115,7 +126,6 @@ class ErrorFollower:
         self._held = held
         self._k0_mm[:] = (self._sign * self._out * 1e-3).tolist()
         r[R_IN_FORCE : R_IN_FORCE + _ERRORS] = self._force.tolist()
-        r[R_ECHO] = r[R_BEAT]
         self._seen = self._states
 
     def _want_nothing_if_silent(self) -> None:
@@ -152,6 +162,7 @@ class ErrorFollower:
     def _target(self, positions: Sequence[float]) -> ShiftOfTool:
         """The bounded shift for the errors in force. The chain is that of docs/kinematics.md; C has no effect."""
         x, y, z, a, _ = positions
+        z -= self._tool
         cos, sin = math.cos(math.radians(a)), math.sin(math.radians(a))
         px, py, pz = x * 1e-3, (cos * y + sin * z) * 1e-3, (cos * z - sin * y) * 1e-3
         ey0a, ez0a, ex0c, ey0c, ez0t, er0t, ea0c, eb0c, ec0c = self._force

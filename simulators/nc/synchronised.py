@@ -28,10 +28,15 @@ FUNCTIONS: Final[Mapping[str, Callable[[float], float]]] = {
     "TRUNC": lambda v: float(math.trunc(v)),
 }
 """Angles in degrees. MINVAL, MAXVAL and BOUND are functions of part programs, not of synchronised actions."""
+MM_PER_INCH: Final = 25.4
+_UNITS: Final[Mapping[str, bool]] = {"G70": True, "G71": False, "G700": True, "G710": False}
+"""G functions of units, and whether each is inch."""
 _TOKEN = re.compile(r"\s*(?:(\d+\.?\d*)|(\$?\$?[A-Z_][A-Z_0-9]*)|(==|<>|<=|>=|[-+*/()<>=\[\],]))")
+_SAME: Final = 1e-12
+"""Two REALs that differ by less of themselves are equal to == and <>."""
 _COMPARE: Final[Mapping[str, Callable[[float, float], bool]]] = {
-    "==": lambda a, b: a == b,
-    "<>": lambda a, b: a != b,
+    "==": lambda a, b: math.isclose(a, b, rel_tol=_SAME),
+    "<>": lambda a, b: not math.isclose(a, b, rel_tol=_SAME),
     "<=": lambda a, b: a <= b,
     ">=": lambda a, b: a >= b,
     "<": lambda a, b: a < b,
@@ -58,12 +63,17 @@ class SystemVariable:
     main_run: str = "$"
     """What precedes its name in a synchronised action."""
     read_only: bool = False
+    lengths: range = range(0)
+    """Which of them are lengths in mm, and read and written in inches where those are the unit."""
+
+
+Assignment = tuple[list[float], int, NumberSource]
 
 
 @dataclass(frozen=True, slots=True)
 class _Action:
     condition: TruthSource | None
-    assignments: tuple[tuple[list[float], int, NumberSource], ...]
+    assignments: tuple[Assignment, ...]
 
 
 class SynchronisedActions:
@@ -72,12 +82,19 @@ class SynchronisedActions:
     Parameters
     ----------
     variables: by name, without $
-    timers: the values of $AC_TIMER; a timer runs from when something is assigned to it
+    timers: the values of $AC_TIMER; a timer runs from when a value is assigned to it until a negative one is
     ipo_s: interpolation cycle, s
+
+    Attributes
+    ----------
+    inch: the program that runs works in inches; so do actions without a G function of their own for it
+    protected: MD21240: these numbers are not defined again, cancelled or locked
     """
 
     def __init__(self, variables: Mapping[str, SystemVariable], timers: list[float], ipo_s: float) -> None:
         self.ipo_s = ipo_s
+        self.inch = False
+        self.protected = range(0)
         self._timers = timers
         self._running: set[int] = set()
         clock = SystemVariable([ipo_s], read_only=True)
@@ -93,6 +110,15 @@ class SynchronisedActions:
     def load(self, program: str) -> None:
         """Run a program of assignments, definitions and conditional ends. Raises ProgramAlarm, which names line and
         cause."""
+        inch = self.inch
+        try:
+            self._load(program)
+        finally:
+            if re.search(r"^PROC \w+ SAVE", program, re.MULTILINE):
+                self.inch = inch
+            self._order = [self._actions[number] for number in self.numbers]
+
+    def _load(self, program: str) -> None:
         passes = True
         for number, line in enumerate(program.splitlines(), 1):
             block = line.split(";")[0].strip()
@@ -100,7 +126,7 @@ class SynchronisedActions:
                 if len(line) > LONGEST_BLOCK:
                     raise ProgramAlarm(f"{len(line)} characters, at most {LONGEST_BLOCK}")
                 if block.startswith("IF "):
-                    passes = _Parser(block[3:], self._variables, main_run=False).condition()()
+                    passes = self._parser(block[3:]).condition()()
                 elif block == "ENDIF":
                     passes = True
                 elif passes and block in ("RET", "M17"):
@@ -109,11 +135,11 @@ class SynchronisedActions:
                     self._run(block)
             except ProgramAlarm as alarm:
                 raise ProgramAlarm(f"line {number}: {alarm}: {block}") from None
-        self._order = [self._actions[number] for number in self.numbers]
 
     def cancel(self, number: int) -> None:
-        """CANCEL: remove the action. Raises KeyError if there is none."""
-        del self._actions[number]
+        """CANCEL: remove the action, if there is one. Raises ProgramAlarm for a protected number."""
+        self._check_free(number)
+        self._actions.pop(number, None)
         self._order = [self._actions[number] for number in self.numbers]
 
     def cycle(self) -> None:
@@ -122,29 +148,48 @@ class SynchronisedActions:
             self._timers[timer] += self.ipo_s
         for action in self._order:
             if action.condition is None or action.condition():
-                for values, index, value in action.assignments:
-                    values[index] = value()
-                    if values is self._timers:
-                        self._running.add(index)
+                for assignment in action.assignments:
+                    self._assign(*assignment)
+
+    def _assign(self, values: list[float], index: int, source: NumberSource) -> None:
+        value = source()
+        if values is self._timers and value < 0:
+            self._running.discard(index)  # it stops, and keeps what it has counted
+            return
+        values[index] = value
+        if values is self._timers:
+            self._running.add(index)
+
+    def _check_free(self, number: int) -> None:
+        if number in self.protected and number in self._actions:
+            raise ProgramAlarm(f"IDS={number} is protected (MD21240)")
+
+    def _parser(self, text: str, *, main_run: bool = False) -> "_Parser":
+        return _Parser(text, self._variables, lambda: self.inch, main_run=main_run)
 
     def _run(self, block: str) -> None:
         if not block or block in ("STOPRE", "M0") or block.startswith(("PROC ", "MSG(")):
             return
         if re.fullmatch(r"TALC_[A-Z]+", block):
             return  # another program
-        found = re.fullmatch(r"IDS=(\d+) (?:(WHENEVER) (.+?) )?DO (.+)", block)
+        if block in _UNITS:
+            self.inch = _UNITS[block]
+            return
+        if found := re.fullmatch(r"CANCEL\((\d+)\)", block):
+            self.cancel(int(found[1]))
+            return
+        found = re.fullmatch(r"IDS?=(\d+) (?:(WHENEVER) (.+?) )?DO (.+)", block)
         if found is None:
-            for values, index, value in _Parser(block, self._variables, main_run=False).assignments():
-                values[index] = value()
+            for assignment in self._parser(block).assignments():
+                self._assign(*assignment)
             return
         number, word, condition, actions = found.groups()
         if not 1 <= int(number) <= HIGHEST_ID:
             raise ProgramAlarm(f"IDS={number}: expected 1 to {HIGHEST_ID}")
-        if int(number) in self._actions:
-            raise ProgramAlarm(f"IDS={number} is already defined")
+        self._check_free(int(number))
         self._actions[int(number)] = _Action(
-            _Parser(condition, self._variables).condition() if word else None,
-            tuple(_Parser(actions, self._variables).assignments()),
+            self._parser(condition, main_run=True).condition() if word else None,
+            tuple(self._parser(actions, main_run=True).assignments()),
         )
 
 
@@ -152,8 +197,10 @@ class _Parser:
     """Recursive descent, by the manual's priorities. Strict: a truth value is not a number, and nothing is
     converted."""
 
-    def __init__(self, text: str, variables: Mapping[str, SystemVariable], *, main_run: bool = True) -> None:
-        self._variables, self._main_run = variables, main_run
+    def __init__(
+        self, text: str, variables: Mapping[str, SystemVariable], inch: TruthSource, *, main_run: bool
+    ) -> None:
+        self._variables, self._main_run, self._inch = variables, main_run, inch
         self._tokens: list[str] = []
         text, at = text.rstrip(), 0
         while at < len(text):
@@ -163,6 +210,9 @@ class _Parser:
             self._tokens.append(found[found.lastindex or 0])
             at = found.end()
         self._at = 0
+        if main_run and self._peek() in _UNITS:
+            own = _UNITS[self._next()]
+            self._inch = lambda: own
 
     def condition(self) -> TruthSource:
         typed = self._comparison()
@@ -171,13 +221,17 @@ class _Parser:
             raise ProgramAlarm("the condition is a number")
         return self._truth(typed)
 
-    def assignments(self) -> list[tuple[list[float], int, NumberSource]]:
+    def assignments(self) -> list[Assignment]:
         found = []
         while self._at < len(self._tokens):
-            values, index = self._variable(self._next(), written=True)
+            values, index, is_length = self._variable(self._next(), written=True)
             self._expect("=")
-            found.append((values, index, self._number(self._comparison())))
+            source = self._number(self._comparison())
+            found.append((values, index, _times(source, self._mm_per_unit) if is_length else source))
         return found
+
+    def _mm_per_unit(self) -> float:
+        return MM_PER_INCH if self._inch() else 1.0
 
     # By priority, the weakest first ----------------------------------------------------------------------------------
 
@@ -241,12 +295,15 @@ class _Parser:
             self._expect(")")
             argument = self._number(inside)
             return float, lambda: function(argument())
-        values, index = self._variable(token)
+        values, index, is_length = self._variable(token)
+        if is_length:
+            return float, lambda: values[index] / self._mm_per_unit()
         return float, lambda: values[index]
 
     # Words -----------------------------------------------------------------------------------------------------------
 
-    def _variable(self, token: str, *, written: bool = False) -> tuple[list[float], int]:
+    def _variable(self, token: str, *, written: bool = False) -> tuple[list[float], int, bool]:
+        """What holds the value, where in it, and whether it is a length."""
         if found := re.fullmatch(r"R(\d+)", token):  # R65 stands for R[65], in part programs
             name, text = "R", found[1]
         else:
@@ -268,7 +325,7 @@ class _Parser:
             variable.values[index]
         except (IndexError, KeyError, ValueError):
             raise ProgramAlarm(f"{token}[{text}]: the control has none") from None
-        return variable.values, index
+        return variable.values, index, index in variable.lengths
 
     @staticmethod
     def _number(typed: Typed) -> NumberSource:
@@ -306,6 +363,10 @@ def _either(a: TruthSource, b: TruthSource) -> TruthSource:
 
 def _both(a: TruthSource, b: TruthSource) -> TruthSource:
     return lambda: a() and b()
+
+
+def _times(a: NumberSource, factor: NumberSource) -> NumberSource:
+    return lambda: a() * factor()
 
 
 def _sum_of(a: NumberSource, b: NumberSource) -> NumberSource:

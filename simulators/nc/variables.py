@@ -50,6 +50,7 @@ def variables(nck: Nck) -> Mapping[str, Variable]:
         "/Channel/Spindle/actSpeed[u1,1]": Variable(lambda s: s.loads.spindle),
         "/Channel/State/progStatus[u1]": Variable(lambda s: s.program_status),
         "/Channel/State/actTNumber[u1]": Variable(lambda s: s.tool),
+        "/Channel/State/actToolLength1[u1]": Variable(lambda _: nck.tool_length_mm),
         "/Bag/State/opMode[u1]": Variable(lambda s: s.mode),
         "/Nck/State/numAlarms": Variable(lambda s: len(s.alarms)),
         COOLANT: Variable(lambda s: s.loads.coolant > 0.5, AccessRight.PLC_READ),

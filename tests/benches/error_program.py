@@ -11,7 +11,7 @@ from talc.frame import FloatArray
 RADIUS_MM, SLEW_UM_PER_S, BOUND_UM = 120.0, 1.0, (60.0, 50.0, 70.0)
 ORIGIN_MM = (10.0, -20.0, 30.0)
 TRAVEL = ((-200.0, 250.0), (-200.0, 200.0), (0.0, 300.0))
-R_COUNT, IPO_S = 130, 0.01
+R_COUNT, IPO_S = 137, 0.01
 TERMS = ErrorTerms(SLEW_UM_PER_S, RADIUS_MM, BOUND_UM)
 WARM = np.array([3.0, -22.0, 10.0, 4.0, 8.0, 6.0, 30.0, -25.0, 15.0])
 BEAT, OWNER, SILENCE, STATE, RAMP, PROBING = 94, 93, 95, 96, 97, 65
@@ -31,14 +31,23 @@ class ErrorChannel:
     """One channel of a control with nothing but the program: no protocol, one interpolation cycle a turn."""
 
     def __init__(self, text: str) -> None:
-        self.r, self.k0_mm = [0.0] * R_COUNT, [0.0] * 3
+        self.r, self.k0_mm = [0.0] * R_COUNT, [0.0] * 5
         self.position: FloatArray = np.array([150.0, -80.0, 120.0, 30.0, 70.0])
         """X Y Z A C in machine coordinates, mm and degrees."""
-        self._run = MainRun([text], self.r, {"SA_TEMP_COMP_ABS_VALUE": self.k0_mm}, "XYZAC", IPO_S, 0.0)
+        self.run = MainRun([text], self.r, {"SA_TEMP_COMP_ABS_VALUE": self.k0_mm}, "XYZAC", IPO_S, 0.0)
 
     def call(self, text: str) -> None:
         """Call it, by hand or at the end of a part program."""
-        self._run.actions.load(text)
+        self.run.actions.load(text)
+
+    @property
+    def protected(self) -> range:
+        """Numbers of actions that MD21240 protects."""
+        return self.run.actions.protected
+
+    @protected.setter
+    def protected(self, numbers: range) -> None:
+        self.run.actions.protected = numbers
 
     def alive(self, ramp_um_per_s: float = SLEW_UM_PER_S, silence_s: float = 1e9) -> None:
         self.r[SILENCE], self.r[RAMP], self.r[OWNER] = silence_s, ramp_um_per_s * 1e-3, 7.0
@@ -63,13 +72,13 @@ class ErrorChannel:
     @property
     def shift_um(self) -> FloatArray:
         """What the control makes of SD43900: it removes it."""
-        return -1e3 * np.array(self.k0_mm)
+        return -1e3 * np.array(self.k0_mm[:3])
 
     def turn(self, cycles: int = 1) -> FloatArray:
         """(cycles, 3) shifts."""
         found = []
         for _ in range(cycles):
-            self._run.cycle(self.position.tolist())
+            self.run.cycle(self.position.tolist())
             found.append(self.shift_um)
         return np.array(found)
 

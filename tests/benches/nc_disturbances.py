@@ -34,6 +34,7 @@ from gateway.nc.settings import Earlier, Identity, LinkSettings, Listeners
 from gateway.runtime.clocks import RealClock
 from simulators.nc import Activity, CycleSettings, DayPart, EmulatedControl, LoadCase, MeanLoads, Nck
 from simulators.nc.nck import CEC_TABLES, R_OFFSETS
+from simulators.nc.nine_errors import R_COUNT_WITH_ERRORS
 from talc.frame import Decision, FloatArray, Phase
 from tests.benches.cut_wire import CutWire, wire_to
 from tests.benches.emulated_bench import Rigid
@@ -215,7 +216,9 @@ async def disturbed(
     day = LoadCase([DayPart(0.0, 1e12, Activity.PAUSE, MeanLoads())])
     cycle = CycleSettings(noise_um=0.0)
     async with AsyncExitStack() as stack:
-        control = EmulatedControl(Rigid(), clock, day, cycle=cycle, programs=_programs(plain), r_count=130)
+        control = EmulatedControl(
+            Rigid(), clock, day, cycle=cycle, programs=_programs(plain), r_count=R_COUNT_WITH_ERRORS
+        )
         record = ShiftRecord(control.nck)
         url = await control.start()
         stack.push_async_callback(asyncio.get_running_loop().shutdown_default_executor)

@@ -29,6 +29,7 @@ from simulators.nc import (
     MeanLoads,
 )
 from simulators.nc.nck import CEC_TABLES
+from simulators.nc.nine_errors import R_COUNT_WITH_ERRORS
 from simulators.plant import RADIUS_MM, Environment, MachineDrive, Plant, load_machine
 from talc.frame import Decision, FloatArray, Phase, Why
 from tests.benches.wire_clock import WireClock
@@ -110,7 +111,9 @@ class ShiftRecorder(EmulatedControl):
         self.corners: list[tuple[float, FloatArray]] = []
         self.requests: list[str] = []
         self._stepped, self._is_read = clock, False
-        super().__init__(machine, clock, program, cycle=cycle, programs=programs(compensation), r_count=130)
+        super().__init__(
+            machine, clock, program, cycle=cycle, programs=programs(compensation), r_count=R_COUNT_WITH_ERRORS
+        )
         self.before_read = self._asked
 
     def now(self) -> float:

@@ -12,11 +12,12 @@ from pydantic import ValidationError
 from drivers.base import SetupError
 from drivers.problems import settings_of
 from drivers.sinumerik import ErrorTerms, OffsetRoute, SinumerikSettings, errors_program
-from drivers.sinumerik.settings import Handshake
+from drivers.sinumerik.settings import Handshake, Paths
 from simulators.nc.synchronised import ProgramAlarm
 from talc import kinematics
 from talc.frame import FloatArray
 from tests.benches.error_program import (
+    BEAT,
     BOUND_UM,
     ECHO,
     IPO_S,
@@ -41,8 +42,8 @@ LARGEST = kinematics.largest_offsets(REACH_M, RADIUS_MM * 1e-3)
 SMALL = WARM / 8
 """What is reached in a few seconds."""
 WIDE = (1e4, 1e4, 1e4)
-AC_PARAMS = 28
-"""$AC_PARAM[1] to [27] are in use: MD28254 has to be at least this."""
+AC_PARAMS = 35
+"""$AC_PARAM[1] to [34] are in use: MD28254 has to be at least this."""
 
 
 def random_positions(count: int, seed: int) -> Iterator[FloatArray]:
@@ -268,10 +269,11 @@ def test_a_second_start_by_hand_does_nothing_while_something_is_in_force() -> No
     channel.r[OWNER] = 0.0
     channel.turn(4_000)
     assert channel.shift_um == pytest.approx(np.zeros(3), abs=1e-9)
-    # Now it goes on. The emulated control wants new numbers; docs/first-hour.md finds out what a real one wants.
-    with pytest.raises(ProgramAlarm, match="IDS=60 is already defined"):
-        channel.call(program())
+    channel.call(program())
     assert not any(channel.turn(50).ravel())
+    channel.protected = range(60, 110)
+    with pytest.raises(ProgramAlarm, match="IDS=60 is protected"):
+        channel.call(program())
 
 
 def test_the_echo_shows_that_the_whole_program_runs() -> None:
@@ -282,12 +284,97 @@ def test_the_echo_shows_that_the_whole_program_runs() -> None:
     assert channel.r[ECHO] == 1.0
 
 
+def test_a_reset_at_any_moment_makes_no_step_and_the_program_goes_on() -> None:
+    """Also within a cycle, where the offsets of another place are held."""
+    channel = ErrorChannel(program())
+    channel.alive(silence_s=30.0)
+    channel.settle(SMALL)
+    channel.r[PROBING] = 2.0
+    channel.turn(3)
+    channel.position = np.array([-150.0, 100.0, 250.0, -60.0, 0.0])
+    channel.turn(3)
+    stood = channel.shift_um
+    assert np.abs(stood - expected(channel, SMALL)).max() > 1.0, "the shift of another place"
+    shifts = [stood]
+    for _ in range(3):
+        channel.run.reset()
+        shifts.extend(channel.turn(50))
+    assert np.ptp(shifts, axis=0).max() == 0.0, "it goes on holding"
+    channel.run.reset()
+    channel.r[PROBING] = 5.0
+    shifts.extend(channel.turn(500))
+    channel.run.reset()
+    shifts.extend(channel.turn(12_000))
+    assert np.abs(np.diff(shifts, axis=0)).max() <= SLEW_UM_PER_S * IPO_S * (1 + 1e-9)
+    assert channel.r[STATE] == 2.0
+    assert channel.shift_um == pytest.approx(np.zeros(3), abs=1e-9), "silence, after resets"
+
+
+def test_in_an_inch_program_the_offsets_are_the_same_micrometres() -> None:
+    channel = ErrorChannel(program())
+    channel.run.actions.inch = True
+    channel.alive()
+    channel.settle(WARM)
+    assert channel.shift_um == pytest.approx(expected(channel, WARM), abs=1e-6)
+
+
+TOOL = 135
+TOOL_NODE = "/Channel/State/actToolLength1[u1]"
+
+
+def test_the_length_of_the_tool_counts_and_its_change_is_a_ramp() -> None:
+    """A = 90 degrees: 100 mm more of tool turn into 100 mm along Y of the table."""
+    with_tool = settings().model_copy(update={"nodes": Paths(tool_length=TOOL_NODE)})
+    channel = ErrorChannel(errors_program(with_tool, TERMS))
+    channel.position[3] = 90.0
+    channel.alive()
+    channel.settle(WARM)
+    assert channel.shift_um == pytest.approx(expected(channel, WARM), abs=1e-6)
+    shifts, before = [channel.shift_um], channel.shift_um
+    for longer, turns_ in ((100.0, 3_000), (math.nan, 50), (1e4, 50)):
+        channel.r[TOOL] = longer
+        shifts.extend(channel.turn(turns_))
+        tip = channel.tip() - [0.0, 0.0, 100.0, 0.0, 0.0]
+        assert channel.shift_um == pytest.approx(kinematics.tcp_offsets(WARM, tip, RADIUS_MM * 1e-3), abs=1e-6)
+    assert np.abs(channel.shift_um - before).max() > 2.0
+    assert np.abs(np.diff(shifts, axis=0)).max() <= SLEW_UM_PER_S * IPO_S / 2 * (1 + 1e-6)
+
+
+def test_both_axes_of_a_gantry_get_the_same_offset_in_the_same_cycle() -> None:
+    route = settings().compensation.model_copy(update={"synchronised": {"X": "C"}})
+    text = errors_program(settings().model_copy(update={"compensation": route}), TERMS)
+    assert text.count("$SA_TEMP_COMP_ABS_VALUE[C] = 0\n") == 1
+    channel = ErrorChannel(text)
+    channel.alive()
+    channel.settle(WARM)
+    for _ in range(20):
+        channel.want(-WARM)
+        channel.turn()
+        assert channel.k0_mm[4] == channel.k0_mm[0] != 0.0
+
+
+@pytest.mark.parametrize("number", range(60, 100))
+def test_whichever_action_is_removed_no_beat_is_copied_or_silence_still_takes_all_to_zero(number: int) -> None:
+    channel = ErrorChannel(program())
+    channel.alive(silence_s=2.0)
+    channel.settle(SMALL)
+    channel.turn(3)
+    channel.run.actions.load(f"ID={number} DO $R[0] = 1")
+    copied = 0
+    for _ in range(5):
+        channel.beat()
+        channel.turn(2)
+        copied += channel.r[ECHO] == channel.r[BEAT]
+    channel.turn(4_000)
+    assert copied == 0 or channel.shift_um == pytest.approx(np.zeros(3), abs=1e-9)
+
+
 def test_the_program_is_within_the_limits_that_its_page_names() -> None:
     text = program(slew_um_per_s=1e-5)
     lines = text.splitlines()
     numbers = [int(line[4 : line.index(" ")]) for line in lines if line.startswith("IDS=")]
     assert numbers == list(range(60, 60 + len(numbers)))
-    assert len(numbers) == 38
+    assert len(numbers) == 40
     assert max(map(len, lines)) <= 512
     assert "E-" not in text, "an exponent is written otherwise on the control"
     assert all(f"$AC_PARAM[{number}]" in text for number in range(1, AC_PARAMS))
@@ -322,6 +409,10 @@ def test_both_pages_name_the_room_that_the_program_needs(page: str) -> None:
             {"route": "errors", "travel_mm": TRAVEL, "axis_names": {"X": "X1", "Y": "Y1", "Z": "Z] = 9", "A": "A1"}},
             "capital letters",
         ),
+        ({"route": "k0", "synchronised": {"X": "X2"}}, "synchronised axes are for route 'errors'"),
+        ({"route": "errors", "travel_mm": TRAVEL, "synchronised": {"C": "C2"}}, "names of other axes for X, Y or Z"),
+        ({"route": "errors", "travel_mm": TRAVEL, "synchronised": {"X": "Y"}}, "names of other axes for X, Y or Z"),
+        ({"route": "errors", "travel_mm": TRAVEL, "synchronised": {"X": "X 2"}}, "capital letters"),
     ],
 )
 def test_invalid_settings_are_refused(route: dict[str, object], cause: str) -> None:

@@ -142,10 +142,10 @@ async def test_a_program_for_other_data_is_refused_by_name() -> None:
         with pytest.raises(NotSendable, match=r"71\.0.*nothing was sent.*sinumerik-files"):
             await nc.write_errors(SENT)
         assert emulated.nck.r[WANTED : WANTED + 9] == [0.0] * 9
-        emulated.nck.r[OF_PROGRAM] = 2.0
-        with pytest.raises(BadAnswer, match="version 2: expected 1"):
+        emulated.nck.r[OF_PROGRAM] = 1.0
+        with pytest.raises(BadAnswer, match="version 1: expected 2"):
             await nc.connect()
-        emulated.nck.r[OF_PROGRAM], emulated.nck.r[125] = 1.0, 0.0
+        emulated.nck.r[OF_PROGRAM], emulated.nck.r[125] = 2.0, 0.0
         with pytest.raises(BadAnswer, match="a term of 0 or less"):
             await nc.connect()
 
@@ -163,5 +163,5 @@ async def test_a_program_that_no_longer_runs_to_its_end_hears_no_beat() -> None:
                 run = emulated.nck.main_run
                 assert run is not None
                 run.actions.cancel(max(run.actions.numbers))
-        assert heard == [True, True, True, True, False, False, False]
-        assert emulated.nck.r[ECHO] == 3.0
+        assert heard == [True, True, True, False, False, False, False]
+        assert emulated.nck.r[ECHO] == 4.0, "the last beat before"

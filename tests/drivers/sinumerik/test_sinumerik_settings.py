@@ -41,6 +41,14 @@ URL = "opc.tcp://127.0.0.1:4840"
         ({"axis_numbers": {"X": 1, "Y": 1, "Z": 3, "A": 4, "C": 5}}, "axis_numbers"),
         ({"axis_numbers": {"X": 0, "Y": 1, "Z": 3, "A": 4, "C": 5}}, "axis_numbers"),
         ({"subscribe_s": math.nan}, "subscribe_s: nan: expected a finite number"),
+        ({"channel": 0}, "channel: 0: expected at least 1"),
+        (
+            {
+                "nodes": Paths(tool_length="/Channel/State/actToolLength1[u1]"),
+                "compensation": OffsetRoute(route="k0_slope", travel_mm=((0.0, 1.0),) * 3),
+            },
+            "route 'k0_slope' does not take it",
+        ),
         ({"poses": 0}, "poses: 0: expected at least 1"),
         (
             {"origin_mm": (0.0, math.nan, 0.0)},
@@ -111,3 +119,12 @@ def test_node_names_of_r_parameters_and_speeds_follow_the_settings() -> None:
     assert settings.r(60) == "/Channel/Parameter/R[u2,60]"
     assert settings.state_sources["speed_X"] == StateNode(path="/Channel/MachineAxis/actFeedRate[u1,3]")
     assert settings.state_sources["speed_C"] == StateNode(path="/Channel/MachineAxis/actFeedRate[u1,6]", divisor=360.0)
+
+
+def test_the_channel_takes_the_place_of_the_first_one_in_its_own_nodes_alone() -> None:
+    second = SinumerikSettings(security="none", url=URL, channel=2)
+    assert second.r(94) == "/Channel/Parameter/R[u2,94]"
+    assert second.linear(second.nodes.position)[0] == "/Channel/MachineAxis/actToolBasePos[u2,1]"
+    assert second.linear(second.nodes.k0)[0] == "/NC/_N_AX_SEA_ACX/$SA_TEMP_COMP_ABS_VALUE[u1]"
+    assert second.state_sources["spindle_speed"].path == "/Channel/Spindle/actSpeed[u2,1]"
+    assert second.in_channel("/Channel/Parameter/R[u10,1]") == "/Channel/Parameter/R[u10,1]"

@@ -104,7 +104,10 @@ async function main() {
     if (n === 60 && value > 0 && value !== r[64]) waiting = value;
     if (n === 94 && other) {
       heard = Date.now();
-      if (r[93] > 0) r[96] = 1;
+      if (r[93] > 0) {
+        r[96] = 1;
+        r[68] = value;
+      }
     }
   }
 
