@@ -219,18 +219,21 @@ class ModelSet:
 
     def fingerprint(self) -> str:
         """SHA-256 over the canonical JSON, in hexadecimal: equal exactly when all numbers are equal."""
-        canonical = json.dumps(self.to_dict(), sort_keys=True, separators=(",", ":"), allow_nan=False)
+        canonical = json.dumps(self._numbers(), sort_keys=True, separators=(",", ":"), allow_nan=False)
         return hashlib.sha256(canonical.encode()).hexdigest()
 
     def to_dict(self) -> dict[str, Any]:
         """JSON-able; floats come back bit for bit."""
+        return self._numbers() | ({"failed": True} if self.failed else {})
+
+    def _numbers(self) -> dict[str, Any]:
         return {
             "k": self.k,
             "why": str(self.why),
             "input_names": list(self.input_names),
             "models": [None if m is None else m.to_dict() for m in self.models],
             "notes": list(self.notes),
-        } | ({"failed": True} if self.failed else {})
+        }
 
     @classmethod
     def from_dict(cls, plain: Mapping[str, Any]) -> "ModelSet":

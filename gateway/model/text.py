@@ -61,6 +61,16 @@ class Text(str):
         inner = (value.value_of(name) for value in self.values.values() if isinstance(value, Text))
         return next((value for value in inner if value is not None), None)
 
+    def having(self, name: str, value: Value) -> "Text":
+        """The same with another value of this name, also of a text within it."""
+        if not self.code:
+            return self
+        values = {
+            n: value if n == name else v.having(name, value) if isinstance(v, Text) else v
+            for n, v in self.values.items()
+        }
+        return Text(self.code, **values)
+
     def in_language(self, language: str) -> str:
         """Its sentence. One whose code this program does not know stays as it is."""
         if f"text.{self.code}" not in texts(language):

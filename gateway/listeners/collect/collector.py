@@ -17,7 +17,7 @@ from gateway.listeners.collect.progress import CollectProgress, TablePlace
 from gateway.listeners.collect.tables import arrow_of, check_end
 from gateway.model.codes import NoticeCode
 from gateway.model.notice import Notice
-from gateway.model.text import Text, Value, plain, text_of
+from gateway.model.text import Text, plain, text_of
 from gateway.runtime.problems import Problems, TurnTime
 from gateway.storage.epochs import NUMBERS
 from gateway.telemetry.answers import StoredRows, StoredTable
@@ -174,12 +174,12 @@ class Collector:
 
     def _tell(self) -> None:
         """Log what began and ended in this turn, in one line for all machines of which the same is said."""
-        together = dict[tuple[str, Value], list[str]]()
+        together = dict[Text, list[str]]()
         for notice in self._notices:
-            together.setdefault((notice.code, notice.text.value_of("problem")), []).append(notice.subject)
+            together.setdefault(notice.text.having("machine", ""), []).append(notice.subject)
         self._notices.clear()
-        for (code, problem), names in together.items():
-            log.warning("%s", Text(code, machine=_some(names), problem=problem))
+        for text, names in together.items():
+            log.warning("%s", text.having("machine", _some(names)))
 
     def _page(self, name: str, asked: MachineAsked) -> bool:
         before = asked.progress or self._kept.progress(name)
