@@ -33,8 +33,8 @@ from simulators.plant import RADIUS_MM, load_machine
 from talc.control import Controller
 from talc.frame import Decision, FloatArray, Frame, Measurement
 from talc.indicators import reduction
+from talc.papers.training import train
 from talc.settings import LearnerSettings, TalcSettings
-from talc.training import train
 
 SEEDS = range(1, 21)
 DEFAULT = TalcSettings(method="learner")

@@ -12,7 +12,7 @@ _TRAIN = """
 import numpy as np
 from talc.frame import TrainingJob, Why
 from talc.settings import TrainingSettings
-from talc.training import train
+from talc.papers.training import train
 draw = np.random.default_rng(0)
 rows = {rows}
 inputs = np.cumsum(draw.normal(0, 0.1, (rows, 36)), axis=0)
@@ -21,7 +21,9 @@ job = TrainingJob(0, Why.CALIBRATION, tuple(f"u{{i}}" for i in range(36)), input
                   TrainingSettings(selector="{selector}", max_na={na}, max_nb={nb}, estimator="{estimator}"))
 train(job)
 """
-_IMPORT = "import time; t = time.perf_counter(); import talc.control, talc.training; print(time.perf_counter() - t)"
+_IMPORT = (
+    "import time; t = time.perf_counter(); import talc.control, talc.papers.training; print(time.perf_counter() - t)"
+)
 
 
 def _printed(code: str) -> float:

@@ -16,9 +16,9 @@ from benchmarks.data import machine_days
 from benchmarks.learner import MACHINES, day_then_every
 from benchmarks.rows import BenchRow
 from talc.control import Controller
+from talc.forecast import ForecastRecord
 from talc.frame import FloatArray, Frame, Measurement
 from talc.indicators import TWO_SIDED_95
-from talc.learner import ForecastRecord
 from talc.settings import TalcSettings
 
 _SETTINGS = TalcSettings(method="learner")

@@ -14,9 +14,9 @@ from scipy import sparse
 
 from benchmarks.data import machine_days
 from benchmarks.rows import BenchRow, median_s
-from talc.admm import admm
 from talc.frame import FloatArray
-from talc.group_lasso import GroupLasso
+from talc.papers.admm import admm
+from talc.papers.group_lasso import GroupLasso
 
 _LAGS, _INPUTS = 6, 30
 _TIGHT = 1e-11

@@ -9,16 +9,16 @@ from scipy.signal import lfilter
 from benchmarks.data import machine_days
 from benchmarks.rows import BenchRow, median_s
 from studies import Days
-from talc.admm import admm
-from talc.arx import Regression
 from talc.control import Controller
-from talc.criteria import adapted_bic
 from talc.frame import Frame, Measurement, TrainingJob, Why
 from talc.models import ModelSet
-from talc.pso import select_by_swarm
+from talc.papers.admm import admm
+from talc.papers.arx import Regression
+from talc.papers.criteria import adapted_bic
+from talc.papers.pso import select_by_swarm
+from talc.papers.training import train
+from talc.papers.window import Structure, Window
 from talc.settings import TalcSettings, TrainingSettings
-from talc.training import train
-from talc.window import Structure, Window
 
 TRIALS = 12
 """Number of candidates of the textbook implementation that are timed."""

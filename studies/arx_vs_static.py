@@ -12,13 +12,13 @@ from simulators.three_body import DRIFTS, SOURCES, THERMOMETERS, load_reduced
 from studies.arx_vs_static_report import report
 from studies.frame import RunParameters, Study
 from talc import indicators
-from talc.arx import Regression, guarded_fit, least_squares_fit, refine, simulate
 from talc.control import Controller
 from talc.frame import BoolArray, FloatArray, Frame, Measurement, TrainingJob, Why
 from talc.names import THERMAL_ERRORS
+from talc.papers.arx import Regression, guarded_fit, least_squares_fit, refine, simulate
+from talc.papers.training import train
+from talc.papers.window import Coefficients, Structure, Window
 from talc.settings import TalcSettings, TrainingSettings
-from talc.training import train
-from talc.window import Coefficients, Structure, Window
 
 PAIRS = 30
 STEPS = 576

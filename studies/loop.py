@@ -10,9 +10,9 @@ from simulators.plant import PlantRecording
 from talc.control import Controller
 from talc.frame import BoolArray, FloatArray, Frame, Measurement, Phase, TrainingJob
 from talc.models import ModelSet
+from talc.papers.training import train
 from talc.probing import design_matrix
 from talc.settings import TalcSettings
-from talc.training import train
 
 POSES = np.deg2rad(np.array([[0.0, 0.0], [0.0, 90.0], [0.0, 180.0], [0.0, 270.0], [90.0, 0.0], [-90.0, 0.0]]))
 RADIUS_M, HEIGHT_M, TOUCH_UM = 0.2, 0.08, 1.0

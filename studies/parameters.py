@@ -19,8 +19,8 @@ from talc import indicators
 from talc.frame import BoolArray, FloatArray, TrainingJob
 from talc.models import ModelSet
 from talc.names import ERROR_UNITS, MICROMETRE, THERMAL_ERRORS
+from talc.papers.training import train
 from talc.settings import ControlSettings, LearnerSettings, TalcSettings, TrainingSettings
-from talc.training import train
 
 STEP_S = 600.0
 """B19's no-good measurements come every 10 min."""

@@ -17,8 +17,9 @@ __all__ = [
     "Learner",
     "NotFittedError",
     "SparseOutputError",
-    "arx",
     "control",
+    "explanation",
+    "forecast",
     "frame",
     "indicators",
     "kinds",
@@ -27,6 +28,7 @@ __all__ = [
     "load_heat",
     "models",
     "names",
+    "papers",
     "planned",
     "presets",
     "probing",
@@ -36,10 +38,8 @@ __all__ = [
     "settings",
     "snapshot",
     "steps",
-    "training",
     "transfer",
     "units",
-    "window",
 ]
 
 

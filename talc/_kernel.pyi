@@ -14,7 +14,7 @@ class Progress:
     def share(self) -> float: ...
 
 class Runner:
-    """One model's state; see talc.models and talc.free_running."""
+    """One model's state; see talc.models and talc.papers.free_running."""
 
     def __init__(
         self,

@@ -9,8 +9,11 @@ from numpy.typing import NDArray
 
 from talc.control import ControllerState
 from talc.frame import Frames, Phase, Why
+from talc.hold import HeldState
 from talc.learner import CourseState, LearnerState, MixtureState
 from talc.models import ErrorModel
+from talc.names import THERMAL_ERRORS
+from talc.papers.phased import PhasedState
 from talc.record import refilled
 
 _FORMAT = 3
@@ -18,27 +21,33 @@ BESIDE_INPUTS = {2: 1, _FORMAT: 2}
 """Weights of an error beside those of its inputs, by format: the level; later also the noise of the reference."""
 Arrays = Mapping[str, NDArray[Any]]
 
-_LEARNER, _MIXTURE = "learner.", "mixture."
+_LEARNER = "learner."
+_MIXTURE = "mixture."
+_STORED = {"level_variance": "jolt"}
+"""Fields to their names in a snapshot, where these differ."""
 
 
 def to_plain(state: ControllerState) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
     """JSON-able values and arrays of a state. Of its record only the oldest row: the rest follows from the frames."""
     course = state.course
+    phased = state.strategy if isinstance(state.strategy, PhasedState) else _without_models(state.strategy)
     plain: dict[str, Any] = {
         "format": _FORMAT,
         "input_names": state.input_names,
         "last_k": state.last_k,
         "rows": len(state.inputs),
-        "phase": state.phase,
-        "models": [None if known is None else [known[0].to_dict(), known[1]] for known in state.models],
-        "learning": state.learning,
-        "measured_in_phase": state.measured_in_phase,
-        "last_measured": state.last_measured,
-        "substituted": sorted(state.substituted),
-        "bounded": sorted(state.bounded),
-        "static": state.static,
+        "phase": phased.phase,
+        "models": [None if known is None else [known[0].to_dict(), known[1]] for known in phased.models],
+        "learning": phased.learning,
+        "measured_in_phase": phased.measured_in_phase,
+        "last_measured": phased.last_measured,
+        "substituted": sorted(phased.substituted),
+        "bounded": sorted(phased.bounded),
+        "static": phased.static,
     }
-    arrays: dict[str, NDArray[Any]] = {"first": state.inputs[:1], "held": state.held}
+    arrays: dict[str, NDArray[Any]] = {"first": state.inputs[:1], "held": phased.held}
+    if isinstance(state.strategy, HeldState):
+        plain["hold"] = True
     if course is not None:
         learner, mixture = course.learner, course.learner.mixture
         arrays["trusted"] = course.trusted
@@ -82,6 +91,21 @@ def from_plain(plain: Mapping[str, Any], arrays: Arrays, frames: Callable[[int, 
         valid=valid,
         measured=measured,
         last_k=last_k,
+        strategy=_strategy(plain, arrays),
+    )
+
+
+def _strategy(plain: Mapping[str, Any], arrays: Arrays) -> CourseState | PhasedState | HeldState:
+    if "course" in plain:
+        return _course(plain, arrays)
+    if "hold" in plain:
+        return HeldState(
+            phase=Phase(plain["phase"]),
+            held=arrays["held"],
+            measured_in_phase=plain["measured_in_phase"],
+            last_measured=plain["last_measured"],
+        )
+    return PhasedState(
         phase=Phase(plain["phase"]),
         models=tuple(
             None if known is None else (ErrorModel.from_dict(known[0]), known[1]) for known in plain["models"]
@@ -93,7 +117,22 @@ def from_plain(plain: Mapping[str, Any], arrays: Arrays, frames: Callable[[int, 
         substituted=frozenset(plain["substituted"]),
         bounded=frozenset(plain["bounded"]),
         static=None if plain["static"] is None else tuple(None if s is None else tuple(s) for s in plain["static"]),
-        course=_course(plain, arrays) if "course" in plain else None,
+    )
+
+
+def _without_models(state: CourseState | HeldState) -> PhasedState:
+    """What a snapshot says of models where there are none, so that every program reads it."""
+    held = state if isinstance(state, HeldState) else None
+    return PhasedState(
+        phase=state.phase,
+        models=(None,) * len(THERMAL_ERRORS),
+        held=np.full(len(THERMAL_ERRORS), np.nan) if held is None else held.held,
+        learning=False,
+        measured_in_phase=0 if held is None else held.measured_in_phase,
+        last_measured=None if held is None else held.last_measured,
+        substituted=frozenset(),
+        bounded=frozenset(),
+        static=None,
     )
 
 
@@ -124,8 +163,9 @@ def _with_reference(arrays: Arrays) -> Arrays:
 
 
 def _values(state: LearnerState | MixtureState) -> Iterator[tuple[str, Any]]:
-    return ((field.name, getattr(state, field.name)) for field in fields(state))
+    return ((_STORED.get(field.name, field.name), getattr(state, field.name)) for field in fields(state))
 
 
 def _own(arrays: Arrays, prefix: str) -> dict[str, Any]:
-    return {name.removeprefix(prefix): value for name, value in arrays.items() if name.startswith(prefix)}
+    own = {name.removeprefix(prefix): value for name, value in arrays.items() if name.startswith(prefix)}
+    return {field: own.pop(name) for field, name in _STORED.items() if name in own} | own

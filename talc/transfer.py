@@ -9,9 +9,12 @@ from numpy.typing import NDArray
 
 from talc.control import ControllerState
 from talc.frame import FloatArray, IntArray
-from talc.learner import CourseState, LearnerState, MixtureState
+from talc.hold import HeldState, MeasureAndHold
+from talc.learner import CourseState, LearnerState, LearningCourse, MixtureState
+from talc.papers.phased import PhasedModels, PhasedState
 
 _NOT_HERE = -1
+_METHODS = {strategy.state_class: strategy.method for strategy in (LearningCourse, PhasedModels, MeasureAndHold)}
 _Scalar = TypeVar("_Scalar", bound=np.generic)
 
 
@@ -24,19 +27,26 @@ def transferred(state: ControllerState, fresh: ControllerState) -> ControllerSta
 
     Raises ValueError: the two are of different methods, or were made with and without a prior.
     """
-    if (state.course is None) != (fresh.course is None):
-        had, wanted = ("models", "learner") if state.course is None else ("learner", "models")
-        raise ValueError(f"it was learnt with [talc] method = {had!r}, and here it is {wanted!r}")
-    names = fresh.input_names
-    whole = set(names)
+    match state.strategy, fresh.strategy:
+        case CourseState() as old, CourseState() as new:
+            return replace(fresh, strategy=_course(old, state.input_names, new, fresh.input_names))
+        case PhasedState() as old_phased, PhasedState() as new_phased:
+            return replace(fresh, strategy=_phased(old_phased, new_phased, set(fresh.input_names)))
+        case HeldState() as old_held, HeldState():
+            return replace(fresh, strategy=replace(old_held, last_measured=None))
+        case old, new:
+            had, wanted = _METHODS[type(old)], _METHODS[type(new)]
+            raise ValueError(f"it was learnt with [talc] method = {had!r}, and here it is {wanted!r}")
+
+
+def _phased(old: PhasedState, fresh: PhasedState, names: set[str]) -> PhasedState:
     return replace(
         fresh,
-        phase=state.phase,
-        models=tuple(None if m is None or not set(m[0].inputs) <= whole else m for m in state.models),
-        held=state.held.copy(),
-        measured_in_phase=state.measured_in_phase,
-        static=None if state.static is None else tuple(_kept(inputs, whole) for inputs in state.static),
-        course=None if fresh.course is None else _course(state, fresh.course, names),
+        phase=old.phase,
+        models=tuple(None if m is None or not set(m[0].inputs) <= names else m for m in old.models),
+        held=old.held.copy(),
+        measured_in_phase=old.measured_in_phase,
+        static=None if old.static is None else tuple(_kept(inputs, names) for inputs in old.static),
     )
 
 
@@ -44,13 +54,10 @@ def _kept(inputs: tuple[str, ...] | None, names: set[str]) -> tuple[str, ...] | 
     return None if inputs is None or not set(inputs) <= names else inputs
 
 
-def _course(state: ControllerState, fresh: CourseState, names: Sequence[str]) -> CourseState:
-    old = state.course
-    if old is None:
-        raise ValueError("it was learnt with [talc] method = 'models', and here it is 'learner'")
+def _course(old: CourseState, was: Sequence[str], fresh: CourseState, names: Sequence[str]) -> CourseState:
     return replace(
         old,
-        learner=_learner(old.learner, fresh.learner, state.input_names, names),
+        learner=_learner(old.learner, fresh.learner, was, names),
         last_k=None,
         last_measured=None,
         wanted=None,

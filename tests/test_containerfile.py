@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from gateway.cli.running.run import stop_s
 from gateway.config.extended import validate
 from gateway.config.model import GatewayConfig
+from gateway.service.run import stop_s
 
 DEPLOY = Path(__file__).parents[1] / "deploy"
 TEXT = (DEPLOY / "container/Containerfile").read_text(encoding="utf-8")

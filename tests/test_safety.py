@@ -13,267 +13,285 @@ import pytest
 from tests.benches.broken import VARIABLE, Break, always, broken, gives, instead, never, only_first, uncaught, without
 
 TESTS = Path(__file__).parent
-NC, PROBING, COMMANDS = "gateway/nc", "gateway/nc/probing", "gateway/control/test_command_taker.py"
-SAFE, AGENT = f"{NC}/test_safe_state.py", "drivers/agent/test_agent_greeting.py"
 FROM_ZERO = ("gateway.nc.slew:Slew.__init__", instead("_matrix", "np.zeros((3, 1))"))
 
 BROKEN: dict[str, tuple[str, Break]] = {
     # Modes
-    f"{NC}/test_nc_link.py::test_unarmed_probing_asks_for_nothing": ("gateway.nc.link:NcLink.may_probe", gives("True")),
-    f"{NC}/test_nc_link.py::test_unarmed_nothing_is_ever_written[advise]": (
+    "unarmed_probing_asks_for_nothing": ("gateway.nc.link:NcLink.may_probe", gives("True")),
+    "unarmed_nothing_is_ever_written[advise]": (
         "gateway.nc.lease:Lease.__init__",
         always("mode"),
     ),
-    "gateway/telemetry/test_telemetry.py::test_offsets_are_published_in_every_mode_but_monitor": (
+    "offsets_are_published_in_every_mode_but_monitor": (
         "gateway.telemetry.publisher:TelemetryPublisher.publish",
         never("mode"),
     ),
-    f"{SAFE}::test_the_mode_does_not_change_while_the_gateway_runs[monitor-compensate]": (
+    "the_mode_does_not_change_while_the_gateway_runs[monitor-compensate]": (
         "gateway.acquisition.reload:bus_changes",
         never("changed"),
     ),
     # Offsets
-    f"{SAFE}::test_every_axis_has_its_own_bound_and_nothing_ever_steps": (
+    "every_axis_has_its_own_bound_and_nothing_ever_steps": (
         "gateway.nc.slew:Slew.follow",
         only_first("_within"),
     ),
-    f"{NC}/test_slew.py::test_a_hung_gateway_does_not_catch_up_in_one_step": (
+    "a_hung_gateway_does_not_catch_up_in_one_step": (
         "gateway.nc.slew:Slew.follow",
         only_first("min"),
     ),
-    f"{NC}/test_slew.py::test_a_shift_that_follows_the_position_keeps_to_bound_and_rate_at_every_position": (
+    "a_shift_that_follows_the_position_keeps_to_bound_and_rate_at_every_position": (
         "gateway.nc.slew:_within",
         gives("rows"),
     ),
-    f"{NC}/test_nine_errors.py::test_no_point_of_the_travel_moves_faster_than_the_slew_and_the_nine_keep_their_"
-    "proportion": ("gateway.nc.slew:Slew.follow", never("largest")),
-    "drivers/sinumerik/test_sinumerik_errors.py::test_no_axis_goes_beyond_its_bound": (
+    "no_point_of_the_travel_moves_faster_than_the_slew_and_the_nine_keep_their_proportion": (
+        "gateway.nc.slew:Slew.follow",
+        never("largest"),
+    ),
+    "no_axis_goes_beyond_its_bound": (
         "drivers.sinumerik.programs:_output",
         instead("bound_um", "(1e6, 1e6, 1e6)"),
     ),
-    f"{SAFE}::test_a_model_update_that_moves_the_prediction_is_ramped": (
+    "a_model_update_that_moves_the_prediction_is_ramped": (
         "gateway.nc.slew:Slew.follow",
         only_first("_within"),
     ),
-    f"{NC}/test_renewed.py::test_no_renewal_ends_a_pause_or_arms_the_gateway[pause]": (
+    "no_renewal_ends_a_pause_or_arms_the_gateway[pause]": (
         "gateway.nc.target:Target.errors",
         never("paused"),
     ),
-    "gateway/control/test_between_steps.py::test_a_sensor_whose_last_readings_are_wrong_moves_it_as_little_as_the_"
-    "frame_would": ("gateway.control.grid:GridSampler.present", instead("_FEWEST", "0.0")),
-    f"{PROBING}/test_prober.py::test_offsets_stand_still_while_the_nc_probes_and_are_taken_out_of_the_result": (
+    "a_sensor_whose_last_readings_are_wrong_moves_it_as_little_as_the_frame_would": (
+        "gateway.control.grid:GridSampler.present",
+        instead("_FEWEST", "0.0"),
+    ),
+    "offsets_stand_still_while_the_nc_probes_and_are_taken_out_of_the_result": (
         "gateway.nc.hold:Hold.on",
         gives("False"),
     ),
-    f"{NC}/test_nc_link_states.py::test_offsets_stand_still_while_another_client_has_the_control_probe[compensate]": (
+    "offsets_stand_still_while_another_client_has_the_control_probe[compensate]": (
         "gateway.nc.link:NcLink._finding",
         instead("probing", "False"),
     ),
-    f"{PROBING}/test_prober.py::test_stopping_withdraws_the_request_that_nobody_waits_for": (
+    "stopping_withdraws_the_request_that_nobody_waits_for": (
         "gateway.nc.probing.prober:Prober.withdraw",
         gives("None"),
     ),
-    f"{PROBING}/test_prober.py::test_offsets_that_moved_while_the_control_probed_make_no_measurement": (
+    "offsets_that_moved_while_the_control_probed_make_no_measurement": (
         "gateway.nc.hold:HeldOffsets.still",
         never("differ"),
     ),
-    f"{PROBING}/test_prober.py::test_disarmed_nothing_is_measured_while_the_watchdog_takes_the_offsets_to_zero[zero]": (
+    "disarmed_nothing_is_measured_while_the_watchdog_takes_the_offsets_to_zero[zero]": (
         "gateway.nc.lease:Lease.taken_back",
         gives("False"),
     ),
     # Without a basis for offsets
-    f"{NC}/test_target.py::test_a_decision_counts_until_it_is_stale": (
+    "a_decision_counts_until_it_is_stale": (
         "gateway.nc.target:Target.errors",
         never("stale_after_s"),
     ),
-    f"{NC}/test_target.py::test_a_missing_input_counts_from_when_it_went_missing": (
+    "a_missing_input_counts_from_when_it_went_missing": (
         "gateway.nc.target:Target.errors",
         never("inputs_stale_after_s"),
     ),
-    f"{NC}/test_nc_link.py::test_an_error_without_a_model_is_corrected_by_its_last_measurement_for_a_limited_time"
-    "[zero-None]": ("gateway.nc.unmodelled:LastMeasured.outdated", never("_longest")),
-    f"{NC}/test_target.py::test_nothing_is_built_on_what_cannot_be_stored": (
+    "an_error_without_a_model_is_corrected_by_its_last_measurement_for_a_limited_time[zero-None]": (
+        "gateway.nc.unmodelled:LastMeasured.outdated",
+        never("_longest"),
+    ),
+    "nothing_is_built_on_what_cannot_be_stored": (
         "gateway.nc.target:Target.errors",
         always("_stored"),
     ),
-    f"{SAFE}::test_before_the_first_decision_it_goes_where_declared[zero-0.0]": (
+    "before_the_first_decision_it_goes_where_declared[zero-0.0]": (
         "gateway.nc.slew:Slew.follow",
         never("_when_stale"),
     ),
-    f"{NC}/test_target.py::test_without_any_known_error_there_is_no_target[hold]": (
+    "without_any_known_error_there_is_no_target[hold]": (
         "gateway.nc.target:Target.errors",
         always("isfinite"),
     ),
-    f"{NC}/test_nc_link.py::test_stopping_gives_the_control_back": ("gateway.nc.lease:Lease.release", gives("None")),
-    f"{NC}/test_nc_link.py::test_stopped_in_the_middle_of_a_write_it_takes_the_offsets_back_and_reports_no_other_"
-    "writer": ("gateway.nc.link:NcLink.run", only_first("to_its_end")),
-    f"{NC}/test_nc_link.py::test_a_request_that_cannot_be_withdrawn_does_not_keep_the_offsets_from_being_taken_back": (
+    "stopping_gives_the_control_back": ("gateway.nc.lease:Lease.release", gives("None")),
+    "stopped_in_the_middle_of_a_write_it_takes_the_offsets_back_and_reports_no_other_writer": (
+        "gateway.nc.link:NcLink.run",
+        only_first("to_its_end"),
+    ),
+    "a_request_that_cannot_be_withdrawn_does_not_keep_the_offsets_from_being_taken_back": (
         "gateway.nc.link:NcLink._try",
         uncaught("DriverError"),
     ),
-    "drivers/test_nc_watchdog.py::test_after_silence_the_offsets_go_to_zero_at_the_declared_rate": (
+    "after_silence_the_offsets_go_to_zero_at_the_declared_rate": (
         "drivers.sinumerik.control:Sinumerik._watchdog_values",
         instead("silence_s", "1e3"),
     ),
-    f"{NC}/test_driver_bugs.py::test_an_answer_that_the_interface_excludes_is_the_control_s_fault[two offsets]": (
+    "an_answer_that_the_interface_excludes_is_the_control_s_fault[two offsets]": (
         "gateway.nc.link:NcLink.__init__",
         only_first("contained_control"),
     ),
-    f"{NC}/test_motion.py::test_an_axis_that_reports_a_speed_and_does_not_move_is_reported_after_its_time": (
+    "an_axis_that_reports_a_speed_and_does_not_move_is_reported_after_its_time": (
         "gateway.nc.motion:Motion.frozen",
         never("_longest"),
     ),
     # also: after a write it is read back
-    f"{SAFE}::test_offsets_that_somebody_else_set_are_not_written_over": (
+    "offsets_that_somebody_else_set_are_not_written_over": (
         "gateway.nc.lease:Lease.disarm",
         without("_right"),
     ),
     # Never a step
-    f"{NC}/test_nc_link.py::test_armed_it_ramps_from_what_is_in_force_and_never_steps": FROM_ZERO,
-    f"{SAFE}::test_killed_it_leaves_the_control_to_its_watchdog_and_started_again_it_goes_on_from_there": FROM_ZERO,
-    f"{SAFE}::test_restarted_in_another_mode_the_offsets_end_at_zero_without_a_step[monitor]": (
+    "armed_it_ramps_from_what_is_in_force_and_never_steps": FROM_ZERO,
+    "killed_it_leaves_the_control_to_its_watchdog_and_started_again_it_goes_on_from_there": FROM_ZERO,
+    "restarted_in_another_mode_the_offsets_end_at_zero_without_a_step[monitor]": (
         "gateway.nc.lease:Lease.__init__",
         never("when_stale"),
     ),
-    f"{NC}/test_nc_link.py::test_after_a_lost_connection_it_begins_from_what_is_in_force": (
+    "after_a_lost_connection_it_begins_from_what_is_in_force": (
         "gateway.nc.writer:OffsetWriter._continue_from",
         instead("in_force", "np.full((3, 1), 4.0)"),
     ),
-    f"{NC}/test_nc_link.py::test_after_the_watchdog_had_the_offsets_it_begins_from_where_they_are": (
+    "after_the_watchdog_had_the_offsets_it_begins_from_where_they_are": (
         "gateway.nc.link:NcLink._beat",
         without("begin"),
     ),
-    f"{NC}/test_late_write.py::test_the_offsets_stand_where_a_late_write_would_find_them_and_it_is_no_step": (
+    "the_offsets_stand_where_a_late_write_would_find_them_and_it_is_no_step": (
         "gateway.nc.writer:OffsetWriter._may_arrive",
         gives("False"),
     ),
-    "drivers/sinumerik/test_sinumerik_faults.py::test_a_write_that_the_network_holds_for_longer_than_the_session_"
-    "lasts_is_refused": ("drivers.opcua.session:OpcUaSession._connect", instead("_asked_s", "60.0")),
-    f"{NC}/test_late_write.py::test_later_than_that_it_is_still_known_as_its_own_and_the_ramp_goes_on_from_there": (
+    "a_write_that_the_network_holds_for_longer_than_the_session_lasts_is_refused": (
+        "drivers.opcua.session:OpcUaSession._connect",
+        instead("_asked_s", "60.0"),
+    ),
+    "later_than_that_it_is_still_known_as_its_own_and_the_ramp_goes_on_from_there": (
         "gateway.nc.writer:OffsetWriter._is_late",
         gives("False"),
     ),
-    f"{NC}/test_nc_wire_faults.py::test_a_connection_lost_in_the_middle_of_a_write_leaves_no_step_behind": FROM_ZERO,
-    f"{NC}/test_nc_link.py::test_a_process_that_stood_still_since_its_beat_does_not_write": (
+    "a_connection_lost_in_the_middle_of_a_write_leaves_no_step_behind": FROM_ZERO,
+    "a_process_that_stood_still_since_its_beat_does_not_write": (
         "gateway.nc.lease:Lease.check_fresh",
         gives("None"),
     ),
-    f"{NC}/test_nc_link_elsewhere.py::test_it_begins_from_what_moved_while_the_control_was_not_ready_and_reports_no_"
-    "other_writer": ("gateway.nc.link:NcLink._compensate", never("NOT_READY")),
-    "system/test_compensation_routes.py::test_a_process_that_stands_still_within_any_request_leaves_no_step_behind"
-    "[k0_slope-for less than a period]": ("gateway.nc.writer:OffsetWriter._too_soon", gives("False")),
+    "it_begins_from_what_moved_while_the_control_was_not_ready_and_reports_no_other_writer": (
+        "gateway.nc.link:NcLink._compensate",
+        never("NOT_READY"),
+    ),
+    "a_process_that_stands_still_within_any_request_leaves_no_step_behind[k0_slope-for less than a period]": (
+        "gateway.nc.writer:OffsetWriter._too_soon",
+        gives("False"),
+    ),
     # The control's own events
-    f"{NC}/test_nc_link_states.py::test_while_the_control_is_not_ready_the_offsets_stand": (
+    "while_the_control_is_not_ready_the_offsets_stand": (
         "gateway.nc.link:NcLink._finding",
         never("ready"),
     ),
-    f"{NC}/test_boundary.py::test_a_zero_for_not_ready_writes_nothing_and_does_not_end_the_link": (
+    "a_zero_for_not_ready_writes_nothing_and_does_not_end_the_link": (
         "gateway.nc.boundary:_check_snapshot",
         always("isinstance"),
     ),
-    "drivers/sinumerik/test_sinumerik.py::test_drives_that_are_off_are_not_ready_where_the_control_has_a_bit_for_it": (
+    "drives_that_are_off_are_not_ready_where_the_control_has_a_bit_for_it": (
         "drivers.sinumerik.control:Sinumerik.snapshot",
         always("_drives"),
     ),
-    f"{NC}/test_nc_link_states.py::test_not_ready_while_it_stops_it_writes_nothing_more": (
+    "not_ready_while_it_stops_it_writes_nothing_more": (
         "gateway.nc.link:NcLink._take_back",
         never("ready"),
     ),
-    "drivers/test_nc_watchdog.py::test_power_off_and_on_leaves_no_offset_and_no_owner": (
+    "power_off_and_on_leaves_no_offset_and_no_owner": (
         "simulators.nc.nck:Nck.power_on",
         instead("R_SLOPE_RAMP", "R_OFFSETS"),
     ),
-    "drivers/sinumerik/test_sinumerik.py::test_an_axis_is_referenced_only_when_the_control_says_so": (
+    "an_axis_is_referenced_only_when_the_control_says_so": (
         "drivers.sinumerik.control:Sinumerik.snapshot",
         always("_is_odd"),
     ),
     # Commands
-    "gateway/telemetry/test_command_door.py::test_a_command_counts_once": (
+    "a_command_counts_once": (
         "gateway.telemetry.command_door:Challenges.use",
         never("_used"),
     ),
-    f"{COMMANDS}::test_a_pause_ramps_the_offsets_to_their_declared_state_until_it_is_resumed_and_nothing_steps": (
+    "a_pause_ramps_the_offsets_to_their_declared_state_until_it_is_resumed_and_nothing_steps": (
         "gateway.nc.target:Target.errors",
         never("paused"),
     ),
-    f"{COMMANDS}::test_a_pause_survives_restarts_and_the_loss_of_the_database_until_it_is_resumed": (
+    "a_pause_survives_restarts_and_the_loss_of_the_database_until_it_is_resumed": (
         "gateway.control.restart.earlier:past_of",
         instead("paused", "None"),
     ),
-    f"{COMMANDS}::test_without_a_disk_a_pause_counts_at_once_and_nothing_else_does": (
+    "without_a_disk_a_pause_counts_at_once_and_nothing_else_does": (
         "gateway.service.command_taker:CommandTaker.take",
         never("_BY_CAUTION"),
     ),
-    f"{COMMANDS}::test_a_command_never_arms_what_is_not_armed_or_has_disarmed_itself": (
+    "a_command_never_arms_what_is_not_armed_or_has_disarmed_itself": (
         "gateway.service.command_taker:CommandTaker._measured",
         always("may_probe"),
     ),
-    "gateway/control/test_disarm.py::test_disarmed_the_offsets_ramp_to_zero_whatever_is_declared_until_it_is_armed": (
+    "disarmed_the_offsets_ramp_to_zero_whatever_is_declared_until_it_is_armed": (
         "gateway.nc.target:Target.errors",
         never("disarmed"),
     ),
-    "gateway/control/test_disarm.py::test_disarmed_no_cycle_is_requested_and_one_that_waits_is_withdrawn": (
+    "disarmed_no_cycle_is_requested_and_one_that_waits_is_withdrawn": (
         "gateway.nc.link:NcLink._cycle",
         without("settle"),
     ),
-    "gateway/control/test_disarm.py::test_a_disarming_survives_restarts_and_the_loss_of_the_database": (
+    "a_disarming_survives_restarts_and_the_loss_of_the_database": (
         "gateway.control.restart.earlier:past_of",
         instead("disarmed", "None"),
     ),
-    "gateway/cli/running/test_reloading.py::test_a_good_file_is_applied_and_one_that_needs_a_restart_or_is_wrong_is_"
-    "refused_with_the_reason": ("gateway.acquisition.reload:bus_changes", never("changed")),
+    "a_good_file_is_applied_and_one_that_needs_a_restart_or_is_wrong_is_refused_with_the_reason": (
+        "gateway.acquisition.reload:bus_changes",
+        never("changed"),
+    ),
     # Trust
-    f"{NC}/test_nc_link.py::test_what_somebody_else_writes_disarms_instead_of_being_overwritten_by_a_step": (
+    "what_somebody_else_writes_disarms_instead_of_being_overwritten_by_a_step": (
         "gateway.nc.writer:OffsetWriter._is_mine",
         gives("True"),
     ),
-    f"{NC}/test_nc_link.py::test_a_write_that_does_not_take_effect_disarms_and_says_so_once": (
+    "a_write_that_does_not_take_effect_disarms_and_says_so_once": (
         "gateway.nc.writer:OffsetWriter._read_back",
         without("_agrees"),
     ),
-    f"{NC}/test_nc_link.py::test_what_is_not_a_number_when_it_connects_is_reported_and_does_not_end_the_link": (
+    "what_is_not_a_number_when_it_connects_is_reported_and_does_not_end_the_link": (
         "gateway.nc.writer:OffsetWriter._continue_from",
         always("isfinite"),
     ),
-    f"{NC}/test_nc_link.py::test_a_step_like_the_one_before_is_stored_only_when_it_was_not_confirmed": (
+    "a_step_like_the_one_before_is_stored_only_when_it_was_not_confirmed": (
         "gateway.nc.writer:OffsetWriter._record",
         always("read_back"),
     ),
-    "drivers/test_nc_watchdog.py::test_a_second_gateway_is_refused_until_the_first_is_silent_or_gone": (
+    "a_second_gateway_is_refused_until_the_first_is_silent_or_gone": (
         "drivers.sinumerik.lease:SinumerikLease.claim",
         never("holder"),
     ),
-    f"{AGENT}::test_an_agent_that_touches_other_poses_is_refused_and_a_whole_turn_is_none": (
+    "an_agent_that_touches_other_poses_is_refused_and_a_whole_turn_is_none": (
         "drivers.agent.greeting:Greeting.check_poses",
         gives("None"),
     ),
-    f"{AGENT}::test_a_machine_is_ready_only_when_the_agent_says_so": (
+    "a_machine_is_ready_only_when_the_agent_says_so": (
         "drivers.agent.control:AgentControl.snapshot",
         never("stopped"),
     ),
-    "drivers/linuxcnc/test_linuxcnc_strangers.py::test_clients_that_only_read_are_served_beside_the_gateway_and_can_"
-    "do_nothing_else": ("deploy/nc/linuxcnc/talc_server.py:TalcServer._obey", never("reads")),
-    "gateway/commissioning/agent_test/test_agent_test.py::test_nothing_that_moves_is_asked_unless_it_is_allowed": (
+    "clients_that_only_read_are_served_beside_the_gateway_and_can_do_nothing_else": (
+        "deploy/nc/linuxcnc/talc_server.py:TalcServer._obey",
+        never("reads"),
+    ),
+    "nothing_that_moves_is_asked_unless_it_is_allowed": (
         "gateway.commissioning.agent_test.clauses:run_clauses",
         always("moves"),
     ),
-    "gateway/storage/test_store.py::test_a_copy_of_what_runs_takes_nothing_over_on_another_computer": (
+    "a_copy_of_what_runs_takes_nothing_over_on_another_computer": (
         "gateway.storage.store:Store._open",
         always("here"),
     ),
-    "drivers/test_contract_nc.py::test_a_request_that_waits_or_runs_is_not_displaced_and_the_snapshot_shows_that_it_"
-    "runs[sinumerik]": ("drivers.sinumerik.control:Sinumerik.request_probing", never("taken_back")),
-    f"{NC}/test_nc_link.py::test_without_a_watchdog_on_the_control_nothing_is_written": (
+    "a_request_that_waits_or_runs_is_not_displaced_and_the_snapshot_shows_that_it_runs[sinumerik]": (
+        "drivers.sinumerik.control:Sinumerik.request_probing",
+        never("taken_back"),
+    ),
+    "without_a_watchdog_on_the_control_nothing_is_written": (
         "gateway.nc.link:NcLink._beat",
         instead("heard", "True"),
     ),
-    f"{PROBING}/test_prober.py::test_a_chip_on_the_sphere_is_no_measurement": (
+    "a_chip_on_the_sphere_is_no_measurement": (
         "gateway.nc.probing.checks:MeasurementChecks.fits",
         gives("None"),
     ),
 }
-"""By the test that must fail: what is broken, and how."""
-KILLED = "system/test_kill.py::test_a_gateway_killed_at_any_moment_makes_no_step[8]"
+"""By the test that must fail, without `test_`: what is broken, and how."""
+KILLED = "a_gateway_killed_at_any_moment_makes_no_step[8]"
 """Its gateways are other processes."""
 ROW = re.compile(r"`([\w/]+)`(?: in `[\w/]+`)?: ((?:`\w+`, )*`\w+`)")
 
@@ -292,18 +310,20 @@ def rows() -> list[tuple[str, frozenset[str]]]:
 
 
 @cache
-def functions() -> frozenset[str]:
-    """All functions of the tests."""
-    trees = (ast.parse(file.read_text("utf-8")) for file in TESTS.rglob("test_*.py"))
-    return frozenset(
-        n.name for tree in trees for n in ast.walk(tree) if isinstance(n, ast.FunctionDef | ast.AsyncFunctionDef)
-    )
+def files() -> dict[str, list[Path]]:
+    """By name of a test's function, the files that it is in."""
+    found = dict[str, list[Path]]()
+    for file in TESTS.rglob("test_*.py"):
+        for node in ast.parse(file.read_text("utf-8")).body:
+            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+                found.setdefault(node.name, []).append(file)
+    return found
 
 
 def test_every_row_names_tests_that_exist_and_has_something_broken() -> None:
     assert len(rows()) > 60
-    assert {name for _, tests in rows() for name in tests if f"test_{name}" not in functions()} == set()
-    proved = {re.sub(r"\[.*", "", test.partition("::test_")[2]) for test in (*BROKEN, KILLED)}
+    assert {name for _, tests in rows() for name in tests if f"test_{name}" not in files()} == set()
+    proved = {test.partition("[")[0] for test in (*BROKEN, KILLED)}
     assert [text for text, tests in rows() if not tests & proved] == []
 
 
@@ -320,14 +340,15 @@ class Outcome:
 
 def failed(test: str) -> bool:
     """Whether a test fails in this process."""
-    outcome = Outcome()
-    pytest.main(["-q", "-p", "no:cacheprovider", "-p", "no:xdist", str(TESTS / test)], plugins=[outcome])
+    outcome, name = Outcome(), f"test_{test}"
+    places = [f"{file}::{name}" for file in files()[name.partition("[")[0]]]
+    pytest.main(["-q", "-p", "no:cacheprovider", "-p", "no:xdist", *places], plugins=[outcome])
     assert outcome.failed + outcome.passed > 0, "it ran"
     return outcome.failed > 0
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("test", BROKEN, ids=lambda test: test.partition("::test_")[2])
+@pytest.mark.parametrize("test", BROKEN)
 def test_without_the_code_behind_a_promise_its_test_fails(test: str) -> None:
     with broken(*BROKEN[test]):
         assert failed(test)

@@ -7,7 +7,7 @@ from shutil import which
 
 import pytest
 
-from gateway.cli.conventions.exits import EXIT_CONFIG
+from gateway.cli.exits import EXIT_CONFIG
 
 UNIT = Path(__file__).parents[1] / "deploy" / "systemd" / "talc-gateway.service"
 

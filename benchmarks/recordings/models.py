@@ -9,8 +9,8 @@ from benchmarks.recordings.methods import Given, MethodCourse
 from talc.control import Controller
 from talc.frame import BoolArray, Frame, Measurement
 from talc.names import ERROR_UNITS, MICROMETRE, THERMAL_ERRORS
+from talc.papers.training import train
 from talc.settings import ControlSettings, TalcSettings, TrainingSettings
-from talc.training import train
 
 _ERRORS = len(THERMAL_ERRORS)
 _POSITIONS = tuple(i for i, name in enumerate(THERMAL_ERRORS) if ERROR_UNITS[name] == MICROMETRE)

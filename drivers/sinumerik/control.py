@@ -62,7 +62,13 @@ PROBING_REASONS: Final = {
     6: "a touch found no sphere",
     7: "the program was stopped",
     8: "TALC_SAFE_Z on the control is lower than the sphere at one of the poses",
-    9: "a transformation or the control's own dry run is active",
+    9: "a transformation, an orientable tool carrier or the control's own dry run is active",
+    10: "the touch probe is deflected where it touches nothing",
+    11: "the probe met something on its way to the sphere",
+    12: "the axes were moved by hand within the cycle",
+    13: "an axis is not referenced",
+    14: "the control does not know for sure which tool is in the spindle, or whose offset is in force",
+    15: "the height of a dry run (R63) is less than 0",
 }
 _SAME_MM: Final = 1e-6
 _EMERGENCY_STOP: Final = 3000
@@ -244,7 +250,7 @@ class Sinumerik:
             raise Refused(
                 f"the program on the control knows no dry runs (R{hand.version} is not 2 or more)",
                 device=self._settings.device,
-                hint="load the present TALC_SAFE_POINT and TALC_SPHERE, and call TALC_SAFE_POINT once",
+                hint="load all the present programs of deploy/nc/sinumerik, and call TALC_SAFE_POINT once",
             )
         request, answers, state, _, taken_back = self._numbers(self._request, await self._session.read(self._request))
         if number in (request, answers):

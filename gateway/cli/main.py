@@ -9,7 +9,7 @@ from typing import Literal
 
 import click
 
-from gateway.cli.conventions.arguments import (
+from gateway.cli.arguments import (
     SCAN_LIMIT_S,
     ConfigPath,
     FiniteNumber,
@@ -18,28 +18,29 @@ from gateway.cli.conventions.arguments import (
     access_options,
     address_of,
     heard_options,
+    print_hash,
     read_config,
 )
-from gateway.cli.conventions.exits import EXIT_WORLD, Commands
-from gateway.cli.conventions.log import log_to_stderr
+from gateway.cli.exits import EXIT_WORLD, Commands
+from gateway.cli.log import log_to_stderr
 from gateway.config.fields import DEFAULT_PREFIX, LOOPBACK
 from gateway.runtime.extras import need_extra
 
 _ELSEWHERE = {
-    "agent-test": "gateway.cli.commissioning.agent_test",
-    "collect": "gateway.cli.beside.collect",
-    "command": "gateway.cli.beside.command",
-    "db": "gateway.cli.recorded.db",
-    "doctor": "gateway.cli.condition.commands",
-    "inspect": "gateway.cli.commissioning.groups",
-    "nc": "gateway.cli.commissioning.nc",
-    "opcua": "gateway.cli.beside.opcua",
-    "prior": "gateway.cli.recorded.commands",
-    "publish": "gateway.cli.beside.publish",
-    "replay": "gateway.cli.recorded.commands",
-    "report": "gateway.cli.recorded.commands",
-    "scan": "gateway.cli.commissioning.groups",
-    "status": "gateway.cli.condition.commands",
+    "agent-test": "gateway.cli.agent_test",
+    "collect": "gateway.cli.collect",
+    "command": "gateway.cli.command",
+    "db": "gateway.cli.db",
+    "doctor": "gateway.cli.condition",
+    "inspect": "gateway.cli.groups",
+    "nc": "gateway.cli.nc",
+    "opcua": "gateway.cli.opcua",
+    "prior": "gateway.cli.recorded",
+    "publish": "gateway.cli.publish",
+    "replay": "gateway.cli.recorded",
+    "report": "gateway.cli.recorded",
+    "scan": "gateway.cli.groups",
+    "status": "gateway.cli.condition",
 }
 """Commands that are not defined here."""
 
@@ -84,22 +85,22 @@ def init(config: Path, answers: Path | None, limit: float) -> None:
     `check` accepts. Lines that hold a guess say CONFIRM, and are listed. An existing file is never changed, except the
     untouched example of the Debian package: `scan --toml` adds to it.
     """
-    from gateway.cli.commissioning.init import init as begin
+    from gateway.commissioning.init import init as begin
 
-    sys.exit(begin(config, answers, limit))
+    sys.exit(0 if begin(config, answers, limit) else EXIT_WORLD)
 
 
 @main.command()
 @ConfigPath
 def check(config: Path) -> None:
     """Check CONFIG without touching the network."""
-    from gateway.cli.running.opening import armed, contents
     from gateway.commissioning.scan.first import to_confirm
     from gateway.config.consequences import unarmed
     from gateway.config.extended import other_kinds
     from gateway.config.prior import described
     from gateway.config.problems import ConfigError
     from gateway.config.telemetry_rules import credential_problems
+    from gateway.service.opening import armed, contents
 
     checked = read_config(config)
     if wrong := list(credential_problems(checked.telemetry, datetime.now(UTC))):
@@ -141,12 +142,12 @@ def probe(config: Path, watched: bool, seconds: float | None, every: float | Non
     if watched and try_writing:
         raise click.UsageError("--try-writing and --watch cannot be combined")
     if watched:
-        from gateway.cli.commissioning.probe_watch import watch_channels as keep_watching
+        from gateway.commissioning.probe_watch import watch_channels as keep_watching
 
         sys.exit(0 if keep_watching(read_config(config), seconds, every) else EXIT_WORLD)
     if seconds is not None or every is not None:
         raise click.UsageError("--seconds and --every need --watch")
-    from gateway.cli.commissioning.probe import show
+    from gateway.commissioning.probe import show
 
     sys.exit(0 if show(read_config(config), try_writing=try_writing) else EXIT_WORLD)
 
@@ -165,7 +166,7 @@ def record(config: Path, output: Path, seconds: float | None, most_mb: float) ->
     buses and devices of CONFIG, so that it can be played elsewhere. The NC is not recorded. Nothing is written to any
     device. Exit code 3: no channel could be read at any time.
     """
-    from gateway.cli.running.record import record as write_down
+    from gateway.acquisition.record import record as write_down
 
     if output.exists():
         raise click.UsageError(f"{output} already exists; recordings are not overwritten, so give another name with -o")
@@ -208,8 +209,8 @@ def play(file: Path, folder: Path | None, seconds: float | None, multicast: str 
               help="With --record: start a new file at this size.")  # fmt: skip
 def run(config: Path, wires: Path | None, record_mb: float) -> None:
     """Run the gateway of CONFIG until SIGINT or SIGTERM."""
-    from gateway.cli.running.run import run_service
     from gateway.config.telemetry_rules import credential_problems
+    from gateway.service.run import run_service
 
     checked = read_config(config)
     for problem in credential_problems(checked.telemetry, datetime.now(UTC)):  # no reason not to run the machine
@@ -289,15 +290,15 @@ def watch(
     password_file: Path | None,
 ) -> None:
     """Follow a running gateway as an ordinary Zenoh subscriber: the gateway of CONFIG, or the one at --connect."""
-    from gateway.cli.beside.watch import watch as follow
-    from gateway.cli.beside.watch import watch_own
+    from gateway.listeners.watch.watch import watch as follow
+    from gateway.listeners.watch.watch import watch_own
 
     if config is not None:
         if connect or prefix or machine or authority or certificate or key or user or password_file:
             raise click.UsageError("CONFIG says where and how; give either it or options")
-        sys.exit(watch_own(read_config(config)))
+        sys.exit(0 if watch_own(read_config(config)) else EXIT_WORLD)
     access = access_of(authority, certificate, key, user, password_file)
-    sys.exit(follow(connect or (LOOPBACK,), prefix or DEFAULT_PREFIX, machine, access))
+    sys.exit(0 if follow(connect or (LOOPBACK,), prefix or DEFAULT_PREFIX, machine, access) else EXIT_WORLD)
 
 
 @main.command()
@@ -321,8 +322,7 @@ def web(
     users in --settings.
     """
     need_extra("web")
-    from gateway.cli.beside.heard import print_hash
-    from gateway.cli.beside.web import WebCommand, serve_pages
+    from gateway.listeners.web.serve import WebCommand, serve_pages
 
     if make_password:
         print_hash()

@@ -6,8 +6,8 @@ from collections.abc import Callable, Mapping
 from gateway.model.events import ForecastMade, ReasonsGiven, Sink
 from gateway.runtime.clocks import ServiceClock
 from talc.control import Controller
+from talc.forecast import ForecastRecord
 from talc.frame import Decision, FloatArray, Frame
-from talc.learner import ForecastRecord
 
 _EXPLAIN_EVERY_S = 3599.0
 """An hour, less a margin for the ends of steps."""

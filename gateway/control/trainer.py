@@ -14,7 +14,7 @@ from talc.control import Controller
 from talc.frame import TrainingJob
 from talc.models import ModelSet
 from talc.names import THERMAL_ERRORS
-from talc.training import train
+from talc.papers.training import train
 
 log = logging.getLogger(__name__)
 

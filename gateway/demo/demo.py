@@ -6,12 +6,12 @@ import socket
 import click
 from rich.console import Console
 
-from gateway.cli.beside.view import LiveView, ViewState, feeding
-from gateway.cli.conventions.signals import stop_on_signals
-from gateway.cli.conventions.terminal import terminal
-from gateway.cli.recorded.report import write
 from gateway.demo.demo_machine import STEPS_PER_HOUR, Demo, on_emulated_machine
 from gateway.demo.demo_page import PAGE_LOG, demo_page
+from gateway.listeners.watch.view import LiveView, ViewState, feeding
+from gateway.runtime.signals import stop_on_signals
+from gateway.runtime.terminal import terminal
+from gateway.service.report_file import write
 from gateway.service.serving import serve
 from simulators.clock import SharedClock
 from talc.presets import PRESETS

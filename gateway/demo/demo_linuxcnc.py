@@ -20,13 +20,13 @@ from rich.table import Table
 from drivers.agent import AgentControl
 from drivers.base import DriverError
 from drivers.linuxcnc import LinuxCncSettings
-from gateway.cli.conventions.terminal import terminal
 from gateway.config.extended import validate
 from gateway.config.model import GatewayConfig
 from gateway.nc.link import NcLink
 from gateway.nc.probing.cycle import End, Outcome
 from gateway.nc.settings import Earlier, Identity, LinkSettings, Listeners
 from gateway.runtime.clocks import RealClock
+from gateway.runtime.terminal import terminal
 from simulators.linuxcnc.machine import HURRY, MANUAL, LinuxCncMachine, machine, missing
 from simulators.plant import Environment, MachineDrive, Plant, load_machine
 from talc.frame import Decision, FloatArray, Measurement, Phase, Why

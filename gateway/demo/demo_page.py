@@ -77,7 +77,7 @@ def _end_with_input() -> None:
 
 
 def _serve(endpoint: str, settings: str) -> None:
-    from gateway.cli.beside.web import WebCommand, serve_pages  # not in the demo's own process
+    from gateway.listeners.web.serve import WebCommand, serve_pages  # not in the demo's own process
 
     os.nice(_NICE)
     threading.Thread(target=_end_with_input, daemon=True).start()

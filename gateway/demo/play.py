@@ -15,12 +15,12 @@ import can
 from drivers.build import BUS_KINDS
 from drivers.bus_settings import BusWire, Here
 from gateway.acquisition.wire_log import WireEvent, WireLogError, is_wire_log, read_wire_log
-from gateway.cli.conventions.signals import stop_on_signals
-from gateway.cli.conventions.terminal import terminal
 from gateway.config.model import GatewayConfig
 from gateway.config.packed import unpacked
 from gateway.config.polled import BusSection
 from gateway.config.wires import toml_value, wires_toml
+from gateway.runtime.signals import stop_on_signals
+from gateway.runtime.terminal import terminal
 from simulators.devices import (
     EXTENDED,
     Passed,

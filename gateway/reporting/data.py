@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.reporting.local import local_moment, since
+from talc.explanation import Reasons, Weights
 from talc.frame import BoolArray, Event, EventKind, FloatArray, Phase
-from talc.learner import Reasons, Weights
 from talc.models import ModelSet
 from talc.names import THERMAL_ERRORS
 

@@ -19,8 +19,8 @@ from gateway.reporting.local import hours
 from gateway.reporting.plots import inputs_plot, still
 from gateway.reporting.series import series
 from gateway.reporting.sketch import letters, sketch
+from talc.explanation import ErrorReason
 from talc.frame import EventKind, Phase
-from talc.learner import ErrorReason
 from talc.names import (
     ERROR_MEANINGS,
     ERROR_UNITS,

@@ -12,16 +12,16 @@ from zoneinfo import ZoneInfo
 import numpy as np
 
 from gateway.config.model import GatewayConfig
-from gateway.control.restart.earlier import stored_config
 from gateway.nc.states import Source
 from gateway.reporting.data import TRUTH_WIDTH, WORK_SHIFTS, AdoptedModels, CycleSeen, NotYet, ReportData, Truth
 from gateway.reporting.local import local_moment
 from gateway.reporting.page import nothing_learnt, nothing_that_day
+from gateway.storage.configurations import stored_config
 from gateway.storage.faults import StoreError
 from gateway.storage.history import History, TimeSpan
 from gateway.storage.stored import StoredMeasurement, StoredStep
+from talc.explanation import Reasons
 from talc.frame import FloatArray, Phase
-from talc.learner import Reasons
 from talc.names import THERMAL_ERRORS
 
 _DAY = timedelta(days=1)

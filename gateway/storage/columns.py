@@ -8,8 +8,8 @@ from typing import Final, Literal
 
 from gateway.model.commands import CommandOutcome
 from gateway.storage.stored import StoredCompensation, StoredMeasurement, StoredRun, StoredStep
+from talc.explanation import Reasons
 from talc.frame import Event
-from talc.learner import Reasons
 from talc.names import ERROR_UNITS, THERMAL_ERRORS
 
 CellKind = Literal["time", "text", "number", "whole"]

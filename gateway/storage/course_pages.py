@@ -13,8 +13,8 @@ from gateway.storage.faults import DamagedError
 from gateway.storage.pages import reading_connection
 from gateway.storage.placing import placed_frames
 from gateway.storage.rows import frames_of, reasons_of
+from talc.explanation import Reasons
 from talc.frame import FloatArray
-from talc.learner import Reasons
 from talc.names import THERMAL_ERRORS
 
 _ERRORS = len(THERMAL_ERRORS)

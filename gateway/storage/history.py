@@ -21,8 +21,8 @@ from gateway.storage.placing import placed_frames, placed_step
 from gateway.storage.readings import EARLIER, counts
 from gateway.storage.schema import READABLE, SCHEMA_VERSION, unusable
 from gateway.storage.stored import StoredCompensation, StoredMeasurement, StoredRun, StoredStep
+from talc.explanation import Reasons
 from talc.frame import Event, EventKind, Frames
-from talc.learner import Reasons
 from talc.models import ModelSet
 from talc.names import THERMAL_ERRORS
 

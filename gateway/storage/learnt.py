@@ -9,7 +9,7 @@ import json
 import zlib
 from base64 import b64decode, b64encode
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
 
@@ -64,11 +64,7 @@ class Learnt:
 
 def learnt_text(learnt: Learnt) -> str:
     """As JSON, with a line end."""
-    nothing = learnt.state.inputs[:0]
-    bare = replace(
-        learnt.state, inputs=nothing, valid=nothing.astype(np.bool_), measured=learnt.state.measured[:0], learning=False
-    )
-    plain, arrays = to_plain(bare)
+    plain, arrays = to_plain(learnt.state.without_record())
     del arrays["first"]
     found = learnt.reference
     whole: dict[str, Any] = {

@@ -21,6 +21,7 @@ from gateway.nc.slew import Write
 from gateway.runtime.ages import StepTime
 from gateway.storage.learnt import Reference
 from gateway.storage.stored import StoredCompensation, StoredMeasurement, StoredRun, StoredStep
+from talc.explanation import ErrorReason, Reasons
 from talc.frame import (
     BoolArray,
     Decision,
@@ -33,7 +34,6 @@ from talc.frame import (
     Phase,
     Why,
 )
-from talc.learner import ErrorReason, Reasons
 from talc.models import ModelSet
 from talc.names import THERMAL_ERRORS
 

@@ -62,8 +62,9 @@ from gateway.telemetry.messages import (
     StorageStanding,
 )
 from gateway.telemetry.numbers import by_error, columns_by_error, courses, finite
+from talc.explanation import Reasons
+from talc.forecast import Forecast, Misses, PlannedForecast
 from talc.frame import Decision, Event, Frame
-from talc.learner import Forecast, Misses, PlannedForecast, Reasons
 from talc.models import ErrorModel
 from talc.names import THERMAL_ERRORS
 from talc.sensor_check import Judgement

@@ -24,7 +24,7 @@ struct ArxProblem {
     size_t most;                           // inputs that a model may have
 };
 
-// A candidate's free run and what it costs; see talc.criteria.
+// A candidate's free run and what it costs; see talc.papers.criteria.
 class ArxCandidate {
    public:
     ArxCandidate(const ArxProblem &problem, int criterion, double scale, double tolerance, double safety)
@@ -167,6 +167,6 @@ inline void bind_pso(nb::module_ &m) {
     m.def("pso", &pso, nb::arg("gram"), nb::arg("moment"), nb::arg("energy"), nb::arg("own"), nb::arg("across"),
           nb::arg("u"), nb::arg("y"), nb::arg("lags"), nb::arg("criterion"), nb::arg("scale"), nb::arg("tolerance"),
           nb::arg("safety"), nb::arg("least_log_share"), nb::arg("most"), nb::arg("draws"), nb::arg("pull"), nb::arg("inertia_first"),
-          nb::arg("inertia_last"), nb::arg("progress").none(), "Particle swarm over penalty and orders; see talc.pso.");
+          nb::arg("inertia_last"), nb::arg("progress").none(), "Particle swarm over penalty and orders; see talc.papers.pso.");
 }
 }  // namespace talc

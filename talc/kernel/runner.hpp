@@ -188,7 +188,7 @@ class Runner {
 };
 
 inline void bind_runner(nb::module_ &m) {
-    nb::class_<Runner>(m, "Runner", "One model's state; see talc.models and talc.free_running.")
+    nb::class_<Runner>(m, "Runner", "One model's state; see talc.models and talc.papers.free_running.")
         .def(nb::init<Vector, std::vector<std::vector<double>>, double, Vector, Vector, Vector, Vector, double, double,
                       double, double, bool, double, Matrix, double, double, Vector, Vector, double, Vector>(),
              nb::arg("a"), nb::arg("b"), nb::arg("intercept"), nb::arg("u_mean"), nb::arg("u_std"), nb::arg("u_low"),

@@ -175,7 +175,7 @@ class SetSearch {
     std::unordered_map<Set, double> known_;
 };
 
-// One whole selection; see talc.search for the checked interface. Returns the index of the design, each offered
+// One whole selection; see talc.papers.search for the checked interface. Returns the index of the design, each offered
 // input's number of coefficients (0: not chosen), and the cost.
 inline std::tuple<size_t, std::vector<int>, double> search(Stack4 gram, Stack3 moment, Vector energy, Integers poles,
                                                            std::vector<std::vector<std::vector<int>>> starts,
@@ -214,6 +214,6 @@ inline void bind_search(nb::module_ &m) {
     m.def("search", &search, nb::arg("gram"), nb::arg("moment"), nb::arg("energy"), nb::arg("poles"),
           nb::arg("starts"), nb::arg("inputs"), nb::arg("lags"), nb::arg("ridge"), nb::arg("unseen"), nb::arg("rows"),
           nb::arg("price"), nb::arg("floor"), nb::arg("most"), nb::arg("fixed_inputs"), nb::arg("progress").none(),
-          "Deterministic search for inputs, orders and poles; see talc.search.");
+          "Deterministic search for inputs, orders and poles; see talc.papers.search.");
 }
 }  // namespace talc

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from talc.explanation import Explanation, Reasons, Weights
+from talc.forecast import Forecast, PlannedForecast
 from talc.frame import (
     LARGEST_INPUT,
     BoolArray,
@@ -20,14 +22,15 @@ from talc.frame import (
 )
 from talc.indicators import TWO_SIDED_95
 from talc.learner.experts import EXPERTS, OTHERS_EXPERTS
-from talc.learner.forecast import Forecast, PlannedForecast
-from talc.learner.learner import Estimate, Explanation, LearnerState, RowLearner, Weights
+from talc.learner.learner import Estimate, LearnerState, RowLearner
 from talc.learner.mixture import Surprise
 from talc.learner.prior import Prior
-from talc.learner.reasons import Reasons, reasons_for
+from talc.learner.reasons import reasons_for
 from talc.names import ERROR_UNITS, MICROMETRE, THERMAL_ERRORS
 from talc.settings import LearnerSettings
-from talc.stage import Stage, limit_exceeded
+from talc.stage import Stage
+from talc.strategy import Strategy
+from talc.stage import limit_exceeded
 
 _SETTLED_S = 3600.0
 """After a gap longer than this a measurement is wanted at once."""
@@ -49,7 +52,7 @@ class CourseState:
     substituted: frozenset[str]
 
 
-class LearningCourse:
+class LearningCourse(Strategy):
     """Compensation from the first measurement on; the learner learns at every one.
 
     An error is corrected while its estimate is better than no correction (`Decision.trusted`). A measurement is wanted
@@ -64,6 +67,9 @@ class LearningCourse:
     prior: what other machines have learnt; None: nothing
     errors: names; the nine, as in the shapes below, or any others, which are in µm and for which there is no prior
     """
+
+    method = "learner"
+    state_class = CourseState
 
     def __init__(
         self,

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from talc.explanation import Explanation, Weights
 from talc.frame import BoolArray, FloatArray
 from talc.learner.features import LagBank
 from talc.learner.inputs import InputMemory
@@ -58,43 +59,6 @@ class LearnerState:
     anchored: bool
     scale: float
     doubt: FloatArray
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Explanation:
-    """Why the estimates are what they are."""
-
-    inputs: FloatArray
-    """(9, n) what each input contributes now, µm or µm/m; with `level` they add up to the estimate."""
-    level: FloatArray
-    """(9,) the part that no input explains."""
-    experts: FloatArray
-    """(9, E) weights of the experts, which add up to 1."""
-    believed: FloatArray
-    """(9,) probability that the error is not just zero."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Weights:
-    """What is known of how the errors follow the inputs.
-
-    The estimate of an error is `share` times the sum of `level` and of all inputs' weights times the deviation of the
-    input from `reference` through a first-order lag. Each sigma is a standard uncertainty by itself: those of one error
-    are correlated.
-    """
-
-    inputs: FloatArray
-    """(9, n, L) of each input through each lag; µm or µm/m per unit of the input."""
-    inputs_sigma: FloatArray
-    level: FloatArray
-    """(9,) µm or µm/m."""
-    level_sigma: FloatArray
-    share: FloatArray
-    """(9,) probability that the error is not just zero; 0 where it is not corrected."""
-    reference: FloatArray
-    """(n,) in the units of the inputs."""
-    time_constants_s: tuple[float, ...]
-    """(L,) of the lags; 0: no lag."""
 
 
 def learner_bytes(inputs: int) -> int:
@@ -301,4 +265,4 @@ class RowLearner:
             return
         straight = bank.features()
         bank.restart(now)
-        mixture.jolt(np.sum(mixture.weights() * (bank.features() - straight), axis=1) ** 2)
+        mixture.add_level_variance(np.sum(mixture.weights() * (bank.features() - straight), axis=1) ** 2)

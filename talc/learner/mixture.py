@@ -60,7 +60,7 @@ class MixtureState:
     drift: FloatArray
     elapsed: FloatArray
     """(9,) steps since the last measurement of each error."""
-    jolt: FloatArray
+    level_variance: FloatArray
     """(9,) variance that gaps have added to the level since then."""
     null: FloatArray
     """(9,) log-odds that the error stays zero."""
@@ -173,7 +173,7 @@ class Mixture:
             mixed=np.zeros((self._errors, packed)),
             drift=np.zeros((self._errors, n)),
             elapsed=np.zeros(self._errors),
-            jolt=np.zeros(self._errors),
+            level_variance=np.zeros(self._errors),
             null=null,
             shift=np.zeros((self._errors, 2)),
             count=np.zeros(self._errors, dtype=np.int64),
@@ -207,7 +207,7 @@ class Mixture:
         s, used = self._s, self._level + 1
         apart = np.einsum("je,jen->jn", s.weight, (s.mean[:, :, :used] - self.weights()[:, None]) ** 2)
         own = s.mixed[:, self._diagonal[:used]] + s.drift[:, :used] * s.elapsed[:, None]
-        own[:, -1] += s.jolt
+        own[:, -1] += s.level_variance
         return np.asarray(own + apart, dtype=np.float64)
 
     def state(self) -> MixtureState:
@@ -224,9 +224,9 @@ class Mixture:
         """Let this many steps pass."""
         self._s.elapsed += steps
 
-    def jolt(self, variance: FloatArray) -> None:
+    def add_level_variance(self, variance: FloatArray) -> None:
         """(9,) variances by which the levels may have changed."""
-        self._s.jolt += variance
+        self._s.level_variance += variance
 
     def predict(self, x: FloatArray, ahead: int = 0) -> tuple[FloatArray, FloatArray]:
         """(9,) means and variances with features x (n,), `ahead` steps from now, the hypothesis of zero left aside.
@@ -242,7 +242,7 @@ class Mixture:
         if not s.count.any():  # with many inputs, even zeros take long to read
             return mean, variance
         filters.predict(s.mean, s.weight, s.mixed, s.drift, s.elapsed + ahead, x, mean, variance)
-        return mean, variance + s.jolt + np.where(s.count > 0, s.weight @ self._misfit, 0.0)
+        return mean, variance + s.level_variance + np.where(s.count > 0, s.weight @ self._misfit, 0.0)
 
     def each(self, x: FloatArray) -> FloatArray:
         """(9, E) what each expert predicts with features x (n,)."""
@@ -254,7 +254,7 @@ class Mixture:
         if not s.count.any():
             return np.zeros((self._errors, len(others)))
         growth = s.drift * s.elapsed[:, None]
-        growth[:, self._level] += s.jolt
+        growth[:, self._level] += s.level_variance
         gain = np.empty_like(growth)
         filters.gain(s.mixed, x, gain)
         gain += growth * x
@@ -294,7 +294,7 @@ class Mixture:
         if s.count[j] == 0:
             self._begin(j, y, noise)
         growth = self._growth * s.elapsed[j]
-        growth[:, self._level] += s.jolt[j]
+        growth[:, self._level] += s.level_variance[j]
         filters.look(covariance, growth, x, gain, spread)
         spread += self._misfit  # noise of the filter's own: the kernel needs the sum of both
         innovation = y - np.sum(mean * x, axis=1)
@@ -323,7 +323,7 @@ class Mixture:
         weight = (1.0 - _SHARED) * weight / weight.sum() + _SHARED / len(weight)
         s.weight[j], s.log_weight[j] = weight, np.log(weight)
         s.count[j] += 1
-        s.elapsed[j] = s.jolt[j] = 0.0
+        s.elapsed[j] = s.level_variance[j] = 0.0
         renewed = self._evidence if s.count[j] >= _EVIDENCE_FROM else self._evidence[:0]
         groups = (s.cursor + self._groups) % max(self._inputs, 1)
         filters.learn(
@@ -353,7 +353,7 @@ class Mixture:
         s.shift[j] = 0.0, _REFERENCE * noise
         s.covariance[j][:, self._diagonal[self._level]] = y * y if abs(y) > _FIRST_FAR * np.sqrt(noise) else 0.0
         s.covariance[j][:, self._diagonal[-1]] = _REFERENCE * noise
-        s.elapsed[j] = s.jolt[j] = 0.0
+        s.elapsed[j] = s.level_variance[j] = 0.0
 
     def _start_from_others(self, j: int, e: int, others: OtherMachines) -> None:
         """An expert starts with what other machines learnt; for inputs that they do not have, with the flat prior."""

@@ -1,54 +1,18 @@
 """Reasons for the estimates, in names and micrometres, for people."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
-from talc.frame import FloatArray, Why
+from talc.explanation import ErrorReason, Explanation
+from talc.frame import FloatArray
 from talc.learner.experts import Expert
-from talc.learner.learner import Estimate, Explanation
+from talc.learner.learner import Estimate
 
 _SHOWN = 5
 """Number of inputs that are named for an error."""
 KINDS = ("last measurement held", "all inputs", "chosen inputs", "other machines")
 """Kinds of experts, by what they predict from."""
-
-
-@dataclass(frozen=True, slots=True)
-class ErrorReason:
-    """The reasons for one thermal error; µm or µm/m. NaN: not known before its first measurement."""
-
-    error: str
-    estimate: float
-    """The present correction: the sum of `inputs`, `other_inputs` and `level`."""
-    trusted: bool
-    """Whether it is corrected; otherwise no estimate is better than none."""
-    believed: float
-    """Probability that the error is not just zero."""
-    inputs: tuple[tuple[str, float], ...]
-    """Which inputs move it now and how far, the largest first."""
-    other_inputs: float
-    """The effect of all other inputs together."""
-    level: float
-    """The part that no input explains."""
-    experts: tuple[tuple[str, float], ...]
-    """Weight of each kind of expert (KINDS), the largest first."""
-    expected: float
-    """At the next measurement, if the inputs stay as they are."""
-    expected_sigma: float
-    """Its standard uncertainty, without the noise of the measurement."""
-
-
-@dataclass(frozen=True, slots=True)
-class Reasons:
-    """The reasons for all errors, at one grid step."""
-
-    k: int
-    next_k: int
-    """When the next measurement is expected, if the inputs stay as they are and the machine has time for it."""
-    next_why: Why
-    errors: tuple[ErrorReason, ...]
 
 
 def reasons_for(

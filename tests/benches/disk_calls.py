@@ -25,7 +25,7 @@ from pathlib import Path
 
 import click
 
-from gateway.cli.running.memory import spare_what_is_there
+from gateway.service.memory import freeze_gc
 from tests.benches.disk_faults import FAULTS, HANGS_ONCE, DiskFault, LifeVerdict
 from tests.benches.disk_life import LIMIT_S, Life
 from tests.benches.preloads import preload
@@ -46,7 +46,7 @@ def lives(folder: Path) -> None:
     rehearsal = folder / "rehearsal"
     rehearsal.mkdir()
     Life(rehearsal, None, 0).live()
-    spare_what_is_there()
+    freeze_gc()
     for number, line in enumerate(sys.stdin):
         which, at, hang_ms = map(int, line.split())
         read, write = os.pipe()

@@ -10,11 +10,11 @@ import sys
 from pathlib import Path
 
 from gateway.acquisition.build import lines_of
-from gateway.cli.running.memory import spare_what_is_there
-from gateway.cli.running.run import run_service
 from gateway.config.file import load
 from gateway.nc.build import control_of
 from gateway.runtime.clocks import RealClock
+from gateway.service.memory import freeze_gc
+from gateway.service.run import run_service
 from tests.benches.broken import broken_by_environment
 
 
@@ -25,7 +25,7 @@ def main() -> None:
     # Drivers that nobody uses: making them loads their modules, which happens on first use.
     lines_of(config, clock)
     control_of(config.nc, config, clock)
-    spare_what_is_there()
+    freeze_gc()
     for _ in sys.stdin:
         if pid:
             os.waitpid(pid, 0)  # the previous one was killed

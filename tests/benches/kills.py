@@ -25,8 +25,8 @@ from pathlib import Path
 
 import click
 
-from gateway.cli.running.memory import spare_what_is_there
 from gateway.control.replay.stored import replay
+from gateway.service.memory import freeze_gc
 from gateway.storage.damage import damage_found
 from gateway.storage.history import History
 from simulators.nc import Activity, CycleSettings, DayPart, LoadCase, MeanLoads
@@ -98,7 +98,7 @@ class KilledMachine:
         self._disk.fail_from(0, 0, 0, 0)
         GatewayLife(self._folder, self._memory, self._lives, Death(WRITING, 0), self._draw).live()
         assert threading.active_count() == 1, threading.enumerate()
-        spare_what_is_there()
+        freeze_gc()
 
     def _child(self, phase: str | None, at: int, write: int) -> None:
         """Does not return."""

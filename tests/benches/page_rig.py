@@ -158,15 +158,25 @@ class PageRig:
         assert [text for text in said if not any(words in text for words in lost)] == [], said
 
 
+_shared = list[Browser]()
+
+
 @contextmanager
 def chromium() -> Iterator[Browser]:
-    """Debian's chromium, while it runs."""
+    """Debian's chromium, while it runs; within another use, the one that runs already."""
+    if _shared:
+        yield _shared[0]
+        return
     assert _CHROMIUM.exists(), "chromium is missing: install Debian's chromium"
     with (
         sync_playwright() as playwright,
         playwright.chromium.launch(executable_path=_CHROMIUM, args=["--no-sandbox"]) as started,
     ):
-        yield started
+        _shared.append(started)
+        try:
+            yield started
+        finally:
+            _shared.clear()
 
 
 @contextmanager

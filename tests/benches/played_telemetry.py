@@ -15,6 +15,7 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import zenoh
 
 from gateway.reporting.page import build
@@ -22,7 +23,7 @@ from gateway.telemetry import keys
 from gateway.telemetry.answers import CoursePage, ReportPage, StoredReason
 from gateway.telemetry.codec import encode
 from gateway.telemetry.history_queries import parse_course
-from gateway.telemetry.messages import PublishedCourse, PublishedReason
+from gateway.telemetry.messages import ProbingStanding, PublishedCourse, PublishedReason
 from gateway.telemetry.report_queries import parse_report
 from talc.names import THERMAL_ERRORS
 from tests.benches.small_run import small_run
@@ -30,6 +31,7 @@ from tests.benches.zenoh_sessions import listening
 
 SAMPLES = Path(__file__).with_name("demo_telemetry.jsonl")
 _STATUS_S = 5.0
+_STANDING = [each.name for each in msgspec.structs.fields(ProbingStanding)]
 _TIMES = ("time", "source_time", "asked", "ended")
 
 
@@ -56,6 +58,8 @@ class PlayedGateway:
         with self._lock:
             self._sequence += 1
             self._last[suffix] = message | {"boot": self._boot, "seq": self._sequence}
+            if suffix == keys.PROBING and "status" in self._last:  # which repeats it, as a gateway's does
+                self._last["status"]["probing"] = {name: message[name] for name in _STANDING}
             whole = json.dumps(self._last[suffix])
             self._session.put(f"{self._root}/{suffix}", whole, congestion_control=zenoh.CongestionControl.BLOCK)
 

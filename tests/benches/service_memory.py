@@ -16,8 +16,8 @@ import threading
 import time
 from pathlib import Path
 
-from gateway.cli.running.memory import give_back_large_blocks
 from gateway.demo.demo_machine import Demo, on_emulated_machine
+from gateway.service.memory import give_back_large_blocks
 from gateway.service.serving import serve
 from simulators.clock import SharedClock
 from tests.benches.free_port import free_port

@@ -14,13 +14,13 @@ from unittest.mock import patch
 import numpy as np
 
 from gateway.acquisition.wire_log import WireLogWriter
-from gateway.cli.running.run import run_service
 from gateway.config.file import load
 from gateway.config.model import GatewayConfig
 from gateway.control.restart.earlier import past_in
 from gateway.control.restart.snapshots import SnapshotKeeper
 from gateway.model.events import DecisionMade, FrameMade, Sink
 from gateway.runtime.clocks import ServiceClock
+from gateway.service.run import run_service
 from gateway.service.service import Service
 from gateway.storage.store import Store
 from talc.frame import Frame, Measurement
@@ -74,7 +74,7 @@ def main(path: Path, count: int) -> None:
     ) -> None:
         taken(config, clock, count)
 
-    with patch("gateway.cli.running.run.serve", snapshots_alone):
+    with patch("gateway.service.run.serve", snapshots_alone):
         run_service(load(path), path)
 
 

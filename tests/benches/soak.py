@@ -29,13 +29,13 @@ from unittest.mock import patch
 
 import numpy as np
 
-from gateway.cli.running.memory import give_back_large_blocks
 from gateway.config.file import load
 from gateway.config.model import GatewayConfig
 from gateway.control import sensor_watch, trainer
 from gateway.model.events import CompensationStepped, DecisionMade, EventReported, GatewayEvent, ReadingsTaken
 from gateway.runtime.clocks import RealClock
 from gateway.runtime.workers.process import apart
+from gateway.service.memory import give_back_large_blocks
 from gateway.service.serving import serve
 from simulators.bench import gateway_toml
 from simulators.bench.machine import DEMO_TERMS

@@ -15,8 +15,9 @@ from gateway.nc.probing.schedule import Outlook
 from gateway.nc.probing.standing import Standing
 from gateway.nc.slew import Step, Write
 from gateway.nc.states import Source
+from talc.explanation import ErrorReason, Reasons
+from talc.forecast import Forecast, Misses
 from talc.frame import Decision, Event, EventKind, Frame, Measurement, Phase, Why
-from talc.learner import ErrorReason, Forecast, Misses, Reasons
 from talc.models import ErrorModel, ModelSet
 from talc.names import THERMAL_ERRORS
 from talc.sensor_check import Finding, Judgement

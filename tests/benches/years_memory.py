@@ -33,7 +33,6 @@ from numpy.typing import NDArray
 from drivers.base import Quality, Reading
 from gateway.acquisition.board import Board
 from gateway.acquisition.sample import samples
-from gateway.cli.running.memory import give_back_large_blocks
 from gateway.config.file import load
 from gateway.config.model import GatewayConfig
 from gateway.control.explaining import Explanations
@@ -53,6 +52,7 @@ from gateway.model.events import (
 from gateway.nc.slew import Step, Write
 from gateway.nc.states import Source
 from gateway.service.health import HealthWatch
+from gateway.service.memory import give_back_large_blocks
 from gateway.service.metrics import GatewayFigures
 from gateway.storage.store import Store
 from gateway.telemetry.publisher import TelemetryPublisher

@@ -17,11 +17,11 @@ from gateway.acquisition.acquisition import Acquisition
 from gateway.acquisition.build import lines_of
 from gateway.acquisition.once import read_once
 from gateway.acquisition.reload import ReloadError, apply, bus_changes, prepare
-from gateway.cli.running.reloading import Reloading
 from gateway.config.file import load
 from gateway.config.model import GatewayConfig
 from gateway.config.problems import ConfigError
 from gateway.control.restart.earlier import Past
+from gateway.service.reloading import Reloading
 from gateway.service.service import Service
 from gateway.service.serving import serve
 from talc.control import Controller

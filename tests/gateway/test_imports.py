@@ -56,7 +56,7 @@ def loaded_by(command: Sequence[str], asked: str = "") -> set[str]:
 
 def test_a_gateway_without_opc_ua_loads_none_of_the_heavy_libraries() -> None:
     heavy = {"scipy", "osqp", "matplotlib", "jinja2", "cantools", "numpy.random"} | PLANT
-    assert loaded("import gateway.cli.main, gateway.cli.running.run").isdisjoint(heavy)
+    assert loaded("import gateway.cli.main, gateway.service.run").isdisjoint(heavy)
 
 
 def test_the_page_loads_no_bus_and_no_learner() -> None:

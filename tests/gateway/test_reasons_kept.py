@@ -19,8 +19,8 @@ from gateway.storage.history import History
 from gateway.storage.readings import Retention
 from gateway.storage.store import Store
 from talc.control import Controller
+from talc.explanation import Reasons
 from talc.frame import Frame, Measurement
-from talc.learner import Reasons
 from tests.benches.service_file import MACHINE, adam6015
 from tests.benches.stepped_clock import SteppedClock
 from tests.benches.thermal_series import series

@@ -1,10 +1,21 @@
 """Fixtures of the tests of the page in a browser."""
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
-from tests.benches.page_rig import MILL_SETTINGS
+from tests.benches.page_rig import MILL_SETTINGS, chromium
+
+
+@pytest.fixture(scope="module", autouse=True)
+def browser_of_the_file(request: pytest.FixtureRequest) -> Iterator[None]:
+    """The tests of a file with pages use one browser, which takes a second to start."""
+    if any(hasattr(request.module, name) for name in ("page_rig", "chromium")):
+        with chromium():
+            yield
+    else:
+        yield
 
 
 @pytest.fixture

@@ -29,7 +29,7 @@ from simulators.nc import Activity, CycleSettings, DayPart, EmulatedControl, Loa
 from simulators.nc.watchdog import R_BEAT, Logged
 from talc.control import Controller
 from talc.frame import Frame, Measurement
-from talc.training import train
+from talc.papers.training import train
 from tests.benches import waits
 from tests.benches.cut_wire import CutWire, wire_to
 from tests.benches.processes import is_alive

@@ -10,8 +10,8 @@ from playwright.sync_api import Browser, Page
 
 from gateway.reporting.data import ReportData
 from gateway.reporting.page import build
+from talc.explanation import ErrorReason, Reasons
 from talc.frame import Event, EventKind, Why
-from talc.learner import ErrorReason, Reasons
 from talc.names import THERMAL_ERRORS
 from tests.benches.page_rig import LIMIT_MS, chromium
 from tests.benches.paper import cut_off, left_alone, printed, printed_texts, torn

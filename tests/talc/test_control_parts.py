@@ -6,7 +6,12 @@ import numpy as np
 import pytest
 
 from talc.control import Controller
-from talc.frame import EventKind, Frame, Measurement, TrainingJob
+from talc.control import ControllerState
+from talc.frame import EventKind
+from talc.frame import FloatArray
+from talc.frame import Frame
+from talc.frame import Measurement
+from talc.frame import TrainingJob
 from talc.kinds import EventCode
 from talc.models import ModelSet
 from talc.names import THERMAL_ERRORS
@@ -74,11 +79,16 @@ def test_after_a_pause_of_unknown_length_the_record_begins_again() -> None:
 def test_what_is_done_with_a_state_changes_neither_its_controller_nor_the_restored_one(name: str) -> None:
     c, _ = taught()
     state = c.state()
-    before = np.copy(getattr(state, name))
+
+    def array(of: ControllerState) -> FloatArray:
+        found: FloatArray = getattr(of.strategy if name == "held" else of, name)
+        return found
+
+    before = np.copy(array(state))
     again = Controller.restore(state, TalcSettings(method="models"))
-    getattr(state, name)[:] = 0
-    np.testing.assert_array_equal(getattr(c.state(), name), before)
-    np.testing.assert_array_equal(getattr(again.state(), name), before)
+    array(state)[:] = 0
+    np.testing.assert_array_equal(array(c.state()), before)
+    np.testing.assert_array_equal(array(again.state()), before)
     assert before.any()
 
 

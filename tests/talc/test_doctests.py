@@ -11,7 +11,7 @@ import talc
 
 MODULES = sorted(m.name for m in pkgutil.walk_packages(talc.__path__, "talc.") if not m.name.endswith("_kernel"))
 SHOWN = (
-    "talc.estimators.arx",
+    "talc.estimators.group_lasso_arx",
     "talc.estimators.learner",
     "talc.estimators.rehearsal",
     "talc.indicators",

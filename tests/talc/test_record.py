@@ -4,13 +4,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from talc.kinds import EventCode
 from talc.control import Controller
 from talc.frame import LARGEST_ERROR, LARGEST_INPUT, EventKind, Frame, Measurement
-from talc.kinds import EventCode
 from talc.models import ModelSet
+from talc.papers.phased import PhasedState
+from talc.papers.training import train
 from talc.record import Record
 from talc.settings import ControlSettings, TalcSettings
-from talc.training import train
 from tests.benches.thermal_series import ThermalSeries, series
 
 Array = NDArray[np.float64]
@@ -79,6 +80,8 @@ def test_an_impossible_measurement_is_reported_and_not_used(wild: float) -> None
     (event,) = [e for e in decision.events if e.kind is EventKind.MEASUREMENT_REJECTED]
     assert (event.error, event.limit) == ("EX0C", LARGEST_ERROR)
     assert (event.code, event.values["value"], event.values["unit"]) == (EventCode.IMPOSSIBLE, wild, "µm")
-    held = controller.state().held
+    strategy = controller.state().strategy
+    assert isinstance(strategy, PhasedState)
+    held = strategy.held
     assert np.isnan(held[2])
     assert np.isfinite(np.delete(held, 2)).all()

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from talc.control import Controller
 from talc.frame import LARGEST_ERROR, LARGEST_INPUT, Frame, Measurement
+from talc.papers.training import train
 from talc.settings import ControlSettings, TalcSettings, TrainingSettings
-from talc.training import train
 
 STEPS, CALIBRATION, INPUTS = 132, 48, 3
 NAMES = tuple(f"t{i}" for i in range(INPUTS))

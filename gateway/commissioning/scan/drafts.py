@@ -3,8 +3,14 @@
 from collections.abc import Mapping, Sequence
 
 from drivers.canopen import CanObject
+from drivers.number_types import ByteNumber
 from gateway.commissioning.scan.fragment import CONFIRM
 from gateway.config.wires import toml_value
+
+BYTE_KINDS: tuple[ByteNumber, ...] = (
+    "int8", "uint8", "int16", "uint16", "int32", "uint32", "int64", "uint64", "float32", "float64",
+)  # fmt: skip
+"""What bytes are shown as; a truth value would be shown twice."""
 
 
 def object_draft(seen: Mapping[CanObject, str], *, kind: str, scale: float, unit: str, place: str, when: str) -> str:

@@ -12,12 +12,13 @@ from gateway.reporting.data import AdoptedModels, ReportData
 from gateway.reporting.recordings.grid import Recording
 from gateway.runtime.versions import versions
 from talc.control import Controller
+from talc.explanation import Reasons, Weights
 from talc.frame import Decision, Event, FloatArray, Frame, IntArray, Measurement
-from talc.learner import Prior, Reasons, Weights
+from talc.learner import Prior
 from talc.models import ErrorModel
 from talc.names import THERMAL_ERRORS
+from talc.papers.training import train
 from talc.settings import TalcSettings
-from talc.training import train
 
 _ERRORS = len(THERMAL_ERRORS)
 

@@ -2,12 +2,9 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field
-from hashlib import sha256
 
 from drivers.base import SetupError
-from gateway.config.extended import stored_configuration
 from gateway.config.model import GatewayConfig
-from gateway.config.prior import parse_prior
 from gateway.control.planned_loads import rows_remembered
 from gateway.control.restart.rebuild import (
     Interrupted,
@@ -22,6 +19,7 @@ from gateway.control.restart.rebuild import (
 from gateway.control.sensor_watch import SeenBefore
 from gateway.model.commands import Disarmed, Pause
 from gateway.runtime.ages import StepTime
+from gateway.storage.configurations import stored_config
 from gateway.storage.faults import DamagedError, StoreError
 from gateway.storage.history import History
 from gateway.storage.store import Store
@@ -65,39 +63,6 @@ class Past:
     """Whether the latest run had another prior, or only one of the two has one."""
     changes: tuple[str, ...] = ()
     """Inputs and settings that differ from the latest run's, in words."""
-
-
-def stored_config(history: History) -> GatewayConfig:
-    """The configuration of the latest run, from the first copy of it that is valid.
-
-    Raises StoreError if the database is empty, or if this program does not accept what an earlier one has stored;
-    DamagedError if every copy is damaged.
-    """
-    texts = history.configs()
-    if not texts:
-        raise StoreError("the database holds no run yet")
-    wrong = ""
-    for text in texts:
-        try:
-            return from_stored(text, history.prior())
-        except (ValueError, KeyError, TypeError, AttributeError) as error:  # pydantic's are ValueErrors
-            wrong = wrong or " ".join(str(error).split())
-    latest = history.config()
-    if latest is not None and sha256(latest[0].encode()).hexdigest() == latest[1]:  # no byte has changed
-        raise StoreError(
-            f"this program does not accept the configuration of the latest run: {wrong}; continue with the earlier"
-            " program, or give [storage] another path to start again"
-        )
-    raise DamagedError(
-        f"the stored configuration of the latest run is invalid or damaged: {wrong}; give [storage] another"
-        " path to start again"
-    )
-
-
-def from_stored(text: str, prior: str | None = None) -> GatewayConfig:
-    """The configuration and the prior in a stored text, as the program that stored it understood them."""
-    config = stored_configuration(text)
-    return config if prior is None else config.with_prior(parse_prior(prior))
 
 
 def decide_alike(one: GatewayConfig, other: GatewayConfig) -> bool:

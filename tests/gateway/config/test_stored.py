@@ -10,7 +10,7 @@ import pytest
 from gateway.config.extended import stored_configuration
 from gateway.config.file import parse
 from gateway.config.outline import inputs_if_known, inputs_of_config, outlined, step_s_of
-from gateway.control.restart.earlier import from_stored
+from gateway.storage.configurations import from_stored
 from tests.benches.service_file import MACHINE, adam6015
 
 FILE = Path("gateway.toml")

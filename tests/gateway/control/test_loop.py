@@ -25,8 +25,8 @@ from gateway.service.service import Service
 from gateway.storage.store import Store
 from talc.control import Controller
 from talc.frame import Decision, EventKind, Frame, Measurement, Phase, Why
+from talc.papers.training import train
 from talc.settings import ControlSettings, LearnerSettings, TalcSettings
-from talc.training import train
 from tests.benches.kept_events import KeptEvents
 from tests.benches.nc_link_bench import LinkBench, ScriptedControl
 from tests.benches.restarted import restarted

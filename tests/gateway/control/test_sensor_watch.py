@@ -10,8 +10,8 @@ import pytest
 from numpy.typing import NDArray
 from rich.console import Console
 
-from gateway.cli.beside.view import ViewState, render
 from gateway.control.sensor_watch import SeenBefore, SensorWatch
+from gateway.listeners.watch.view import ViewState, render
 from gateway.model.events import EventReported, GatewayEvent, SensorsJudged
 from gateway.runtime.workers.process import WorkError
 from gateway.telemetry.codec import decode, encode

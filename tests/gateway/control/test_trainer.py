@@ -20,9 +20,9 @@ from gateway.nc.probing.schedule import schedule_of
 from gateway.runtime.workers.process import WorkError
 from talc.control import Controller
 from talc.frame import EventKind, Frame, Measurement, Phase, TrainingJob, Why
+from talc.papers.training import train
 from talc.models import ModelSet
 from talc.settings import ControlSettings, TalcSettings, TrainingSettings
-from talc.training import train
 from tests.benches.kept_events import KeptEvents
 from tests.benches.processes import children
 from tests.benches.stepped_clock import SteppedClock

@@ -42,7 +42,7 @@ def snapshot(store: Store, folder: Path, numbers: int) -> Snapshot:
     values[::17], values[1::19], values[2::23] = -0.0, np.nan, 5e-324
     mixture = replace(state.course.learner.mixture, covariance=values.reshape(1, 1, numbers))
     course = replace(state.course, learner=replace(state.course.learner, mixture=mixture))
-    return Snapshot("marks", replace(state, course=course), None, {"bed": 1}, (None,) * 9)
+    return Snapshot("marks", replace(state, strategy=course), None, {"bed": 1}, (None,) * 9)
 
 
 @pytest.mark.parametrize("numbers", [1, 9, AT_ONCE - 1, AT_ONCE, AT_ONCE + 1, 2 * AT_ONCE + 13])

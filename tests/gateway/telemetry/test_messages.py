@@ -31,8 +31,8 @@ from gateway.telemetry.codec import MESSAGE_TYPES, decode, decode_answer, decode
 from gateway.telemetry.compose import Composer, Dropped, GatewayState
 from gateway.telemetry.json_schema import schemas
 from gateway.telemetry.messages import DecisionMessage, Message, ProbingMessage, ProbingStanding, ReadingMessage
+from talc.forecast import Forecast, Misses, PlannedForecast
 from talc.frame import Decision
-from talc.learner import Forecast, Misses, PlannedForecast
 from talc.names import THERMAL_ERRORS
 from tests.benches import telemetry_examples as example
 

@@ -15,9 +15,9 @@ import zenoh
 
 from drivers.base import Quality
 from gateway.acquisition.sample import Sample
-from gateway.cli.beside.view import ViewState, feeding, render
 from gateway.config.file import parse
 from gateway.config.model import GatewayConfig
+from gateway.listeners.watch.view import ViewState, feeding, render
 from gateway.model.events import (
     CompensationStepped,
     ConfigurationApplied,

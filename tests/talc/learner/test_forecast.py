@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from talc.control import Controller
+from talc.forecast import Forecast, ForecastRecord
 from talc.frame import Frame, Measurement
-from talc.learner import Forecast, ForecastRecord
 from talc.settings import TalcSettings
 from tests.benches.thermal_series import series, without_ninth
 

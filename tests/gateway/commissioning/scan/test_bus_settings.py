@@ -17,9 +17,9 @@ from drivers.bus_settings import BusSettings
 from drivers.micro_epsilon import MeEthernetSettings
 from drivers.modbus import ModbusTcpSettings
 from drivers.section import LONGEST_ANSWER_S, Section
-from gateway.cli.commissioning.scan import BAUDS, BITRATES, ME_BAUDS
-from gateway.cli.conventions.arguments import field_option
+from gateway.cli.arguments import field_option
 from gateway.cli.main import main
+from gateway.commissioning.scan.run import BAUDS, BITRATES, ME_BAUDS
 from gateway.commissioning.scan.serial import plan
 from tests.benches.command import here
 

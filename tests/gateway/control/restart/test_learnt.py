@@ -25,8 +25,8 @@ from gateway.storage.learnt import learnt_text, parse_learnt
 from gateway.storage.store import Store
 from talc.control import Controller
 from talc.frame import Decision, Frame, Measurement, Why
+from talc.papers.training import train
 from talc.settings import TalcSettings
-from talc.training import train
 from talc.transfer import transferred
 from tests.benches.command import here
 from tests.benches.fuzzed_files import signed
@@ -280,7 +280,7 @@ def test_what_other_filters_learnt_is_refused_with_their_number() -> None:
     mixture = known.course.learner.mixture
     fewer = replace(mixture, weight=mixture.weight[:, 1:], log_weight=mixture.log_weight[:, 1:])
     learner = replace(known.course.learner, mixture=fewer)
-    other = replace(known, course=replace(known.course, learner=learner))
+    other = replace(known, strategy=replace(known.course, learner=learner))
     there = fewer.weight.shape[1]
     with pytest.raises(ValueError, match=f"it has {there} filters and the learner here has {there + 1}"):
         transferred(other, Controller(NAMES, settings).state())

@@ -25,7 +25,7 @@ from gateway.storage.store import Store
 from gateway.storage.stored import StoredStep
 from talc.control import Controller
 from talc.frame import Decision, Frame, Measurement
-from talc.training import train
+from talc.papers.training import train
 from tests.benches.restarted import restarted
 from tests.benches.service_file import MACHINE, adam6015, short_calibration
 from tests.benches.stepped_clock import SteppedClock

@@ -23,7 +23,7 @@ from gateway.storage.store import Store
 from talc.control import Controller
 from talc.frame import TrainingJob, Why
 from talc.models import ModelSet
-from talc.training import train
+from talc.papers.training import train
 from tests.benches.nc_link_bench import LinkBench
 from tests.benches.service_file import FILE, TEXT
 from tests.benches.stepped_clock import EPOCH

@@ -1,0 +1,91 @@
+"""`talc-gateway agent-test`: tries the contract of docs/agent.md on a running agent, clause by clause."""
+
+import asyncio
+import sys
+import textwrap
+from collections import Counter
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from drivers.agent import AGENT_PORT
+from drivers.section import host_name
+from gateway.cli.arguments import FiniteNumber
+from gateway.cli.exits import EXIT_WORLD
+from gateway.config.problems import suggestion
+from gateway.runtime.terminal import printable
+
+if TYPE_CHECKING:
+    from gateway.commissioning.agent_test.clause import Moves
+    from gateway.commissioning.agent_test.connection import AgentUnderTest
+
+
+@click.command("agent-test")
+@click.argument("host")
+@click.option("--port", type=click.IntRange(1, 65535), default=AGENT_PORT, show_default=True, help="[nc] port")
+@click.option("--key-file", type=click.Path(exists=True, dir_okay=False, path_type=Path), required=True,
+              help="[nc] key_file: file with the agent's key.")  # fmt: skip
+@click.option("--timeout", type=FiniteNumber(min=0.1), default=2.0, show_default=True,
+              help="[nc] timeout_s: how long an answer may take, and an offset until it is in force.")  # fmt: skip
+@click.option("--offsets", is_flag=True,
+              help="Also write offsets: the tool MOVES, 5 µm at most; a wrong agent may reach its bound.")  # fmt: skip
+@click.option("--cycle", is_flag=True, help="Also run probing cycles: the machine MOVES and touches the sphere.")
+@click.option("--cycle-limit", type=FiniteNumber(min=1), default=900.0, show_default=True,
+              help="Seconds within which a cycle has ended.")  # fmt: skip
+@click.option("--only", multiple=True, metavar="CLAUSE", help="Try only this clause; may be given several times.")
+def agent_test(
+    host: str,
+    port: int,
+    key_file: Path,
+    timeout: float,
+    offsets: bool,
+    cycle: bool,
+    cycle_limit: float,
+    only: tuple[str, ...],
+) -> None:
+    """Try the contract of docs/agent.md on the agent at HOST, clause by clause.
+
+    \b
+    For authors of agents. Each clause is passed, failed (with what was expected and what came), not offered by this
+    agent, or not run. Nothing moves without --offsets or --cycle. Stop the gateway before: an agent serves one client.
+    Exit codes: 0 every clause that was tried holds; 1 one does not; 3 there is no agent, or it does not let us in.
+    """
+    from gateway.commissioning.agent_test.clause import Moves
+    from gateway.commissioning.agent_test.clauses import CLAUSES
+    from gateway.commissioning.agent_test.connection import AgentUnderTest, Unreachable
+
+    if unknown := sorted(set(only) - {clause.name for clause in CLAUSES}):
+        raise click.UsageError(f"--only {unknown[0]}: {suggestion(unknown[0], (clause.name for clause in CLAUSES))}")
+    try:
+        host_name(host)
+    except ValueError as error:
+        raise click.BadParameter(str(error), param_hint="HOST") from None
+    allowed = frozenset([Moves.OFFSETS] * offsets + [Moves.CYCLE] * cycle)
+    target = AgentUnderTest(host, port, key_file.read_bytes().strip(), timeout)
+    try:
+        sys.exit(asyncio.run(_tell(target, allowed, only, cycle_limit)))
+    except Unreachable as error:
+        click.echo(f"nothing was tried: {printable(str(error))}", err=True)
+        sys.exit(EXIT_WORLD)
+
+
+async def _tell(
+    target: "AgentUnderTest", allowed: frozenset["Moves"], only: tuple[str, ...], cycle_limit_s: float
+) -> int:
+    """Print each clause with its result; 0 if all hold, 1 if one does not."""
+    from gateway.commissioning.agent_test.clause import ClauseResult
+    from gateway.commissioning.agent_test.clauses import CLAUSES, run_clauses
+
+    width = max(len(clause.name) for clause in CLAUSES)
+    counted: Counter[ClauseResult] = Counter()
+    async for outcome in run_clauses(target, allowed, only, cycle_limit_s):
+        counted[outcome.result] += 1
+        click.echo(f"{outcome.clause.name:{width}}  {outcome.result.value}")
+        if outcome.result is ClauseResult.FAILED:
+            for head, text in (("expected", outcome.clause.expected), ("came", outcome.came)):
+                click.echo(
+                    textwrap.fill(printable(text), 110, initial_indent=f"    {head}: ", subsequent_indent="      ")
+                )
+    click.echo(", ".join(f"{counted[result]} {result.value}" for result in ClauseResult if counted[result]))
+    return 1 if counted[ClauseResult.FAILED] else 0

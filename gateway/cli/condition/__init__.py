@@ -1,4 +1,0 @@
-"""How a gateway is: `status` and `doctor`, which only look.
-
-Others use the module named here. It is not imported.
-"""

@@ -1,0 +1,212 @@
+"""`talc-gateway inspect`: its commands `registers`, `objects`, `nodes` and `topics`."""
+
+import sys
+from pathlib import Path
+
+import click
+
+from drivers.bus_settings import Parity
+from drivers.canopen import CanObject, CanOpenSettings
+from drivers.modbus import ModbusRtuSettings, ModbusTcpSettings, NumberFormat, NumberType, Order
+from drivers.mqtt import MqttBusSettings
+from drivers.number_types import ByteNumber
+from drivers.problems import read_settings
+from drivers.section import LONGEST_ANSWER_S
+from gateway.cli.arguments import FiniteNumber, Numbers, field_option
+from gateway.cli.exits import EXIT_WORLD
+from gateway.commissioning.scan.drafts import BYTE_KINDS
+
+_MOST_ADDRESSES = 1000
+_TIMEOUT_S = 1.0
+Draft = click.option("--draft", type=click.Path(dir_okay=False, path_type=Path),
+                     help="Write a profile of what was read; the file must not exist yet.")  # fmt: skip
+
+Scale = click.option(
+    "--scale", type=FiniteNumber(), default=1.0, show_default=True, help="Scale in the draft: value = number * scale."
+)
+Quantity = click.option("--quantity", default="degC", show_default=True, help="Unit of the values in the draft.")
+
+
+@click.command("registers")
+@click.argument("where")
+@click.argument("addresses", type=Numbers(0, 65535))
+@click.option(
+    "--unit", type=click.IntRange(*ModbusTcpSettings.units), default=1, show_default=True, help="Modbus unit id."
+)
+@click.option("--function", type=click.Choice([1, 2, 3, 4]), default=3, show_default=True,
+              help="1 and 2 read bits, 3 holding registers, 4 input registers.")  # fmt: skip
+@field_option("--baud", ModbusRtuSettings, "baud")
+@field_option("--parity", ModbusRtuSettings, "parity")
+@click.option("--rtu", is_flag=True, help="RTU frames over TCP, for a device server; give its port.")
+@click.option("--timeout", "timeout_s", type=FiniteNumber(0.01, LONGEST_ANSWER_S), default=_TIMEOUT_S,
+              show_default=True, help="Seconds that one answer may take.")  # fmt: skip
+@Draft
+@click.option("--type", "kind", type=click.Choice(["int16", "uint16", "int32", "uint32", "int64", "uint64", "float32",
+              "float64"]), default="int16", show_default=True, help="Type of the numbers in the draft.")  # fmt: skip
+@click.option("--word-order", type=click.Choice(["big", "little"]), default="big", show_default=True,
+              help="Word order in the draft; little: words swapped.")  # fmt: skip
+@click.option("--byte-order", type=click.Choice(["big", "little"]), default="big", show_default=True,
+              help="Byte order in the draft; little: bytes swapped.")  # fmt: skip
+@Scale
+@Quantity
+def registers_command(
+    where: str, addresses: tuple[int, ...], unit: int, function: int, baud: int, parity: Parity, rtu: bool,
+    timeout_s: float, draft: Path | None, kind: NumberType, word_order: Order, byte_order: Order, scale: float,
+    quantity: str,
+) -> None:  # fmt: skip
+    """Read registers or bits at ADDRESSES (0-15,100) of one Modbus unit. They count from 0: a manual's 30001 is 0.
+
+    WHERE is a serial port (a path), or host or host:port of Modbus TCP.
+    """
+    from gateway.commissioning.inspection.registers import inspect_registers, modbus_at
+    from gateway.commissioning.scan.registers import Meaning
+
+    if len(addresses) > _MOST_ADDRESSES:
+        raise click.UsageError(f"{len(addresses)} addresses: expected at most {_MOST_ADDRESSES}")
+    new_file(draft)
+    bus = modbus_at(where, baud, parity, rtu, timeout_s)
+    low, high = bus.units
+    if not low <= unit <= high:
+        raise click.UsageError(f"--unit {unit}: expected {low} to {high} on {bus.kind}")
+    meaning = Meaning(NumberFormat(kind, byte_order, word_order), scale, quantity)
+    sys.exit(0 if inspect_registers(bus, unit, function, addresses, where, draft, meaning) else EXIT_WORLD)
+
+
+def new_file(draft: Path | None) -> None:
+    """Raises click.UsageError if no draft can be written to this file."""
+    if draft is not None and (draft.exists() or draft.suffix != ".toml"):
+        wrong = "already exists, and a draft replaces nothing" if draft.exists() else "does not end in .toml"
+        raise click.UsageError(f"--draft: {draft} {wrong}; give another name")
+
+
+class ObjectPlace(click.ParamType[CanObject]):
+    """`2100:01`, both hexadecimal; without a sub-index: 0."""
+
+    name = "object"
+
+    def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> CanObject:
+        index, _, subindex = str(value).partition(":")
+        try:
+            found = CanObject(int(index, 16), int(subindex or "0", 16))
+        except ValueError:
+            self.fail(f"{value!r}: expected index:subindex in hexadecimal, such as 2100:01", param, ctx)
+        if not (0x1000 <= found.index <= 0xFFFF and found.subindex <= 0xFF):
+            self.fail(f"{value!r}: expected an index of 1000 to FFFF and a subindex of 00 to FF", param, ctx)
+        return found
+
+
+@click.command("objects")
+@click.argument("channel")
+@click.argument("node", type=click.IntRange(*CanOpenSettings.units))
+@click.argument("objects", type=ObjectPlace(), nargs=-1, required=True)
+@field_option("--interface", CanOpenSettings, "interface")
+@field_option("--bitrate", CanOpenSettings, "bitrate")
+@click.option("--timeout", "timeout_s", type=FiniteNumber(0.01, LONGEST_ANSWER_S), default=1.0, show_default=True)
+@field_option("--udp-port", CanOpenSettings, "port", "For udp_multicast only.")
+@Draft
+@click.option("--type", "kind", type=click.Choice(BYTE_KINDS), help="Type of all these objects in the draft.")
+@Scale
+@Quantity
+def objects_command(
+    channel: str, node: int, objects: tuple[CanObject, ...], interface: str, bitrate: int, timeout_s: float,
+    udp_port: int, draft: Path | None, kind: ByteNumber | None, scale: float, quantity: str,
+) -> None:  # fmt: skip
+    """Read OBJECTS (2100:01 6000) of one CANopen NODE by SDO. CHANNEL is can0, or the serial port of an slcan adapter.
+
+    Shows every number that the bytes may be.
+    """
+    from drivers.canopen import CanOpenBus
+    from gateway.commissioning.inspection.named import inspect_objects
+
+    new_file(draft)
+    if draft is not None and kind is None:
+        raise click.UsageError("--draft needs --type: which of the numbers shown are the values?")
+    place = {"interface": interface, "channel": channel, "bitrate": bitrate, "port": udp_port, "timeout_s": timeout_s}
+    bus = CanOpenBus("inspect", read_settings(CanOpenSettings, place))
+    found = inspect_objects(bus, node, objects, channel, draft, kind, scale, quantity)
+    sys.exit(0 if found else EXIT_WORLD)
+
+
+@click.command("nodes")
+@click.argument("url")
+@click.argument("nodes", nargs=-1, required=True)
+@click.option("--user", help="User name; needs --password-file. Default: anonymous.")
+@click.option("--password-file", help="File that contains only the user's password.")
+@click.option("--certificate", help="The gateway's certificate; needs --private-key. Without it nothing is encrypted.")
+@click.option("--private-key", help="The certificate's key.")
+@click.option("--server-certificate", help="The server's certificate; no other is accepted.")
+@click.option("--timeout", "timeout_s", type=FiniteNumber(0.01, LONGEST_ANSWER_S), default=5.0, show_default=True)
+@Draft
+@click.option("--type", "kind", type=click.Choice(BYTE_KINDS), help="How nodes of bytes hold numbers, for the draft.")
+@Scale
+@Quantity
+def nodes_command(
+    url: str, nodes: tuple[str, ...], user: str | None, password_file: str | None, certificate: str | None,
+    private_key: str | None, server_certificate: str | None, timeout_s: float, draft: Path | None, kind: str | None,
+    scale: float, quantity: str,
+) -> None:  # fmt: skip
+    """Read NODES ('ns=2;s=/Plc/MW200' i=2258) of the OPC UA server at URL (opc.tcp://host:4840).
+
+    Shows value, type, status and age by the server's own clock; for a node of bytes, such as the process data of an
+    IO-Link device, also the numbers that the bytes may be.
+    """
+    from drivers.opcua import OpcUaBus, OpcUaBusSettings, node_name
+    from gateway.commissioning.inspection.named import inspect_nodes
+
+    new_file(draft)
+    given: dict[str, object] = {
+        "url": url, "user": user, "password_file": password_file, "certificate": certificate,
+        "private_key": private_key, "server_certificate": server_certificate, "timeout_s": timeout_s,
+        "security": "none" if certificate is None else "Basic256Sha256",
+    }  # fmt: skip
+    settings = read_settings(OpcUaBusSettings, {key: value for key, value in given.items() if value is not None})
+    try:
+        names = {text: node_name(text) for text in nodes}
+    except ValueError as error:
+        raise click.UsageError(f"{error}; expected such as 'ns=2;s=/Plc/MW200', i=2258, nsu=urn:maker;s=T1") from error
+    bus = OpcUaBus("inspect", settings)
+    sys.exit(0 if inspect_nodes(bus, names, url, draft, kind, scale, quantity) else EXIT_WORLD)
+
+
+@click.command("topics")
+@click.argument("url")
+@click.argument("topics", nargs=-1)
+@click.option("--seconds", type=FiniteNumber(min=0.1), default=10.0, show_default=True, help="How long to listen.")
+@click.option("--most", type=click.IntRange(1), default=1000, show_default=True,
+              help="Stop when this many topics have had a message.")  # fmt: skip
+@click.option("--user", help="User name; needs --password-file. Default: anonymous.")
+@click.option("--password-file", help="File that contains only the user's password.")
+@click.option(
+    "--authority", help="Certificates of the authority that issued the broker's. Default: those that the system trusts."
+)
+@click.option("--certificate", help="This client's certificate; needs --key.")
+@click.option("--key", help="The certificate's key.")
+@click.option("--client-id", help="Client identifier, if the broker's rules need one.")
+@click.option(
+    "--allow-unencrypted", is_flag=True, help="Allow mqtt:// beyond this computer, where everyone can read it."
+)
+@click.option("--timeout", "timeout_s", type=FiniteNumber(0.01, LONGEST_ANSWER_S), default=5.0, show_default=True)
+@Draft
+@Scale
+@Quantity
+def topics_command(
+    url: str, topics: tuple[str, ...], seconds: float, most: int, user: str | None, password_file: str | None,
+    authority: str | None, certificate: str | None, key: str | None, client_id: str | None, allow_unencrypted: bool,
+    timeout_s: float, draft: Path | None, scale: float, quantity: str,
+) -> None:  # fmt: skip
+    """Listen to TOPICS ('hall/#', 'hall/+/temperature'; all by default) of the MQTT broker at URL (mqtts://host:port).
+
+    Shows each number in the latest payload of each topic, where it is, and how old the payload's own time says it is.
+    """
+    from drivers.mqtt import MqttBus
+    from gateway.commissioning.inspection.topics import inspect_topics
+
+    new_file(draft)
+    given: dict[str, object] = {
+        "url": url, "user": user, "password_file": password_file, "authority": authority, "certificate": certificate,
+        "key": key, "client_id": client_id, "allow_unencrypted": allow_unencrypted, "timeout_s": timeout_s,
+    }  # fmt: skip
+    known = {name: value for name, value in given.items() if value not in (None, False)}
+    bus = MqttBus("inspect", read_settings(MqttBusSettings, known))
+    bus.want(topics or ("#",))
+    sys.exit(0 if inspect_topics(bus, known, seconds, most, draft, scale, quantity) else EXIT_WORLD)

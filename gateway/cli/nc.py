@@ -1,0 +1,53 @@
+"""`talc-gateway nc`: writes the files for the control."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from drivers.base import SetupError
+from gateway.cli.arguments import ConfigPath
+
+if TYPE_CHECKING:
+    from gateway.config.model import GatewayConfig
+
+
+@click.group()
+def nc() -> None:
+    """Write the files that go onto the control."""
+
+
+@nc.command("sinumerik-files")
+@ConfigPath
+@click.option("-o", "--output", type=click.Path(file_okay=False, exists=True, path_type=Path), default=Path(),
+              help="Folder for TALC_ERRORS.SPF. Default: this one.")  # fmt: skip
+def sinumerik_files(config: Path, output: Path) -> None:
+    """Write the NC program of route `errors` for the machine of CONFIG. It touches no control.
+
+    \b
+    Axes, travel, origin, signs, slew and bounds are in the program, so write and load it again when one of them changes
+    in CONFIG: the gateway refuses a program that keeps to others. docs/nc.md, Nine errors; then the checklist for the
+    first hour, docs/first-hour.md.
+    """
+    from gateway.config.file import load
+    from gateway.config.problems import ConfigError, Problem
+
+    try:
+        text = program_of(load(config))
+    except SetupError as error:
+        raise ConfigError(config, [Problem("[nc.compensation] route", error.what)]) from error
+    path = output / "TALC_ERRORS.SPF"
+    path.write_text(text, encoding="ascii", newline="\r\n")
+    click.echo(f"{path}: {text.count('IDS=')} synchronised actions. Call it at power on instead of TALC_START")
+
+
+def program_of(config: "GatewayConfig") -> str:
+    """TALC_ERRORS.SPF. Raises SetupError for another control or route."""
+    from drivers.sinumerik import ErrorTerms, SinumerikSettings, errors_program
+    from gateway.config.controls import SinumerikNc
+
+    if not isinstance(config.nc, SinumerikNc):
+        raise SetupError("CONFIG has no control of kind = 'sinumerik'")
+    settings: SinumerikSettings = config.nc.settings(config.probing.poses_deg, ())
+    comp = config.compensation
+    return errors_program(settings, ErrorTerms(comp.slew_um_per_s, config.probing.sphere_radius_mm, comp.bound_um))

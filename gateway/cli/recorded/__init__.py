@@ -1,4 +1,0 @@
-"""What was recorded: `db`, `replay`, `prior` and `report`.
-
-Others use the modules named here. None is imported.
-"""

@@ -1,0 +1,226 @@
+"""`talc-gateway scan`: its commands `ports`, `serial`, `tcp` and `can`."""
+
+import sys
+from collections.abc import Awaitable
+from dataclasses import replace
+from pathlib import Path
+
+import click
+
+from drivers.bus_settings import Parity
+from drivers.can import Stopped
+from drivers.canopen import CanOpenSettings
+from drivers.micro_epsilon import MeRs485Settings
+from drivers.modbus import ModbusRtuSettings, ModbusRtuTcpSettings, ModbusTcpSettings
+from drivers.problems import read_settings
+from drivers.section import LONGEST_ANSWER_S, host_and_port
+from gateway.cli.arguments import SCAN_LIMIT_S, FiniteNumber, Numbers, field_option, field_type
+from gateway.cli.exits import EXIT_WORLD
+from gateway.commissioning.scan.can import CanScan, scan_can
+from gateway.commissioning.scan.found import ScanProgress, ScanReport
+from gateway.commissioning.scan.ports import find_ports
+from gateway.commissioning.scan.run import (
+    BAUDS,
+    BITRATES,
+    CAN_TIMEOUT_S,
+    LISTEN_S,
+    ME_BAUDS,
+    PARITIES,
+    SERIAL_TIMEOUT_S,
+    TCP_TIMEOUT_S,
+    scan_to_file,
+)
+from gateway.commissioning.scan.serial import plan, scan_line, scanned_port
+from gateway.commissioning.scan.tcp import TcpScan, scan_hosts, scanned_host
+
+
+class Host(click.ParamType[tuple[str, int | None]]):
+    """`name` or `name:port`."""
+
+    name = "host"
+
+    def convert(
+        self, value: object, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[str, int | None]:
+        try:
+            return scanned_host(str(value))
+        except ValueError as error:
+            self.fail(str(error), param, ctx)
+
+
+class SerialPath(click.ParamType[str]):
+    """The path of a serial port of this computer."""
+
+    name = "path"
+
+    def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        try:
+            return scanned_port(value)
+        except ValueError as error:
+            self.fail(str(error), param, ctx)
+
+
+Toml = click.option(
+    "--toml", type=click.Path(dir_okay=False, path_type=Path, allow_dash=True),
+    help="Write a configuration for the devices found, or, after a question, add to one. -: standard output.",
+)  # fmt: skip
+
+
+Limit = click.option(
+    "--limit", type=FiniteNumber(min=1), default=SCAN_LIMIT_S, show_default=True, help="Stop after this many seconds."
+)
+
+
+Yes = click.option("--yes", is_flag=True, help="Answer every question with yes.")
+
+
+@click.command("ports")
+def ports_command() -> None:
+    """List this computer's serial ports and CAN interfaces. Opens none of them."""
+    found = find_ports()
+    for port in found:
+        click.echo(f"scan {port.command} {port.name}    ({port.remark})")
+    if not found:
+        click.echo("no serial adapter and no CAN interface: is the adapter plugged in? dmesg shows what was connected")
+    sys.exit(0 if found else EXIT_WORLD)
+
+
+@click.command("serial")
+@click.argument("port", type=SerialPath())
+@click.option("--baud", "bauds", type=field_type(ModbusRtuSettings, "baud"), multiple=True, default=BAUDS,
+              show_default=True, help="Speed to try; may be given several times.")  # fmt: skip
+@click.option(
+    "--parity",
+    "parities",
+    type=field_type(ModbusRtuSettings, "parity"),
+    multiple=True,
+    default=PARITIES,
+    show_default=True,
+)
+@click.option(
+    "--units", type=Numbers(*ModbusRtuSettings.units), default="1-32", show_default=True, help="Modbus unit ids to ask."
+)
+@click.option("--me-baud", "me_bauds", type=field_type(MeRs485Settings, "baud"), multiple=True, default=ME_BAUDS,
+              show_default=True, help="Speeds at which Micro-Epsilon sensors are asked, parity N and E.")  # fmt: skip
+@click.option("--me-addresses", type=Numbers(*MeRs485Settings.units), default="126", show_default=True)
+@click.option("--protocol", type=click.Choice(["both", "modbus_rtu", "me_rs485"]), default="both", show_default=True)
+@click.option("--function", type=click.Choice([3, 4]), default=3, show_default=True,
+              help="Function code for reading; some simple units support only 4 and do not refuse 3.")  # fmt: skip
+@click.option("--timeout", "timeout_s", type=FiniteNumber(0.01, LONGEST_ANSWER_S), default=SERIAL_TIMEOUT_S,
+              show_default=True, help="Seconds that a unit may take to answer.")  # fmt: skip
+@Limit
+@Toml
+@Yes
+def serial_command(
+    port: str, bauds: tuple[int, ...], parities: tuple[Parity, ...], units: tuple[int, ...], me_bauds: tuple[int, ...],
+    me_addresses: tuple[int, ...], protocol: str, function: int, timeout_s: float, limit: float, toml: Path | None,
+    yes: bool,
+) -> None:  # fmt: skip
+    """Find Modbus RTU units and Micro-Epsilon sensors on the serial PORT."""
+    what = plan(
+        port, bauds=bauds, parities=parities, units=units if protocol != "me_rs485" else (), me_bauds=me_bauds,
+        me_addresses=me_addresses if protocol != "modbus_rtu" else (), timeout_s=timeout_s, function=function,
+    )  # fmt: skip
+    framings: dict[str, list[str]] = {}
+    for attempt in what.tries:
+        framings.setdefault(attempt.protocol, []).append(attempt.framing)
+    listed = "; ".join(f"{protocol} at {', '.join(at)}" for protocol, at in framings.items())
+    intro = f"{port}: {what.requests} requests ({listed})"
+    sys.exit(
+        0
+        if scan_to_file(intro, what.requests, what.longest_s, limit, toml, yes, lambda p, s, _: scan_line(what, p, s))
+        else EXIT_WORLD
+    )
+
+
+@click.command("tcp")
+@click.argument("hosts", type=Host(), nargs=-1, required=True)
+@click.option(
+    "--units",
+    type=Numbers(*ModbusTcpSettings.units),
+    default="1",
+    show_default=True,
+    help="Units to ask behind each host.",
+)
+@click.option("--rtu", is_flag=True,
+              help="Ask with RTU frames: for a device server that passes on the bytes of its serial line.")  # fmt: skip
+@click.option(
+    "--timeout",
+    "timeout_s",
+    type=FiniteNumber(0.01, LONGEST_ANSWER_S),
+    default=TCP_TIMEOUT_S,
+    show_default=True,
+    help="Seconds to wait for an answer.",
+)
+@Limit
+@Toml
+@Yes
+def tcp_command(
+    hosts: tuple[tuple[str, int | None], ...], units: tuple[int, ...], rtu: bool, timeout_s: float,
+    limit: float, toml: Path | None, yes: bool,
+) -> None:  # fmt: skip
+    """Find Modbus TCP units behind HOSTS (host or host:port), and Micro-Epsilon controllers. Asks only these hosts.
+
+    Without a port, 502 (Modbus) and 10001 (a controller's data) are tried. Behind a gateway to a serial line each
+    device has its own unit id: --units 1-16. A device server's port must be given: --rtu HOST:4001.
+    """
+    if rtu and (portless := [host for host, port in hosts if port is None]):
+        raise click.UsageError(f"--rtu: {portless[0]}: give the device server's port, such as {portless[0]}:4001")
+    lowest, highest = ModbusRtuTcpSettings.units
+    if rtu and not lowest <= min(units) <= max(units) <= highest:
+        raise click.UsageError(f"--units: expected {lowest} to {highest} with --rtu")
+    what = TcpScan(hosts, units, timeout_s, rtu)
+    listed = ", ".join(host if port is None else host_and_port(host, port) for host, port in hosts)
+    intro = f"{listed}: {what.requests} requests"
+    sys.exit(
+        0
+        if scan_to_file(intro, what.requests, what.longest_s, limit, toml, yes, lambda p, s, _: scan_hosts(what, p, s))
+        else EXIT_WORLD
+    )
+
+
+@click.command("can")
+@click.argument("channel")
+@field_option("--interface", CanOpenSettings, "interface")
+@click.option("--bitrate", "bitrates", type=field_type(CanOpenSettings, "bitrate"),
+              multiple=True, help=f"Bit rates to try on slcan. Default: {', '.join(map(str, BITRATES))}.")  # fmt: skip
+@click.option(
+    "--nodes", type=Numbers(*CanOpenSettings.units), default="1-127", show_default=True, help="CANopen nodes to ask."
+)
+@click.option("--listen", "listen_s", type=FiniteNumber(0, 3600), default=LISTEN_S, show_default=True,
+              help="Listen this many seconds before asking.")  # fmt: skip
+@click.option(
+    "--timeout",
+    "timeout_s",
+    type=FiniteNumber(0.01, LONGEST_ANSWER_S),
+    default=CAN_TIMEOUT_S,
+    show_default=True,
+    help="Seconds to wait for an answer.",
+)
+@field_option("--udp-port", CanOpenSettings, "port", "For udp_multicast only.")
+@Limit
+@Toml
+@Yes
+def can_command(
+    channel: str, interface: str, bitrates: tuple[int, ...], nodes: tuple[int, ...], listen_s: float, timeout_s: float,
+    udp_port: int, limit: float, toml: Path | None, yes: bool,
+) -> None:  # fmt: skip
+    """Find CANopen nodes and plain CAN frames on CHANNEL: can0, or the serial port of an slcan adapter.
+
+    \b
+    The system sets the bit rate of a socketcan interface, so the scan cannot try several:
+      ip link set can0 up type can bitrate 125000 restart-ms 100
+    On slcan the scan first only listens at every rate (the adapter sends nothing, not even acknowledgements).
+    """
+    if len(bitrates) > 1 and interface != "slcan":
+        raise click.UsageError(f"--bitrate: the rate of {interface} cannot be changed here; give one rate, or none")
+    settings = read_settings(CanOpenSettings, {"interface": interface, "channel": channel, "port": udp_port})
+    rates = bitrates or (BITRATES if interface == "slcan" else (settings.bitrate,))
+    what = CanScan(settings, rates, nodes, listen_s, timeout_s)
+    rate = "bit rate set by the system" if interface == "socketcan" else f"bit rates {', '.join(map(str, rates))}"
+    intro = f"{interface} {channel}: listening, then asking {len(nodes)} nodes ({rate})"
+
+    def run(tell: ScanProgress, stopped: Stopped, anyway: bool) -> Awaitable[ScanReport]:
+        return scan_can(replace(what, anyway=anyway), tell, stopped)
+
+    sys.exit(0 if scan_to_file(intro, 2 * len(rates), what.longest_s, limit, toml, yes, run) else EXIT_WORLD)

@@ -1,0 +1,169 @@
+"""Registers and bits of one Modbus unit: every number that they may be, side by side, and the draft of a profile."""
+
+import asyncio
+from collections.abc import Mapping, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+
+import click
+from rich.table import Table
+
+from drivers.base import SetupError
+from drivers.bus_settings import Parity
+from drivers.modbus import (
+    ModbusBus,
+    ModbusRtuBus,
+    ModbusRtuSettings,
+    ModbusRtuTcpBus,
+    ModbusRtuTcpSettings,
+    ModbusTcpBus,
+    ModbusTcpSettings,
+    NumberFormat,
+    NumberType,
+)
+from drivers.problems import read_settings
+from drivers.profiles import load_profile
+from gateway.acquisition.text import number_text
+from gateway.commissioning.scan.found import open_bus
+from gateway.commissioning.scan.registers import ORDERS, Meaning, SeenWords, profile_draft, read_words
+from gateway.commissioning.scan.tcp import scanned_host
+from gateway.config.wires import toml_value
+from gateway.runtime.boundary import contained
+from gateway.runtime.terminal import terminal
+
+_ORDER_NAMES = {
+    ("big", "big"): "as they are",
+    ("big", "little"): "bytes swapped",
+    ("little", "big"): "words swapped",
+    ("little", "little"): "both swapped",
+}
+"""Word order and byte order, in the words of a table's head."""
+_LIKELY: Mapping[NumberType, tuple[float, float]] = {"float64": (1e-6, 1e9), "int64": (1, 1e12)}
+"""Smallest and largest magnitude of a 64-bit number that a device may mean."""
+
+
+def inspect_registers(
+    bus: ModbusBus,
+    unit: int,
+    function: int,
+    addresses: Sequence[int],
+    where: str,
+    draft: Path | None,
+    meaning: Meaning,
+) -> bool:
+    """Read the addresses, print the tables and write the draft; False if nothing was read."""
+    seen = asyncio.run(_read(bus, unit, function, addresses))
+    console = terminal()
+    for table in word_tables(seen):
+        console.print(table)
+    for refused in seen.refusals():
+        console.print(f"- unit {unit} refuses {refused}", highlight=False, soft_wrap=True)
+    if draft is not None and seen.words:
+        _write(draft, seen, meaning, unit, where)
+    return bool(seen.words)
+
+
+def modbus_at(where: str, baud: int, parity: Parity, rtu: bool, timeout_s: float) -> ModbusBus:
+    """The bus at a serial port, or at host or host:port. Raises SetupError, or click.UsageError."""
+    if "/" in where or Path(where).exists():
+        if rtu:
+            raise click.UsageError(f"--rtu: {where} is a serial port; give host:port of a device server")
+        line = {"port": where, "baud": baud, "parity": parity, "timeout_s": timeout_s}
+        return ModbusRtuBus("inspect", read_settings(ModbusRtuSettings, line))
+    try:
+        host, port = scanned_host(where)
+    except ValueError as error:
+        raise click.BadParameter(str(error)) from None
+    if rtu and port is None:
+        raise click.UsageError(f"--rtu: give the device server's port, such as {host}:4001")
+    place: dict[str, object] = {"host": host, "timeout_s": timeout_s} | ({} if port is None else {"port": port})
+    if rtu:
+        return ModbusRtuTcpBus("inspect", read_settings(ModbusRtuTcpSettings, place))
+    return ModbusTcpBus("inspect", read_settings(ModbusTcpSettings, place))
+
+
+async def _read(bus: ModbusBus, unit: int, function: int, addresses: Sequence[int]) -> SeenWords:
+    async with open_bus(bus):
+        return await contained(read_words(bus, unit, function, addresses), f"the requests to unit {unit}")
+
+
+def word_tables(seen: SeenWords) -> list[Table]:
+    """Every reading of the words side by side; columns of numbers that need a register that is not known stay empty."""
+    if not seen.words:
+        return []
+    if seen.has_bits:
+        bits = Table("address", "bit", title=f"function {seen.function}", title_justify="left")
+        for address, bit in sorted(seen.words.items()):
+            bits.add_row(str(address), str(bit))
+        return [bits]
+    widest = _widest(seen)
+    return [_narrow(seen), *([_wide(seen)] if len(seen.words) > 1 else []), *([widest] if widest.row_count else [])]
+
+
+def _narrow(seen: SeenWords) -> Table:
+    table = Table("address", "hex", "int16", "x 0.1", "uint16", "bytes swapped", "x 0.1", title_justify="left")
+    table.title = f"function {seen.function}: one register each"
+    signed, unsigned, swapped = (
+        seen.numbers(form) for form in (NumberFormat("int16"), NumberFormat("uint16"), NumberFormat("int16", "little"))
+    )
+    for a, word in sorted(seen.words.items()):
+        table.add_row(
+            str(a), f"{word:04X}", f"{signed[a]}", f"{signed[a] * 0.1:.1f}", f"{unsigned[a]}", f"{swapped[a]}",
+            f"{swapped[a] * 0.1:.1f}",
+        )  # fmt: skip
+    return table
+
+
+def _wide(seen: SeenWords) -> Table:
+    table = Table("address", "type", *(_ORDER_NAMES[order] for order in ORDERS), title_justify="left")
+    table.title = f"function {seen.function}: two registers each, from this address on"
+    integers = [seen.numbers(NumberFormat("int32", byte, word)) for word, byte in ORDERS]
+    reals = [seen.numbers(NumberFormat("float32", byte, word)) for word, byte in ORDERS]
+    for a in integers[0]:
+        table.add_row(f"{a}", "int32", *(f"{of[a]}" for of in integers))
+        table.add_row("", "x 0.1", *(f"{of[a] * 0.1:.1f}" for of in integers))
+        table.add_row("", "float32", *(number_text(of[a]) for of in reals), end_section=True)
+    return table
+
+
+def _widest(seen: SeenWords) -> Table:
+    """Where four registers hold a number that a device may mean; any other four would mostly give meaningless
+    numbers."""
+    table = Table("address", "type", *(_ORDER_NAMES[order] for order in ORDERS), title_justify="left")
+    table.title = f"function {seen.function}: four registers each, where one order gives a likely number"
+    for kind, (least, most) in _LIKELY.items():
+        of_orders = [seen.numbers(NumberFormat(kind, byte, word)) for word, byte in ORDERS]
+        for a in of_orders[0]:
+            if any(least <= abs(of[a]) <= most for of in of_orders):
+                numbers = [of[a] for of in of_orders]
+                table.add_row(f"{a}", kind, *(f"{n}" if isinstance(n, int) else number_text(n) for n in numbers))
+    return table
+
+
+def _write(path: Path, seen: SeenWords, meaning: Meaning, unit: int, where: str) -> None:
+    """Raises click.UsageError for numbers that the registers cannot hold, SetupError for an unknown unit."""
+    try:
+        text = profile_draft(seen, meaning, place=f"unit {unit} at {where}", when=now_text())
+    except ValueError as error:
+        raise click.UsageError(str(error)) from error
+    write_draft(path, text, unit)
+
+
+def now_text() -> str:
+    """The time, for a draft."""
+    return f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC"
+
+
+def write_draft(path: Path, text: str, unit: int) -> None:
+    """Write a profile and say how to use it. Raises SetupError, and leaves no file, if the text is not a profile."""
+    path.write_text(text, encoding="utf-8")
+    try:
+        profile = load_profile(str(path))
+    except SetupError:
+        path.unlink()
+        raise
+    click.echo(f"{path} written: {profile.channels} channels. Compare and change what says CONFIRM; then, for a bus:")
+    click.echo(
+        f'[[device]]\nname = "new"\nbus = "..."\nprofile = {toml_value(str(path))}\nunit = {unit}\n[device.channels]'
+    )
+    click.echo("\n".join(f"new_in{number} = {number}" for number in range(profile.channels)))

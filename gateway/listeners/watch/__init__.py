@@ -1,0 +1,1 @@
+"""A running gateway on a terminal: an ordinary subscriber, drawn with rich."""

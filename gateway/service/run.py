@@ -1,0 +1,131 @@
+"""`talc-gateway run`: runs the service of one configuration until it is stopped."""
+
+import asyncio
+import logging
+import signal
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from datetime import UTC, datetime
+from pathlib import Path
+
+from gateway.acquisition.record import not_recorded
+from gateway.acquisition.wire_log import WireLogWriter
+from gateway.config.model import GatewayConfig
+from gateway.config.packed import packed_toml
+from gateway.model.events import ConfigurationApplied, GatewayEvent
+from gateway.runtime.clocks import RealClock
+from gateway.runtime.signals import stop_on_signals
+from gateway.runtime.workers.control_group import UndividedError, divide
+from gateway.service.alive import WatchedClock, feed
+from gateway.service.memory import freeze_gc, give_back_large_blocks
+from gateway.service.opening import opening
+from gateway.service.reloading import Reloading
+from gateway.service.service import Service
+from gateway.service.service_manager import ServiceManager
+from gateway.service.serving import serve
+
+log = logging.getLogger(__name__)
+
+_SIGNS_PER_LIMIT = 3
+"""How often within the service manager's limit it gets a sign of life."""
+_STOP_MARGIN_S = 60.0
+"""For what ends besides the ramp: a read, a training, the last rows and messages."""
+
+
+def run_service(config: GatewayConfig, path: Path, record: Path | None = None, record_mb: float = 100.0) -> None:
+    """Run the gateway until SIGINT or SIGTERM. SIGHUP reads `path` again and applies what changed, or nothing.
+
+    record: the traffic on the wires goes to this file, up to `record_mb`, and as much to the one before it
+    """
+    if logging.getLogger().level > logging.INFO:
+        logging.getLogger("gateway").setLevel(logging.INFO)  # a service says what it does
+    give_back_large_blocks()
+    _divide()
+    manager = ServiceManager()
+
+    async def main() -> None:
+        stop, reloading = asyncio.Event(), Reloading(path)
+        stop_on_signals(stop)
+        asyncio.get_running_loop().add_signal_handler(signal.SIGHUP, reloading.hang_up)
+        clock = WatchedClock(RealClock())
+        beside: list[asyncio.Task[None]] = []
+        running = config
+
+        def applied(event: GatewayEvent) -> None:
+            nonlocal running
+            if isinstance(event, ConfigurationApplied):
+                running = event.config
+                clock.expect(running)
+                for line in opening(running):
+                    log.info("%s", line)
+                manager.ready(f"machine {running.machine.name}")
+
+        def started(service: Service) -> None:
+            freeze_gc()
+            service.take_reloads(lambda: reloading.ask(service))
+            beside.append(asyncio.create_task(reloading.run(service), name="reload"))
+            beside.append(asyncio.create_task(_tell_end(manager, stop, lambda: running), name="end"))
+            if manager.watchdog_s is not None:
+                feeding = feed(manager, manager.watchdog_s / _SIGNS_PER_LIMIT, clock, stop)
+                beside.append(asyncio.create_task(feeding, name="watchdog"))
+
+        began_s = clock.monotonic()
+        try:
+            with _wire_log(config, record, record_mb) as wire_log:
+                more = [applied]
+                await serve(config, clock, stop, simulated=False, more=more, started=started, wire_log=wire_log)
+        finally:
+            for task in beside:
+                task.cancel()
+            await asyncio.gather(*beside, return_exceptions=True)
+        log.info("talc-gateway has ended after %.0f s", clock.monotonic() - began_s)
+
+    asyncio.run(main())
+
+
+def _divide() -> None:
+    try:
+        if divide():
+            log.info(
+                "learning runs in its own control group, with a tenth of the gateway's processor time if both need it"
+            )
+    except UndividedError as error:
+        log.info("learning runs at a lower priority, but without its own control group: %s", error)
+
+
+async def _tell_end(manager: ServiceManager, stop: asyncio.Event, running: Callable[[], GatewayConfig]) -> None:
+    """Once `stop` is set, ask for the time that taking the offsets back may need."""
+    await stop.wait()
+    longest_s = stop_s(running())
+    log.info("stopping; this takes up to %.0f s", longest_s)
+    manager.stopping("stopping", longest_s)
+
+
+def stop_s(config: GatewayConfig) -> float:
+    """How long a stop may take, s."""
+    return _STOP_MARGIN_S + ramp_s(config)
+
+
+def ramp_s(config: GatewayConfig) -> float:
+    """How long taking the largest offsets back to zero takes, s."""
+    compensation = config.compensation
+    if config.nc is None or compensation.mode != "compensate" or compensation.when_stale != "zero":
+        return 0.0
+    return max(compensation.bound_um) / compensation.slew_um_per_s
+
+
+@contextmanager
+def _wire_log(config: GatewayConfig, path: Path | None, most_mb: float) -> Iterator[WireLogWriter | None]:
+    if path is None:
+        yield None
+        return
+    for text in not_recorded(config):
+        log.warning("%s", text)
+    if path.exists():
+        path.replace(path.with_name(path.name + ".1"))
+    with WireLogWriter(
+        path, packed_toml(config), datetime.now(UTC), most_bytes=round(most_mb * 1e6), rotate=True
+    ) as writer:
+        yield writer
+    if writer.dropped:
+        log.warning("%s: %d lines were lost: the disk was too slow", path, writer.dropped)

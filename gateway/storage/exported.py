@@ -1,0 +1,116 @@
+"""The tables of a database as people read them: one value a column, with names and units; to CSV or Parquet."""
+
+import csv
+import math
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
+from datetime import datetime
+from itertools import islice
+from pathlib import Path
+
+import click
+
+from gateway.storage import columns
+from gateway.storage.configurations import stored_config
+from gateway.storage.history import History
+
+NamedRows = tuple[columns.CellKinds, Iterator[columns.Cells]]
+
+_AT_ONCE = 10_000
+
+
+def _readings(history: History) -> NamedRows:
+    return columns.READINGS, ((columns.utc(row[0]), *row[1:]) for row in history.readings())
+
+
+def _minutes(history: History) -> NamedRows:
+    return columns.MINUTES, ((columns.utc(row[0]), *row[1:]) for row in history.minutes())
+
+
+def _steps(history: History) -> NamedRows:
+    config = stored_config(history)
+    found = history.steps(names=config.input_names)
+    return columns.steps(config.input_names), (columns.step_cells(step, config.grid.step_s) for step in found)
+
+
+def _measurements(history: History) -> NamedRows:
+    return columns.MEASUREMENTS, map(columns.measurement_cells, history.measurements())
+
+
+def _events(history: History) -> NamedRows:
+    return columns.EVENTS, map(columns.event_cells, history.events())
+
+
+def _compensation(history: History) -> NamedRows:
+    return columns.COMPENSATION_CELLS, map(columns.compensation_cells, history.compensation())
+
+
+def _commands(history: History) -> NamedRows:
+    return columns.COMMANDS, map(columns.command_cells, history.commands())
+
+
+def _runs(history: History) -> NamedRows:
+    return columns.RUNS, map(columns.run_cells, history.starts())
+
+
+_TABLES: Mapping[str, Callable[[History], NamedRows]] = {
+    "readings": _readings,
+    "minutes": _minutes,
+    "steps": _steps,
+    "measurements": _measurements,
+    "events": _events,
+    "compensation": _compensation,
+    "commands": _commands,
+    "runs": _runs,
+}
+
+
+def export_table(database: Path, table: str, output: Path) -> int:
+    """Write a table to a .csv or .parquet file, which appears when it is whole. Returns the number of rows."""
+    part = output.with_name(output.name + ".part")
+    write = _write_parquet if output.suffix == ".parquet" else _write_csv
+    try:
+        with History(database) as history:
+            many = write(part, *_TABLES[table](history))
+        part.replace(output)
+    finally:
+        with suppress(OSError):
+            part.unlink(missing_ok=True)
+    return many
+
+
+def _write_csv(path: Path, names: columns.CellKinds, rows: Iterator[columns.Cells]) -> int:
+    many = 0
+    with path.open("w", newline="", encoding="utf-8") as file:
+        out = csv.writer(file)
+        out.writerow(names)
+        for row in rows:
+            out.writerow([_csv(value) for value in row])
+            many += 1
+    return many
+
+
+def _csv(value: object) -> object:
+    if isinstance(value, datetime):
+        return value.isoformat()
+    return None if isinstance(value, float) and math.isnan(value) else value
+
+
+def _write_parquet(path: Path, names: columns.CellKinds, rows: Iterator[columns.Cells]) -> int:
+    try:
+        import pyarrow as pa
+        from pyarrow import parquet
+    except ImportError:
+        raise click.UsageError("Parquet needs pyarrow: pip install 'talc-gateway[parquet]'; or export CSV") from None
+    kinds = {"time": pa.timestamp("us", tz="UTC"), "text": pa.string(), "number": pa.float64(), "whole": pa.int64()}
+    schema, many = pa.schema([(name, kinds[kind]) for name, kind in names.items()]), 0
+    with parquet.ParquetWriter(path, schema) as out:
+        while some := list(islice(rows, _AT_ONCE)):
+            values = zip(*some, strict=True)
+            out.write_table(
+                pa.table(
+                    [pa.array(v, t.type, from_pandas=True) for v, t in zip(values, schema, strict=True)], schema=schema
+                )
+            )
+            many += len(some)
+    return many

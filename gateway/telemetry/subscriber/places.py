@@ -1,0 +1,68 @@
+"""Where a program beside a gateway hears it: as its configuration says, or as its options do."""
+
+from collections.abc import Mapping
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+from pydantic import ValidationError
+
+from gateway.config.fields import DEFAULT_PREFIX
+from gateway.config.telemetry import Telemetry, TelemetryTls, endpoint
+from gateway.config.telemetry_rules import credential_problems
+from gateway.telemetry.subscriber.site import listened_to
+
+if TYPE_CHECKING:
+    from gateway.config.model import GatewayConfig
+
+
+def heard_at(config: "GatewayConfig | None", connect: tuple[str, ...], prefix: str | None) -> Telemetry:
+    """Where to listen. Raises click.UsageError.
+
+    config: of a gateway on this computer; None: only what `connect` says
+    """
+    for text in connect:
+        try:
+            endpoint(text)
+        except ValueError as error:
+            raise click.BadParameter(str(error), param_hint="--connect") from None
+    if config is None:
+        return Telemetry(connect=connect, prefix=prefix or DEFAULT_PREFIX)
+    telemetry = config.telemetry
+    if not telemetry.enabled:
+        raise click.UsageError("[telemetry] enabled = false: this gateway publishes nothing that could be shown")
+    places = (*connect, *listened_to(telemetry))
+    if not places and not telemetry.multicast:
+        raise click.UsageError(
+            "there is nothing to listen to: [telemetry] has neither listen nor connect; give --connect tcp/HOST:7447"
+        )
+    return telemetry.model_copy(update={"connect": places, "prefix": prefix or telemetry.prefix})
+
+
+def connected_to(
+    connect: tuple[str, ...],
+    prefix: str,
+    user: str | None,
+    password_file: Path | None,
+    files: Mapping[str, Path | None],
+) -> Telemetry:
+    """Where to connect and how. Raises click.UsageError."""
+    try:
+        telemetry = Telemetry(
+            listen=(),
+            connect=connect,
+            prefix=prefix,
+            tls=TelemetryTls(**files),
+            user=user,
+            password_file=password_file,
+        )
+    except ValidationError as error:
+        first = error.errors()[0]
+        option = "".join(f"--{part}: " for part in first["loc"][:1])
+        raise click.UsageError(option + first["msg"].removeprefix("Value error, ")) from None
+    if any(place.encrypted for place in telemetry.connecting) and telemetry.tls.authority is None:
+        raise click.UsageError("a tls/… endpoint needs --authority")
+    for problem in credential_problems(telemetry, datetime.now(UTC)):
+        raise click.UsageError(str(problem))
+    return telemetry

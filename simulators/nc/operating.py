@@ -1,0 +1,38 @@
+"""What the operator, the machine data and the part program have set before a program of ours runs."""
+
+from dataclasses import dataclass, field
+
+
+@dataclass(slots=True)
+class Told:
+    """What the operator and the machine data say."""
+
+    search: bool = False
+    test: bool = False
+    simulation: bool = False
+    dry_run: bool = False
+    transformation: int = 0
+    """$P_TRAFO: code of the active transformation; 0 none."""
+    carrier: int = 0
+    """$P_TC: active tool carrier."""
+    metric: bool = True
+    """MD10240: its basic system."""
+    start_lock: bool = True
+    """MD20700: no program starts while an axis is not referenced."""
+    length_stays: bool = True
+    """MD10760 bit 0 = 0: SUPA leaves the tool's length in force."""
+    event: int = 0
+    """$P_PROG_EVENT."""
+    alarm: int = 0
+    """$AC_ALARM_STAT."""
+
+
+@dataclass(slots=True)
+class Frames:
+    """Offsets of the settable and the programmable frame, mm; the latter is also turned about Z."""
+
+    settable: dict[str, tuple[float, float, float]] = field(default_factory=dict)
+    """By G function."""
+    shift: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    turned: bool = False
+    """ROT Z90."""

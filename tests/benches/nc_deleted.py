@@ -1,0 +1,77 @@
+"""Deletes each statement of the probing programs in turn: `python -m tests.benches.nc_deleted`.
+
+The cases of tests/benches/nc_cases.py have to notice. Prints each statement that nothing misses, and how many there
+were.
+"""
+
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+from simulators.nc import statements as b
+from simulators.nc.blocks import read_program
+from simulators.nc.synchronised import ProgramAlarm
+from tests.benches.nc_cases import CASES
+from tests.benches.probing_programs import program_texts
+
+
+@dataclass(frozen=True)
+class Deleted:
+    """One program without one of its statements; a structure goes with everything in it."""
+
+    program: str
+    first: int
+    last: int
+    block: str
+
+    def texts(self, texts: Mapping[str, str]) -> dict[str, str]:
+        lines = texts[self.program].splitlines()
+        lines[self.first - 1 : self.last] = [""] * (self.last - self.first + 1)
+        return {**texts, self.program: "\n".join(lines) + "\n"}
+
+
+def statements(texts: Mapping[str, str]) -> Iterator[Deleted]:
+    """Every statement but the last of a program, which is its end."""
+    for name, text in texts.items():
+        lines = text.splitlines()
+        for statement in _all(read_program(text).body[:-1]):
+            last = statement.last if isinstance(statement, b.If | b.For) else statement.line
+            yield Deleted(name, statement.line, last, lines[statement.line - 1].split(";")[0].strip())
+
+
+def _all(body: Sequence[b.Statement]) -> Iterator[b.Statement]:
+    for statement in body:
+        yield statement
+        if isinstance(statement, b.If):
+            yield from _all([*statement.then, *statement.otherwise])
+        elif isinstance(statement, b.For):
+            yield from _all(statement.body)
+
+
+def missed_by(deleted: Deleted, texts: Mapping[str, str], order: list[str]) -> str | None:
+    """The case that notices; None: none does. order: which case to try first, and how it is best next time."""
+    without = deleted.texts(texts)
+    for name in list(order):
+        try:
+            noticed = bool(CASES[name](without))
+        except (ProgramAlarm, RecursionError):
+            noticed = True
+        if noticed:
+            order.remove(name)
+            order.insert(0, name)
+            return name
+    return None
+
+
+def main() -> None:
+    texts, order = program_texts(), list(CASES)
+    found = list(statements(texts))
+    kept = [deleted for deleted in found if missed_by(deleted, texts, order) is None]
+    for deleted in kept:
+        print(f"TALC_{deleted.program} line {deleted.first}: nothing misses {deleted.block}")
+    print(f"{len(found)} statements, {len(kept)} of them missed by nothing")
+    sys.exit(bool(kept))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,219 @@
+"""Runs the probing programs from many states of the control: `python -m tests.benches.nc_starts --states 600`.
+
+Each value of each state alone first, then seeded mixtures. What has to happen in a state is decided here by docs/nc.md:
+nothing at all, a refusal with its reason before anything moves, or the intended way, with the state as before at its
+end. Prints how many there were of each, and what was otherwise.
+"""
+
+import argparse
+import itertools
+import random
+import sys
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from simulators.nc.main_run import MainRun
+from simulators.nc.modal import GROUPS
+from simulators.nc.nck import CEC_TABLES
+from simulators.nc.synchronised import ProgramAlarm, SystemVariable
+from tests.benches.probing_programs import (
+    PROBE_TOOL,
+    SAFE_Z,
+    Cell,
+    centres_off_um,
+    off_the_way,
+    program_texts,
+    reported,
+    started_at,
+    unsafe,
+)
+
+State = Mapping[str, Any]
+CHOICES: dict[str, tuple[Any, ...]] = {
+    **{f"group {number}": codes for number, codes in GROUPS.items()},
+    "transformation": (0, 24),
+    "tool carrier": (0, 1),
+    "programmable frame": ("none", "shifted", "turned"),
+    "basic system": ("metric", "inch"),
+    "control is": ("ready", "searching", "testing", "simulating", "in dry run", "alarmed"),
+    "tool change mode": (1, 0),
+    "edge after a change": (1, 0, -1, -2),
+    "magazine management": (False, True),
+    "tool": (3, PROBE_TOOL, 0),
+    "edge": (2, 1, 0),
+    "sum offset": (0, 2),
+    "sum offset by default": (0, 1),
+    "preselected": (3, 7, 0),
+    "old tool's offset": (False, True),
+    "the change moves Z": (True, False),
+    "SUPA leaves the length": (True, False),
+    "Z": (SAFE_Z + 100.0, SAFE_Z - 200.0),
+    "A": (10.0, -30.0),
+    "C": (0.0, 350.0, 7310.0),
+    "not referenced": ("", "Z", "C"),
+    "start lock": (True, False),
+    "deflected": (False, True),
+    "raised": (0.0, 50.0),
+    "blocks ahead": (1000, 0),
+    "F": (1234.0, 0.0),
+}
+"""What a state is made of; the first values are the usual ones."""
+USUAL = {name: values[0] for name, values in CHOICES.items()} | {"group 13": "G71", "group 15": "G94"}
+_MIXED = 0.35
+"""How often a value of a mixture is another than usual; a third of that where it ends the cycle early."""
+_EARLY = {
+    "group 7", "group 47", "transformation", "tool carrier", "control is", "not referenced", "deflected",
+    "old tool's offset",
+}  # fmt: skip
+
+
+def states(count: int) -> Iterator[dict[str, Any]]:
+    """At least one for each value. Some make no difference to each other: the programs do not know that."""
+    one = [USUAL | {name: value} for name, values in CHOICES.items() for value in values]
+    yield from itertools.islice([USUAL, *one], count)
+    draw = random.Random(1)
+    for _ in range(count - 1 - len(one)):
+        yield {
+            name: draw.choice(values) if draw.random() < (_MIXED / 3.0 if name in _EARLY else _MIXED) else USUAL[name]
+            for name, values in CHOICES.items()
+        }
+
+
+def made(state: State, texts: Mapping[str, str] | None = None) -> Cell:
+    """A machine in a state. texts: of the programs; None: the supplied ones."""
+    cell = Cell(ahead=state["blocks ahead"], texts=texts or program_texts())
+    channel, tools, axes, told = cell.channel, cell.tools, cell.axes, cell.channel.told
+    for number in GROUPS:
+        channel.modal.switch(state[f"group {number}"])
+    told.transformation, told.carrier = state["transformation"], state["tool carrier"]
+    told.metric, told.start_lock = state["basic system"] == "metric", state["start lock"]
+    told.search, told.test = state["control is"] == "searching", state["control is"] == "testing"
+    told.simulation, told.dry_run = state["control is"] == "simulating", state["control is"] == "in dry run"
+    told.alarm = 0x40 if state["control is"] == "alarmed" else 0
+    told.length_stays = state["SUPA leaves the length"]
+    channel.frames.settable = {"G54": (100.0, -50.0, 20.0), "G55": (-30.0, 10.0, -5.0)}
+    channel.frames.shift = (5.0, 6.0, 7.0) if state["programmable frame"] != "none" else (0.0, 0.0, 0.0)
+    channel.frames.turned = state["programmable frame"] == "turned"
+    channel.feed = state["F"]
+    tools.mode, tools.default = state["tool change mode"], state["edge after a change"]
+    tools.managed, tools.sum_default = state["magazine management"], state["sum offset by default"]
+    tool, edge = state["tool"], state["edge"] if state["tool"] else 0
+    waits = state["preselected"] if tools.mode == 1 else tool
+    tools.begin(tool, edge, state["sum offset"] if edge else 0, waits)
+    if _old_offset(state):
+        tools.keep_offset_of(7)
+    if not state["the change moves Z"]:
+        tools.change_height = None
+    axes.position.update(Z=state["Z"], A=state["A"], C=state["C"])
+    if state["not referenced"]:
+        axes.homed[state["not referenced"]] = False
+    axes.stuck = state["deflected"]
+    cell.r[63] = state["raised"]
+    return cell
+
+
+def watched(cell: Cell) -> MainRun:
+    """The main run beside it takes the synchronised actions of its programs; all offsets are 0."""
+    settings = {
+        "SA_TEMP_COMP_ABS_VALUE": [0.0] * 3,
+        "SA_TEMP_COMP_SLOPE": [0.0] * 3,
+        "SN_CEC_TABLE_WEIGHT": [0.0] * len(CEC_TABLES),
+    }
+    numbers = {axis: number for number, axis in enumerate("XYZ")}
+    run = MainRun([], cell.r, settings, "XYZAC", 0.01, 0.0)
+    cell.channel.actions = run.actions.load
+    cell.channel.variables |= {
+        name: SystemVariable(values, numbers if name.startswith("SA_") else None) for name, values in settings.items()
+    }
+    cell.channel.variables["AC_PARAM"] = SystemVariable([0.0] * 64)
+    return run
+
+
+def _old_offset(state: State) -> bool:
+    """MD20270 = -2, and no D since the last change."""
+    return bool(state["old tool's offset"] and state["edge after a change"] == -2 and state["tool"] and state["edge"])
+
+
+def silent(state: State) -> bool:
+    """Nothing may happen: the program returns before it reads anything."""
+    in_contour = state["group 7"] != "G40" or state["group 1"] == "G33" or "SPLINE" in state["group 1"]
+    in_contour = in_contour or state["group 1"] == "POLY" or state["group 47"] != "G290"
+    return in_contour or state["control is"] in ("searching", "testing", "simulating")
+
+
+def refused(state: State) -> set[int]:
+    """The reasons that apply (R66)."""
+    edge, managed = state["edge"] if state["tool"] else 0, state["magazine management"]
+    unsure = state["edge after a change"] == -2 or (state["edge after a change"] == 0 and not edge)
+    return {
+        reason
+        for reason, applies in (
+            (1, state["control is"] == "alarmed"),
+            (9, state["transformation"] or state["tool carrier"] or state["control is"] == "in dry run"),
+            (13, state["not referenced"]),
+            (14, _old_offset(state) if managed else unsure),
+        )
+        if applies
+    }
+
+
+def run(state: State, texts: Mapping[str, str] | None = None) -> tuple[str, list[str]]:
+    """How it ended, and what was not as it has to be."""
+    cell = made(state, texts)
+    before, start, r = cell.state(), started_at(cell), list(cell.r)
+    raised = state["raised"]
+    try:
+        cell.safe_point()
+    except ProgramAlarm as alarm:
+        locked = state["not referenced"] and state["start lock"]
+        return "start refused by the control", [] if locked and not cell.moves and cell.r == r else [str(alarm)]
+    wrong = [] if cell.state() == before else [f"{before} became {cell.state()}"]
+    if silent(state):
+        wrong += ["R-parameters were written"] * (cell.r != r) + ["something moved"] * bool(cell.moves)
+        return "nothing happens", wrong
+    if reasons := refused(state):
+        wrong += ["something moved"] * bool(cell.moves) + ["a tool was changed"] * bool(cell.tools.changes)
+        if cell.r[65] != 4 or cell.r[66] not in reasons:
+            wrong.append(f"R65 = {cell.r[65]:g}, R66 = {cell.r[66]:g}: expected refused for {reasons}")
+        return f"refused for reason {min(reasons)}", wrong
+    wrong += unsafe(cell, raised)
+    if state["deflected"]:
+        moved = [*wrong, *(["a deflected probe moved elsewhere than up"] * _not_only_up(cell))]
+        ended = cell.r[64:68] == [7, 5, 10, 0]
+        return "the probe is deflected: failed", [*moved, *([f"R64 to R67 = {cell.r[64:68]}"] * (not ended))]
+    wrong += off_the_way(cell, start, raised)
+    if cell.r[64:68] != [7, 3, 0, 7]:
+        wrong.append(f"R64 to R67 = {cell.r[64:68]}")
+    elif centres_off_um(cell, raised) > 2.0 or cell.r[88] > 0.002:
+        wrong.append(f"centres are off by {centres_off_um(cell, raised):.1f} um, R88 = {cell.r[88]:g}")
+    if [number for number, _ in reported(cell)][-2:] != [67, 65]:
+        wrong.append("R65 = 3 is not the last, after R67")
+    return "the intended way", wrong
+
+
+def _not_only_up(cell: Cell) -> bool:
+    return any(
+        (move.path[-1] - move.path[0] < -1e-9).any() or move.path[-1, 2] <= move.path[0, 2] for move in cell.moves
+    )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--states", type=int, default=600)
+    ended, bad = Counter[str](), 0
+    for number, state in enumerate(states(parser.parse_args().states)):
+        how, wrong = run(state)
+        ended[how] += 1
+        if wrong:
+            bad += 1
+            other = {name: value for name, value in state.items() if value != USUAL[name]}
+            print(f"state {number}: {how}, but {'; '.join(wrong[:3])}\n    {other}", flush=True)
+    for how, count in ended.most_common():
+        print(f"{count:5d}  {how}")
+    print(f"{sum(ended.values()):5d}  states, {bad} not as they have to be")
+    sys.exit(bool(bad))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,44 @@
+"""The log: printable for a terminal, with priorities for the journal."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+PROGRAM = """
+import logging
+from gateway.cli.log import log_to_stderr
+log_to_stderr(logging.INFO)
+log = logging.getLogger("gateway.nc")
+log.info("started")
+log.warning("alarm \\x1b[2J")
+try:
+    1 / 0
+except ZeroDivisionError:
+    log.exception("failed")
+"""
+
+
+def lines(folder: Path, journal: bool) -> list[str]:
+    """What the program logs into a file, which is the journal's stream if the environment says so."""
+    with (folder / "err").open("w+") as stream:
+        status = os.fstat(stream.fileno())
+        named = f"{status.st_dev}:{status.st_ino}" if journal else "0:1"
+        subprocess.run(
+            [sys.executable, "-c", PROGRAM], stderr=stream, check=True, env={**os.environ, "JOURNAL_STREAM": named}
+        )
+    return (folder / "err").read_text().splitlines()
+
+
+def test_in_the_journal_each_line_has_its_priority_and_no_time(tmp_path: Path) -> None:
+    found = lines(tmp_path, journal=True)
+    assert found[:3] == ["<6>gateway.nc: started", "<4>gateway.nc: alarm �[2J", "<3>gateway.nc: failed"]
+    assert "ZeroDivisionError" in found[-1]
+    assert all(line.startswith("<3>") for line in found[3:])
+
+
+def test_elsewhere_each_record_has_its_time_and_no_priority(tmp_path: Path) -> None:
+    found = lines(tmp_path, journal=False)
+    assert found[0].endswith("INFO gateway.nc: started")
+    assert found[0][:4].isdecimal()
+    assert found[1].endswith("WARNING gateway.nc: alarm �[2J")

@@ -1,0 +1,174 @@
+"""The service manager gets signs of life only while every loop makes progress."""
+
+import asyncio
+import socket
+from contextlib import AbstractContextManager, nullcontext
+from pathlib import Path
+
+import pytest
+
+from gateway.config.extended import validate
+from gateway.config.file import parse
+from gateway.config.model import GatewayConfig
+from gateway.control.restart.earlier import Past
+from gateway.service.alive import WatchedClock, feed
+from gateway.service.service import Service
+from gateway.service.service_manager import ServiceManager
+from talc.control import Controller
+from tests.benches.kept_events import KeptEvents
+from tests.benches.manual_clock import ManualClock
+from tests.benches.service_file import FILE, TEXT
+from tests.benches.stepped_clock import SteppedClock
+from tests.benches.telemetry_examples import configuration
+
+
+class _HeldClock(ManualClock):
+    def hold(self) -> AbstractContextManager[None]:
+        return nullcontext()
+
+    def synchronised(self) -> bool:
+        return True
+
+    def origin(self) -> str:
+        return "test"
+
+
+LOOPS = ("grid", "stale", "storage", "health", "clock")
+
+
+async def looping(clock: WatchedClock, hung: asyncio.Event) -> None:
+    """Works at once, until it hangs."""
+    while not hung.is_set():
+        await clock.sleep_until(clock.monotonic() + 10.0)
+    await asyncio.Event().wait()
+
+
+async def test_a_loop_that_hangs_or_never_begins_is_named_and_no_other() -> None:
+    time, config = _HeldClock(), configuration("first")
+    clock = WatchedClock(time)
+    names = [*LOOPS, *(f"bus {bus.name}" for bus in config.buses)]
+    hung = {name: asyncio.Event() for name in names}
+    clock.expect(config)
+    tasks = [asyncio.create_task(looping(clock, hung[name]), name=name) for name in names]
+    try:
+        for now in range(0, 300, 10):
+            await time.pass_to(float(now))
+            assert clock.stuck() == []
+        hung["grid"].set()
+        for now in range(300, 360, 10):
+            await time.pass_to(float(now))
+        assert clock.stuck() == [], "60 s of work may be"
+        await time.pass_to(370.0)
+        assert clock.stuck() == ["grid"]
+    finally:
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+
+
+async def test_a_loop_that_is_configured_and_does_not_run_is_stuck() -> None:
+    time, config = _HeldClock(), configuration("first")
+    clock = WatchedClock(time)
+    clock.expect(config)
+    time.now = 3600.0
+    assert set(clock.stuck()) == {*LOOPS, *(f"bus {bus.name}" for bus in config.buses)}
+
+
+async def test_no_loop_of_a_service_that_runs_is_stuck() -> None:
+    config, stop = parse(TEXT, FILE), asyncio.Event()
+    steps = SteppedClock()
+    clock = WatchedClock(steps)
+    clock.expect(config)
+    service = Service(config, clock, KeptEvents(), Past(Controller(config.input_names, config.talc)))
+    running = asyncio.create_task(service.run(stop))
+    try:
+        for now in range(20, 400, 20):
+            await steps.run_until(float(now))
+            assert clock.stuck() == []
+    finally:
+        stop.set()
+        await running
+
+
+def with_control() -> GatewayConfig:
+    return validate(
+        {
+            "machine": {"name": "mill"},
+            "nc": {"kind": "sinumerik", "url": "opc.tcp://nowhere:4840", "security": "none"},
+        }
+    )
+
+
+async def test_a_control_that_hangs_is_named_while_one_is_configured() -> None:
+    time, hung = _HeldClock(), asyncio.Event()
+    clock = WatchedClock(time)
+    names = [*LOOPS, "nc"]
+    clock.expect(with_control())
+    going = asyncio.Event()
+    tasks = [asyncio.create_task(looping(clock, hung if name == "nc" else going), name=name) for name in names]
+    try:
+        for now in range(0, 300, 10):
+            await time.pass_to(float(now))
+            assert clock.stuck() == []
+        hung.set()
+        for now in range(300, 380, 10):
+            await time.pass_to(float(now))
+        assert clock.stuck() == ["nc"]
+        clock.expect(configuration("first"))
+        assert clock.stuck() == [], "a reload has removed it"
+    finally:
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+
+
+async def test_a_control_whose_loop_never_begins_is_named() -> None:
+    time = _HeldClock()
+    clock = WatchedClock(time)
+    clock.expect(with_control())
+    time.now = 3600.0
+    assert set(clock.stuck()) == {*LOOPS, "nc"}
+
+
+async def test_a_bus_that_a_reload_removes_is_no_longer_expected() -> None:
+    time, config = _HeldClock(), configuration("first")
+    clock = WatchedClock(time)
+    clock.expect(config)
+    time.now = 3600.0
+    clock.expect(GatewayConfig.model_construct(**{**dict(config), "buses": (), "devices": ()}))
+    assert set(clock.stuck()) == set(LOOPS)
+
+
+async def test_systemd_is_notified_while_every_loop_runs_and_while_the_service_stops(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    time, stop = _HeldClock(), asyncio.Event()
+    clock = WatchedClock(time)
+    clock.expect(configuration("first"))
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as systemd:
+        systemd.bind(str(tmp_path / "notify"))
+        systemd.setblocking(False)
+        manager = ServiceManager({"NOTIFY_SOCKET": str(tmp_path / "notify")})
+        feeding = asyncio.create_task(feed(manager, 0.0, clock, stop))
+        try:
+            assert await signs(systemd) > 1
+            time.now = 3600.0
+            assert await signs(systemd) == 0, "no loop has waited for an hour"
+            (told,) = [record.getMessage() for record in caplog.records]
+            assert told.startswith("systemd is no longer notified, because these loops are stuck: grid, ")
+            stop.set()
+            assert await signs(systemd) > 1, "what ends may take its time"
+        finally:
+            feeding.cancel()
+
+
+async def signs(systemd: socket.socket) -> int:
+    """How many signs of life arrive in a few rounds."""
+    for _ in range(3):
+        await asyncio.sleep(0.0)
+    found = 0
+    while True:
+        try:
+            found += systemd.recv(100) == b"WATCHDOG=1"
+        except BlockingIOError:
+            return found

@@ -1,0 +1,161 @@
+"""A reload that a command asks for: checked before it is answered, applied once, and reported if it fails after all."""
+
+import asyncio
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from gateway.acquisition.reload import BusChanges, PreparedReload, ReloadError
+from gateway.config.file import load
+from gateway.model.events import ConfigurationApplied
+from gateway.service.reloading import Reloading
+from gateway.service.service import Service
+from talc.frame import EventKind
+from tests.benches.kept_events import KeptEvents
+from tests.benches.reloaded_service import service_of
+from tests.benches.service_file import TEXT
+from tests.benches.stepped_clock import SteppedClock
+from tests.benches.waits import until
+
+OTHER = TEXT.replace("/nowhere/adapter", "/nowhere/other")
+
+
+class Unwilling(Service):
+    """Fails only when it applies the configuration."""
+
+    async def reload(self, prepared: PreparedReload) -> BusChanges:
+        raise ReloadError("the port is in use")
+
+
+async def test_a_good_file_is_applied_and_one_that_needs_a_restart_or_is_wrong_is_refused_with_the_reason(
+    tmp_path: Path,
+) -> None:
+    path, clock, kept, stop = tmp_path / "gateway.toml", SteppedClock(), KeptEvents(), asyncio.Event()
+    service, reloading = service_of(path, kept, clock), Reloading(path)
+    tasks = [asyncio.create_task(service.run(stop)), asyncio.create_task(reloading.run(service))]
+    try:
+        await clock.run_until(3.0)
+        for text, why in (
+            (
+                OTHER + '[compensation]\nmode = "advise"\n',
+                r"^\[compensation\] changed: restart the gateway to apply it$",
+            ),
+            (OTHER.replace("unit = 1", "units = 1"), r"unknown key; did you mean 'unit'\?"),
+            ("", "machine"),
+        ):
+            path.write_text(text, encoding="utf-8")
+            with pytest.raises(ReloadError, match=why):
+                await reloading.ask(service)
+        assert len(kept.of(ConfigurationApplied)) == 1, "that of the start"
+        path.write_text(OTHER, encoding="utf-8")
+        assert (await reloading.ask(service)).endswith("its buses rtu1 are exchanged, the others go on")
+        with pytest.raises(ReloadError, match="another reload is under way"):
+            await reloading.ask(service)
+        await clock.run_until(6.0)
+        assert [event.config for event in kept.of(ConfigurationApplied)][1:] == [load(path)]
+        assert (await reloading.ask(service)).endswith("no bus has changed")
+    finally:
+        stop.set()
+        tasks[1].cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+
+
+async def test_a_command_is_refused_if_a_signal_comes_while_its_file_is_read(tmp_path: Path) -> None:
+    """The file may have changed in between; what is applied last must be the file as it is."""
+    path, clock, kept, stop = tmp_path / "gateway.toml", SteppedClock(), KeptEvents(), asyncio.Event()
+    service, reloading = service_of(path, kept, clock), Reloading(path)
+    tasks = [asyncio.create_task(service.run(stop)), asyncio.create_task(reloading.run(service))]
+    try:
+        await clock.run_until(3.0)
+        path.write_text(OTHER, encoding="utf-8")
+        command = asyncio.create_task(reloading.ask(service))
+        await asyncio.sleep(0)
+        reloading.hang_up()
+        with pytest.raises(ReloadError, match="another reload came meanwhile; give the command again"):
+            await command
+        await until(lambda: len(kept.of(ConfigurationApplied)) > 1)
+        assert [event.config for event in kept.of(ConfigurationApplied)][1:] == [load(path)]
+    finally:
+        stop.set()
+        tasks[1].cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+
+
+async def test_what_fails_after_the_answer_is_an_event(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    path, kept = tmp_path / "gateway.toml", KeptEvents()
+    service, reloading = service_of(path, kept, SteppedClock(), Unwilling), Reloading(path)
+    task = asyncio.create_task(reloading.run(service))
+    try:
+        await reloading.ask(service)
+        await until(lambda: kept.texts(EventKind.OPERATOR))
+        reloading.hang_up()
+        await until(lambda: caplog.text.count("not reloaded") == 2)
+    finally:
+        task.cancel()
+        await asyncio.gather(task, return_exceptions=True)
+    assert kept.texts(EventKind.OPERATOR) == [
+        "not reloaded; the previous configuration stays in use: the port is in use"
+    ], "a signal is nobody's command: its failure is only in the log"
+
+
+IMPORTING = """
+import asyncio, sys, threading
+from importlib.abc import MetaPathFinder
+from pathlib import Path
+
+class Importers(MetaPathFinder):
+    by_the_loop, by_a_thread = set(), set()
+    def find_spec(self, name, path=None, target=None):
+        in_loop = threading.current_thread() is threading.main_thread()
+        (self.by_the_loop if in_loop else self.by_a_thread).add(name.partition(".")[0])
+
+from gateway.service.reloading import Reloading
+from gateway.service.service import Service
+from tests.benches.idle_loop import run
+from tests.benches.kept_events import KeptEvents
+from tests.benches.stepped_clock import SteppedClock
+from tests.benches.reloaded_service import OF_A_NEW_KIND, service_of
+
+async def main(path, by_signal):
+    clock, stop, asked = SteppedClock(), asyncio.Event(), asyncio.Event()
+
+    class Asked(Service):
+        async def reload(self, prepared):
+            asked.set()
+            return await super().reload(prepared)
+
+    service, reloading = service_of(path, KeptEvents(), clock, Asked), Reloading(path)
+    tasks = [asyncio.create_task(service.run(stop)), asyncio.create_task(reloading.run(service))]
+    await clock.run_until(3.0)
+    path.write_text(OF_A_NEW_KIND, encoding="utf-8")
+    sys.meta_path.insert(0, Importers())
+    before = service.fingerprint
+    if by_signal:
+        reloading.hang_up()
+    else:
+        await reloading.ask(service)
+    async with asyncio.timeout(300.0):
+        await asked.wait()
+    await clock.run_until(6.0)
+    assert service.fingerprint != before
+    sys.meta_path.pop(0)
+    stop.set()
+    tasks[1].cancel()
+    await asyncio.gather(*tasks, return_exceptions=True)
+    libraries = {"can", "canopen"}
+    print(libraries & Importers.by_the_loop, libraries & Importers.by_a_thread)
+
+run(main(Path(sys.argv[1]), sys.argv[2] == "signal"))
+"""
+
+
+@pytest.mark.parametrize("how", ["signal", "command"])
+def test_the_library_of_a_bus_that_is_the_first_of_its_kind_is_not_imported_in_the_event_loop(
+    how: str, tmp_path: Path
+) -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", IMPORTING, str(tmp_path / "gateway.toml"), how], capture_output=True, text=True
+    )
+    assert done.stdout in ("set() {'can', 'canopen'}\n", "set() {'canopen', 'can'}\n"), done.stdout + done.stderr
