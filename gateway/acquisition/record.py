@@ -14,10 +14,8 @@ from gateway.config.model import GatewayConfig
 from gateway.config.packed import packed_toml
 from gateway.model.notice import Notice
 from gateway.runtime.clocks import RealClock
-from gateway.runtime.signals import stop_on_signals
-from gateway.runtime.signals import until
-from gateway.runtime.terminal import counted
-from gateway.runtime.terminal import terminal
+from gateway.runtime.signals import stop_on_signals, until
+from gateway.runtime.terminal import counted, terminal
 
 _LOOK_EVERY_S = 1.0
 """How often the size of the file is checked."""

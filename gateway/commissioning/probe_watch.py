@@ -20,10 +20,8 @@ from gateway.acquisition.text import reading_text
 from gateway.config.model import GatewayConfig
 from gateway.model.notice import Notice, Notify
 from gateway.runtime.clocks import RealClock, ServiceClock
-from gateway.runtime.signals import stop_on_signals
-from gateway.runtime.signals import until
-from gateway.runtime.terminal import duration_text
-from gateway.runtime.terminal import terminal
+from gateway.runtime.signals import stop_on_signals, until
+from gateway.runtime.terminal import duration_text, terminal
 
 _WINDOW = 60
 """Number of reads over which rate and jitter are computed."""

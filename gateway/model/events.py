@@ -13,12 +13,8 @@ from gateway.nc.slew import Write
 from gateway.nc.states import NcState
 from gateway.runtime.ages import StepTime
 from talc.explanation import Reasons
-from talc.forecast import Forecast
-from talc.forecast import Misses
-from talc.forecast import PlannedForecast
-from talc.frame import Decision
-from talc.frame import Event
-from talc.frame import Frame
+from talc.forecast import Forecast, Misses, PlannedForecast
+from talc.frame import Decision, Event, Frame
 from talc.models import ModelSet
 from talc.sensor_check import Judgement
 

@@ -28,9 +28,8 @@ from talc.learner.prior import Prior
 from talc.learner.reasons import reasons_for
 from talc.names import ERROR_UNITS, MICROMETRE, THERMAL_ERRORS
 from talc.settings import LearnerSettings
-from talc.stage import Stage
+from talc.stage import Stage, limit_exceeded
 from talc.strategy import Strategy
-from talc.stage import limit_exceeded
 
 _SETTLED_S = 3600.0
 """After a gap longer than this a measurement is wanted at once."""

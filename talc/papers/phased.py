@@ -212,9 +212,7 @@ class PhasedModels(Strategy):
             if estimate.bounded:
                 bounded.add(THERMAL_ERRORS[i])
         events.extend(
-            Event(
-                EventKind.PREDICTION_BOUNDED, error=error, code=EventCode.PREDICTION_BOUNDED, values={"error": error}
-            )
+            Event(EventKind.PREDICTION_BOUNDED, error=error, code=EventCode.PREDICTION_BOUNDED, values={"error": error})
             for error in sorted(bounded - self._bounded)
         )
         self._bounded = frozenset(bounded)

@@ -5,13 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from talc.control import Controller
-from talc.control import ControllerState
-from talc.frame import EventKind
-from talc.frame import FloatArray
-from talc.frame import Frame
-from talc.frame import Measurement
-from talc.frame import TrainingJob
+from talc.control import Controller, ControllerState
+from talc.frame import EventKind, FloatArray, Frame, Measurement, TrainingJob
 from talc.kinds import EventCode
 from talc.models import ModelSet
 from talc.names import THERMAL_ERRORS

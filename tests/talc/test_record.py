@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from talc.kinds import EventCode
 from talc.control import Controller
 from talc.frame import LARGEST_ERROR, LARGEST_INPUT, EventKind, Frame, Measurement
+from talc.kinds import EventCode
 from talc.models import ModelSet
 from talc.papers.phased import PhasedState
 from talc.papers.training import train

@@ -11,18 +11,15 @@ from pathlib import Path
 import numpy as np
 
 from drivers.can import CanInterfaceSettings
-from gateway.commissioning.doctor.credential_files import spoilt_file
-from gateway.commissioning.doctor.credential_files import unread_files
+from gateway.commissioning.doctor.credential_files import spoilt_file, unread_files
 from gateway.commissioning.doctor.kernel_files import kernel_text
 from gateway.commissioning.doctor.power import power
 from gateway.config.model import GatewayConfig
 from gateway.config.rules import cautions
 from gateway.config.telemetry_rules import credential_problems
-from gateway.runtime.terminal import terminal
 from gateway.model.codes import NoticeCode
-from gateway.model.text import NOTHING
-from gateway.model.text import Text
-from gateway.model.text import plain
+from gateway.model.text import NOTHING, Text, plain
+from gateway.runtime.terminal import terminal
 from gateway.runtime.time_service import clock_synchronised
 from gateway.storage.answers import answered
 from gateway.storage.history import History

@@ -8,13 +8,11 @@ import numpy as np
 
 from gateway.control.restart.earlier import decide_alike
 from gateway.control.restart.rebuild import Rebuilt, rebuilt, start_of
-from gateway.storage.configurations import from_stored
-from gateway.storage.configurations import stored_config
+from gateway.storage.configurations import from_stored, stored_config
 from gateway.storage.history import History
 from gateway.storage.stored import StoredStep
-from talc.frame import Decision
+from talc.frame import Decision, Event
 from talc.papers.training import train
-from talc.frame import Event
 
 _ARRAYS = ("predicted", "corrected", "sigma", "limits")
 

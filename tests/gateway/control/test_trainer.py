@@ -20,8 +20,8 @@ from gateway.nc.probing.schedule import schedule_of
 from gateway.runtime.workers.process import WorkError
 from talc.control import Controller
 from talc.frame import EventKind, Frame, Measurement, Phase, TrainingJob, Why
-from talc.papers.training import train
 from talc.models import ModelSet
+from talc.papers.training import train
 from talc.settings import ControlSettings, TalcSettings, TrainingSettings
 from tests.benches.kept_events import KeptEvents
 from tests.benches.processes import children

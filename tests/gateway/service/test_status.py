@@ -25,13 +25,9 @@ from gateway.model.events import (
     FrameMade,
     ReadingsTaken,
 )
-from gateway.service.status import file_system_of
-from gateway.service.status import is_locked
-from gateway.service.status import status_of
-from gateway.model.notice import Notice
-from gateway.model.notice import problem_event
-from gateway.model.text import Text
-from gateway.model.text import plain
+from gateway.model.notice import Notice, problem_event
+from gateway.model.text import Text, plain
+from gateway.service.status import file_system_of, is_locked, status_of
 from gateway.storage.store import Store
 from talc.frame import Event, EventKind, Frame
 from tests.benches.command import here
