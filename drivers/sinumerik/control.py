@@ -113,9 +113,9 @@ class Sinumerik:
         hand = settings.handshake
         self._status = tuple(settings.r(n) for n in (hand.request, hand.answers, hand.state, hand.reason))
         results = range(hand.results, hand.results + 3 * settings.poses)
-        self._request = (*self._status, settings.r(hand.withdraw))
+        self._request = (*self._status, settings.r(hand.withdraw), settings.r(hand.version))
         self._asked = tuple(settings.r(n) for n in (hand.request, hand.withdraw, hand.valid_for))
-        self._program, self._height = settings.r(hand.version), settings.r(hand.dry_run)
+        self._height = settings.r(hand.dry_run)
         self._runs_dry = False
         self._heights: dict[int, float] = {}
         """Number of the last request to the height that it was asked with."""
@@ -143,8 +143,7 @@ class Sinumerik:
             await self._session.read(self._result)
             await self._session.read(self._in_force)
             if self._settings.asks:
-                await self._session.read((*self._request, *self._asked))
-                await self._look_for_dry_runs()
+                self._look_at_version((await self._session.read((*self._asked, *self._request)))[-1])
             if self._settings.writes:
                 await self._session.read((*self._lease.nodes, *self._leased))
         except BaseException:
@@ -156,9 +155,8 @@ class Sinumerik:
         """Implements RunsDry."""
         return self._runs_dry
 
-    async def _look_for_dry_runs(self) -> None:
+    def _look_at_version(self, version: OpcUaNumber | None) -> None:
         """The program may be loaded, or first called, while the gateway is connected."""
-        [version] = await self._session.read((self._program,))
         self._runs_dry = code_of(version) >= _KNOWS_DRY_RUNS
 
     async def _look_at_units(self) -> None:
@@ -244,7 +242,9 @@ class Sinumerik:
         control saw this number last or has another request pending."""
         check_number(number, "request number")
         check_height(dry_run_mm)
-        await self._look_for_dry_runs()
+        found = self._numbers(self._request, await self._session.read(self._request))
+        request, answers, state, _, taken_back, version = found
+        self._look_at_version(version)
         if dry_run_mm and not self._runs_dry:
             hand = self._settings.handshake
             raise Refused(
@@ -252,7 +252,6 @@ class Sinumerik:
                 device=self._settings.device,
                 hint="load all the present programs of deploy/nc/sinumerik, and call TALC_SAFE_POINT once",
             )
-        request, answers, state, _, taken_back = self._numbers(self._request, await self._session.read(self._request))
         if number in (request, answers):
             raise Refused(
                 f"request number {number} was the last one: its old result could be taken for a new one",

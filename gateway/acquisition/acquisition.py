@@ -10,9 +10,9 @@ from typing import Self
 from gateway.acquisition.board import Board
 from gateway.acquisition.line import Line
 from gateway.acquisition.runner import BusRunner, Publish
-from gateway.acquisition.sample import Sample
 from gateway.acquisition.stale import StaleWatch
 from gateway.model.notice import Notify
+from gateway.model.sample import Sample
 from gateway.runtime.clocks import ServiceClock
 
 

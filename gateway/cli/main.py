@@ -100,6 +100,7 @@ def check(config: Path) -> None:
     from gateway.config.prior import described
     from gateway.config.problems import ConfigError
     from gateway.config.telemetry_rules import credential_problems
+    from gateway.control.restart.proven import dry_run_wanted
     from gateway.service.opening import armed, contents
 
     checked = read_config(config)
@@ -114,7 +115,7 @@ def check(config: Path) -> None:
     )
     if usable:
         click.echo(f"kinds of other packages: {', '.join(usable)}")
-    for consequence in unarmed(checked):
+    for consequence in filter(None, (*unarmed(checked), dry_run_wanted(checked))):
         click.echo(consequence)
     if guesses := to_confirm(config.read_text(encoding="utf-8")):
         click.echo(f"still to confirm: {len(guesses)} (line {', '.join(str(number) for number, _ in guesses)})")

@@ -1,4 +1,4 @@
-"""`talc-gateway nc`: writes the files for the control."""
+"""`talc-gateway nc`: writes the files for the control, and has its probing cycle run dry."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING
 import click
 
 from drivers.base import SetupError
-from gateway.cli.arguments import ConfigPath
+from drivers.nc import LARGEST_HEIGHT_MM
+from gateway.cli.arguments import ConfigPath, FiniteNumber, read_config
 
 if TYPE_CHECKING:
     from gateway.config.model import GatewayConfig
@@ -14,7 +15,26 @@ if TYPE_CHECKING:
 
 @click.group()
 def nc() -> None:
-    """Write the files that go onto the control."""
+    """Prepare the control: the files that go onto it, and the dry run of its probing cycle."""
+
+
+@nc.command("dry-run")
+@ConfigPath
+@click.option("--height-mm", type=FiniteNumber(1, LARGEST_HEIGHT_MM), default=50.0, show_default=True,
+              help="How far the cycle's path is raised.")  # fmt: skip
+@click.option("-o", "--output", type=click.Path(dir_okay=False, path_type=Path),
+              help="The report. Default: beside the database, .dry-run.txt.")  # fmt: skip
+def dry_run(config: Path, height_mm: float, output: Path | None) -> None:
+    """Have the control of CONFIG go its probing cycle's path above the sphere, without touching. THE MACHINE MOVES.
+
+    \b
+    Do this before [probing] armed = true: an armed gateway requests no cycle before a dry run has gone well with its
+    control, poses and sphere. Stop the gateway first. Prints the path at each pose and records it in the database.
+    Exit code 3: it did not come to its end, or went elsewhere than [probing] says.
+    """
+    from gateway.commissioning.dry_run import run
+
+    run(read_config(config), height_mm, output)
 
 
 @nc.command("sinumerik-files")

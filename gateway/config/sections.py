@@ -132,6 +132,10 @@ class Probing(Section):
 
     armed: bool = False
     """Whether the gateway may request cycles from the NC. False: nothing is written to it and nothing is learnt."""
+    dry_run: Literal["required", "not offered"] = "required"
+    """`required`: no cycle is requested before `talc-gateway nc dry-run` has gone well with this control, these poses
+    and this sphere, or such a cycle has measured before. `not offered`: for a control that knows no dry runs; somebody
+    has driven its cycle by hand."""
     poses_deg: tuple[tuple[float, float], ...] = Field(
         default=((0, 0), (0, 90), (0, 180), (0, 270), (90, 0), (-90, 0)), min_length=3, max_length=MOST_POSES
     )

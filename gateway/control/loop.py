@@ -13,7 +13,8 @@ from gateway.control.measuring import Measuring
 from gateway.control.trainer import Trainings
 from gateway.model.events import DecisionMade, EventReported, FrameMade, Sink
 from gateway.model.notice import worded
-from gateway.runtime.ages import Ages, StepTime
+from gateway.model.step_time import StepTime
+from gateway.runtime.ages import Ages
 from gateway.runtime.clocks import ServiceClock
 from talc.control import Controller
 from talc.frame import Decision, FloatArray, Frame

@@ -6,10 +6,10 @@ import logging
 from gateway.config.sections import Probing
 from gateway.model.events import EventReported, MeasurementEnded, OutlookChanged, Sink
 from gateway.model.notice import event_of
+from gateway.model.standing import Standing
 from gateway.nc.link import NcLink
 from gateway.nc.probing.cycle import End, Outcome
 from gateway.nc.probing.schedule import Bulletin, Outlook, ProbingSchedule, excess
-from gateway.nc.probing.standing import Standing
 from gateway.runtime.clocks import ServiceClock
 from gateway.runtime.periodic import Periodic
 from talc.frame import Decision, EventKind, Measurement, Why
@@ -77,9 +77,13 @@ class Measuring:
         self._plan.order(self._clock.monotonic())
         if self._present is not None:
             self.begin(*self._present)
-        outlook = self._plan.look(None if self._link is None else self._link.present, self._clock.monotonic())
+        outlook = self._look(self._link)
         self._tell(outlook)
         return outlook
+
+    def _look(self, link: NcLink | None) -> Outlook:
+        now_s = self._clock.monotonic()
+        return self._plan.look(None, now_s) if link is None else self._plan.look(link.present, now_s, link.barrier)
 
     def take(self) -> Measurement | None:
         """The result that has not been taken yet."""
@@ -93,16 +97,16 @@ class Measuring:
             if not link.tried:  # a run begins with a measurement that an earlier one wanted
                 polls.done()
                 continue
-            outlook = self._plan.look(link.present, self._clock.monotonic())
+            outlook = self._look(link)
             self._tell(outlook)
             if outlook.standing is Standing.DUE:
                 break
             if not self._plan.wanted:
-                self._tell(self._plan.look(link.present, self._clock.monotonic()))
+                self._tell(self._look(link))
                 return
             polls.done()
         why = self._plan.asked()
-        self._tell(self._plan.look(link.present, self._clock.monotonic()))
+        self._tell(self._look(link))
         outcome: Outcome = await link.measure(why)
         self._sink(MeasurementEnded(outcome))
         if outcome.end is End.REJECTED:

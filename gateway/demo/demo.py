@@ -6,6 +6,7 @@ import socket
 import click
 from rich.console import Console
 
+from gateway.commissioning.dry_run import dry_run
 from gateway.demo.demo_machine import STEPS_PER_HOUR, Demo, on_emulated_machine
 from gateway.demo.demo_page import PAGE_LOG, demo_page
 from gateway.listeners.watch.view import LiveView, ViewState, feeding
@@ -27,6 +28,8 @@ _LEAVINGS = (
     "report.png",
     PAGE_LOG,
 )
+_HEIGHT_MM, _POLL_S = 50.0, 2.0
+"""Of the dry run, which comes before everything else as at any machine."""
 _USE = "[machine.bench]\ntolerance_um = 8.0\nsphere_radius_mm = 200.0\nsphere_height_mm = 80.0\n"
 """What its page knows of it: a job's tolerance, and [probing] of simulators/bench/gateway.toml."""
 
@@ -52,6 +55,11 @@ async def _run(demo: Demo, console: Console) -> None:
     ):
         said = "its page: not installed; pip install 'talc-gateway[web]'" if page is None else await page.line()
         console.print(said, highlight=False, soft_wrap=True)
+        clock.start()
+        await dry_run(
+            config, clock, _HEIGHT_MM, _POLL_S, lambda line: console.print(f"dry run {line}", highlight=False)
+        )
+        clock.stop()
         stop = asyncio.Event()
         stop_on_signals(stop)
         state = ViewState(machine=config.machine.name)

@@ -90,6 +90,16 @@ class NoticeCode(StrEnum):
     RESULT_ABSURD = "result_absurd"
     RESULT_SURPRISING = "result_surprising"
 
+    # dry runs
+    DRY_RUN_DONE = "dry_run_done"
+    DRY_RUN_OFFERED = "dry_run_offered"
+    DRY_RUN_UNKNOWN = "dry_run_unknown"
+    DRY_RUN_WANTED = "dry_run_wanted"
+    DRY_RUN_TOO_NEAR = "dry_run_too_near"
+    DRY_RUN_NOT_ENDED = "dry_run_not_ended"
+    DRY_RUN_POSITIONS = "dry_run_positions"
+    OFF_DRY_RUN = "off_dry_run"
+
     # what the gateway waits for
     WAITS_ARM = "waits_arm"
     WAITS_RESUME = "waits_resume"
@@ -239,6 +249,9 @@ MUST_ACT: Final = frozenset(
         NoticeCode.CLOCK_AND_PAUSE_UNKNOWN,
         NoticeCode.CLOCK_UNKNOWN,
         NoticeCode.DISK_LOW,
+        NoticeCode.DRY_RUN_WANTED,
+        NoticeCode.DRY_RUN_UNKNOWN,
+        NoticeCode.DRY_RUN_OFFERED,
         NoticeCode.NC_ALARM,
         NoticeCode.NC_AXES_FROZEN,
         NoticeCode.NC_NOT_SENDABLE,

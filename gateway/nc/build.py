@@ -12,12 +12,15 @@ from gateway.config.model import GatewayConfig
 from gateway.runtime.clocks import ServiceClock
 
 
-def control_of(nc: Nc, config: GatewayConfig, clock: ServiceClock) -> NumericalControl:
-    """The driver of the numerical control. Raises SetupError naming the field and the value."""
+def control_of(nc: Nc, config: GatewayConfig, clock: ServiceClock, *, dry: bool = False) -> NumericalControl:
+    """The driver of the numerical control. Raises SetupError naming the field and the value.
+
+    dry: for a dry run, which is asked for before anything is armed, and writes no offsets
+    """
     poses = config.probing.poses_deg
     match nc:
         case SinumerikNc():
-            asks, writes = config.probing.armed, config.compensation.mode == "compensate"
+            asks, writes = config.probing.armed or dry, config.compensation.mode == "compensate" and not dry
             names = (state.name for state in config.states)
             settings = nc.settings(poses, names, asks=asks, writes=writes, watchdog_s=config.compensation.watchdog_s)
             return make_sinumerik(settings, clock)

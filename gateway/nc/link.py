@@ -10,22 +10,23 @@ from contextlib import AsyncExitStack
 from typing import assert_never
 
 from drivers.base import DriverError, Quality
-from drivers.nc import FollowsErrors, ForgetsWrites, NcSnapshot, NumericalControl
+from drivers.nc import FollowsErrors, ForgetsWrites, NcSnapshot, NumericalControl, RunsDry
 from gateway.model.codes import NoticeCode
 from gateway.model.commands import Disarmed, Pause
+from gateway.model.compensation import Source, Write
 from gateway.model.text import Text
 from gateway.nc.boundary import contained_control
 from gateway.nc.hold import Hold
 from gateway.nc.lease import Lease
 from gateway.nc.pace import NcPace
 from gateway.nc.probing.cycle import Held, NotBegun, Outcome, probe_of
+from gateway.nc.probing.geometry import barrier
 from gateway.nc.probing.prober import Prober
 from gateway.nc.probing.uninterrupted import to_its_end
 from gateway.nc.routes import form_of, positions
 from gateway.nc.session import Session
 from gateway.nc.settings import Earlier, LinkSettings, Listeners
-from gateway.nc.slew import Write
-from gateway.nc.states import STATES, Condition, LinkState, Source, after
+from gateway.nc.states import STATES, Condition, LinkState, after
 from gateway.nc.target import Target
 from gateway.nc.unmodelled import LastMeasured
 from gateway.nc.writer import OffsetWriter
@@ -88,6 +89,8 @@ class NcLink:
             self._store,
         )
         self._hold = Hold(self._form, clock)
+        self._nc, self._proven = nc, earlier.proven
+        self._runs_dry: bool | None = None
         self._prober = Prober(
             nc,
             settings.probing,
@@ -117,6 +120,11 @@ class NcLink:
     def may_probe(self) -> bool:
         """Whether cycles may be requested at all."""
         return self._probing.armed and self.disarmed is None
+
+    @property
+    def barrier(self) -> Text:
+        """Why no cycle may be requested before a dry run; empty: nothing stands against it."""
+        return barrier(self._probing, proven=self._proven, runs_dry=self._runs_dry)
 
     @property
     def tried(self) -> bool:
@@ -202,6 +210,7 @@ class NcLink:
         try:
             if self._state is LinkState.AWAY:
                 await self._session.connect()
+                self._runs_dry = isinstance(self._nc, RunsDry) and self._nc.runs_dry
                 await self._lease.claim()
                 await self._writer.begin()
                 self._state = after(STATES, self._state, Condition.CONNECTED)
@@ -283,6 +292,8 @@ class NcLink:
             await self._listeners.requested(number)
         if self.disarmed is not None:
             raise NotBegun(Text(NoticeCode.GATEWAY_IS, order=self.disarmed.text))
+        if self.barrier:
+            raise NotBegun(self.barrier)
 
     def _store(self, write: Write) -> None:
         try:

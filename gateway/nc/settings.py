@@ -8,8 +8,8 @@ from drivers.nc import LARGEST_NUMBER
 from gateway.config.model import GatewayConfig
 from gateway.config.sections import Compensation, Probing
 from gateway.model.commands import Disarmed, Pause
+from gateway.model.compensation import Write
 from gateway.model.notice import Notify
-from gateway.nc.slew import Write
 from talc.frame import FloatArray
 
 
@@ -73,6 +73,9 @@ class Earlier:
     """The compensation's pause; None: it is not paused."""
     disarmed: Disarmed | None = None
     """Who has disarmed the gateway; None: nobody."""
+    proven: bool = True
+    """Whether a dry run has gone well, or a cycle has measured, with this control, poses and sphere: without, no cycle
+    is requested."""
 
 
 @dataclass(frozen=True, slots=True)

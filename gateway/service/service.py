@@ -11,7 +11,7 @@ from gateway.acquisition.board import Board
 from gateway.acquisition.build import lines_of
 from gateway.acquisition.line import Line
 from gateway.acquisition.reload import BusChanges, PreparedReload, ReloadError, apply, prepare
-from gateway.acquisition.sample import Sample
+from gateway.config.applied import ConfigurationApplied
 from gateway.config.model import GatewayConfig
 from gateway.control.explaining import Explanations
 from gateway.control.grid import GridSampler, Schedule
@@ -25,7 +25,6 @@ from gateway.model.codes import NoticeCode
 from gateway.model.commands import Command, CommandOutcome
 from gateway.model.events import (
     CompensationStepped,
-    ConfigurationApplied,
     EventReported,
     ProbingRequested,
     ReadingsTaken,
@@ -34,10 +33,11 @@ from gateway.model.events import (
     in_order,
 )
 from gateway.model.notice import Notice, event_of, problem_event
+from gateway.model.sample import Sample
 from gateway.model.text import NOTHING, Text, failure
 from gateway.nc.build import control_of
 from gateway.nc.link import NcLink
-from gateway.nc.probing.cycle import NotBegun
+from gateway.nc.probing.cycle import NotBegun, number_after
 from gateway.nc.probing.schedule import schedule_of
 from gateway.nc.settings import Earlier, Identity, LinkSettings, Listeners
 from gateway.runtime.ages import Ages
@@ -50,9 +50,6 @@ from gateway.storage.faults import StoreError
 from talc.frame import Decision, EventKind, FloatArray, Frame, TrainingJob, Why
 
 log = logging.getLogger(__name__)
-
-_FIRST_NUMBER_BELOW = 1_000_000
-"""Request numbers are sent in R-parameters (64-bit reals) and read by people."""
 
 _LOOKS_PER_STEP, _SHORTEST_LOOK_S = 60, 1.0
 """How often the store's health is looked at: each 5 s with a grid of 5 min."""
@@ -244,21 +241,19 @@ class Service:
         config = self._config
         if config.nc is None:
             return None
-        number = self._past.last_number
-        if number is None:
-            number = int(self._clock.utc().timestamp()) % _FIRST_NUMBER_BELOW
         return NcLink(
             control_of(config.nc, config, self._clock),
             self._clock,
             LinkSettings.of(config, self._identity),
             Earlier(
-                first_number=number + 1,
+                first_number=number_after(self._past.last_number, self._clock.utc()),
                 abandoned=self._past.last_number,
                 reference_mm=self._past.reference_mm,
                 measured_s=self._measured_s(),
                 missing_s=self._missing_s(),
                 paused=self._past.paused,
                 disarmed=self._past.disarmed,
+                proven=self._past.proven,
             ),
             Listeners(
                 states=self._sampler.add_states,

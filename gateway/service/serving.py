@@ -9,13 +9,14 @@ from contextlib import AsyncExitStack
 from importlib.metadata import version
 
 from gateway.acquisition.wire_log import WireLogWriter
+from gateway.config.applied import ConfigurationApplied
 from gateway.config.model import GatewayConfig
 from gateway.config.packed import packed_toml
 from gateway.control.restart.earlier import Past, past_in
 from gateway.control.restart.rebuild import Interrupted, Rebuilt
 from gateway.control.restart.snapshots import SnapshotKeeper
 from gateway.model.codes import NoticeCode
-from gateway.model.events import ConfigurationApplied, EventReported, GatewayEvent, Sink, in_order
+from gateway.model.events import EventReported, GatewayEvent, Sink, in_order
 from gateway.model.notice import event_of
 from gateway.model.text import Text
 from gateway.nc.settings import Identity

@@ -10,6 +10,7 @@ from pathlib import Path
 from drivers.base import Quality
 from gateway.config.consequences import unarmed
 from gateway.config.model import GatewayConfig
+from gateway.control.restart.proven import dry_run_wanted
 from gateway.model.text import plain
 from gateway.nc.problems import still_wrong
 from gateway.runtime.terminal import duration_text, printable, terminal
@@ -89,7 +90,7 @@ def status_of(config: GatewayConfig, now: datetime, *, synchronised: bool = True
         phase=None if decision is None else decision[1],
         decision_age_s=age_s,
         armed=armed(config),
-        unarmed=unarmed(config),
+        unarmed=tuple(filter(None, (*unarmed(config), dry_run_wanted(config)))),
         paused=None if pause is None else pause.text,
         disarmed=None if disarmed is None else disarmed.text,
         readings=readings,

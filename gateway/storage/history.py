@@ -12,7 +12,8 @@ import numpy as np
 
 from gateway.config.outline import inputs_of_config
 from gateway.model.commands import CommandName, CommandOutcome, Disarmed, Pause
-from gateway.runtime.ages import StepTime
+from gateway.model.step_time import StepTime
+from gateway.model.text import Text, plain
 from gateway.storage import rows
 from gateway.storage.answers import DiskWork
 from gateway.storage.faults import StoreError
@@ -295,6 +296,25 @@ class History:
     def _event_columns(self) -> str:
         """With code and values; an earlier program stored only what it said."""
         return f"{rows.EVENT_COLUMNS}, {rows.CODE_OF_EVENT if self._has('coded') else 'NULL, NULL'}"
+
+    def operator_texts(self) -> list[Text]:
+        """What operators were told, newest first."""
+        found = f"SELECT {self._event_columns} FROM event WHERE kind = ? ORDER BY id DESC"
+        told = self._connection.execute(found, (EventKind.OPERATOR.value,))
+        return [plain(event.text) for _, _, event in map(rows.coded_event_of, told)]
+
+    def configs_that_measured(self) -> list[str]:
+        """Canonical configurations of the runs in which a measurement was used, newest first.
+
+        A reference that a repair put back is before the first row, and counts for the first run that is left.
+        """
+        first = "m.id < 0 AND number = (SELECT min(number) FROM boot)"
+        ran = f"SELECT max(number) FROM boot WHERE began <= m.ended OR ({first})"
+        found = self._connection.execute(
+            f"SELECT config FROM boot WHERE number IN (SELECT DISTINCT ({ran}) FROM measurement m"
+            " WHERE errors IS NOT NULL) ORDER BY number DESC"
+        )
+        return list(dict.fromkeys(str(text) for (text,) in found))
 
     def commands(self) -> list[CommandOutcome]:
         """Every command that somebody gave, oldest first."""

@@ -13,10 +13,11 @@ from pathlib import Path
 from typing import Self, assert_never
 
 from drivers.base import Clock
+from gateway.config.applied import ConfigurationApplied
 from gateway.model.events import (
     CommandGiven,
     CompensationStepped,
-    ConfigurationApplied,
+    Configured,
     DecisionMade,
     EventReported,
     ForecastMade,
@@ -304,6 +305,8 @@ class Store:
                 put("reasons", "INSERT OR REPLACE INTO reasons VALUES (?, ?, ?)", [row], kind=WaitingKind.STEPS)
             case ForecastMade():
                 pass  # later decisions show its outcome
+            case Configured():
+                pass  # the gateway's own is a ConfigurationApplied
             case OutlookChanged() | SensorsJudged() | StorageChanged() | HealthChecked():
                 pass  # what an operator should know about them is also an EventReported
             case _:

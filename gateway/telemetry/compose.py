@@ -11,12 +11,12 @@ import numpy as np
 from msgspec.structs import replace
 
 from drivers.base import Clock
-from gateway.acquisition.sample import Sample
 from gateway.model.commands import StandingOrder
+from gateway.model.compensation import Write
 from gateway.model.events import (
     CommandGiven,
     CompensationStepped,
-    ConfigurationApplied,
+    Configured,
     DecisionMade,
     EventReported,
     ForecastMade,
@@ -35,10 +35,10 @@ from gateway.model.events import (
     StoreHealth,
 )
 from gateway.model.notice import finding_text, worded
+from gateway.model.sample import Sample
 from gateway.model.text import Text, json_of
 from gateway.nc.probing.cycle import Outcome
 from gateway.nc.probing.schedule import Outlook
-from gateway.nc.slew import Write
 from gateway.telemetry import keys
 from gateway.telemetry.fields import coded
 from gateway.telemetry.messages import (
@@ -145,7 +145,7 @@ class Composer:
                 return [(keys.FRAME, _frame(self._stamp(), frame, self._names))]
             case DecisionMade(decision):
                 return [(keys.DECISION, _decision(self._stamp(), decision))]
-            case ConfigurationApplied() | ProbingRequested() | StorageChanged() | HealthChecked() | CommandGiven():
+            case Configured() | ProbingRequested() | StorageChanged() | HealthChecked() | CommandGiven():
                 return []  # in the status, but for the second; a command is also an EventReported
             case MeasurementEnded(outcome):
                 return [(keys.MEASUREMENT, _measurement(self._stamp(), outcome))]

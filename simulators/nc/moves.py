@@ -12,6 +12,8 @@ AXIS_LETTERS = ("X", "Y", "Z", "A", "C")
 _CENTRE_MM = {"X": 0.0, "Y": 0.0, "Z": 150.0}
 _STROKE_MM = {"X": 300.0, "Y": 300.0, "Z": 200.0}
 _A_STROKE_DEG = 120.0
+_OVER_MM = 60.0
+"""How far above the highest place of the sphere's centre the axes go from pose to pose."""
 
 
 def positions_at(block: DayPart, time_s: float) -> dict[str, float]:
@@ -42,20 +44,26 @@ def tool_at(block: DayPart, time_s: float, program: LoadCase) -> int:
 def probing_positions(settings: CycleSettings, since_s: float, raised_mm: float = 0.0) -> dict[str, float]:
     """Positions this long after the start of a cycle, or of a dry run that is raised by this height.
 
-    Each pose is held from a third of its slot until its touches are done; after the last one the axes go back to the
-    first, where the cycle ends.
+    Each pose is held from half of its slot until its touches are done; before, the tool goes up, the axes go to the
+    pose where the sphere cannot reach it, and the tool goes down. After the last one they go back to the first, where
+    the cycle ends.
     """
     slot = (settings.duration_s - 2 * settings.approach_s) / len(settings.poses_deg)
     progress = (since_s - settings.approach_s) / slot
     pose = min(max(math.floor(progress), 0), len(settings.poses_deg) - 1)
-    part = min(max((progress - pose) * 3.0, 0.0), 1.0)
+    part = min(max((progress - pose) * 2.0, 0.0), 1.0)
     before = max(pose - 1, 0)
     if (back_s := since_s - settings.duration_s + settings.approach_s) > 0:
         before, pose, part = pose, 0, min(2.0 * back_s / settings.approach_s, 1.0)
     start = (*settings.nominal_centre_mm(before), *settings.poses_deg[before])
     end = (*settings.nominal_centre_mm(pose), *settings.poses_deg[pose])
-    positions = {axis: s + part * (e - s) for axis, s, e in zip(AXIS_LETTERS, start, end, strict=True)}
-    return positions | {"Z": positions["Z"] + raised_mm}
+    across = min(max((part - 0.2) / 0.6, 0.0), 1.0)
+    positions = {axis: s + across * (e - s) for axis, s, e in zip(AXIS_LETTERS, start, end, strict=True)}
+    if start == end:
+        return positions | {"Z": positions["Z"] + raised_mm}
+    low, up = (start[2], part / 0.3) if part < 0.5 else (end[2], (1.0 - part) / 0.3)
+    over = math.hypot(settings.radius_mm, settings.height_mm) + _OVER_MM
+    return positions | {"Z": low + min(up, 1.0) * (over - low) + raised_mm}
 
 
 def probing_loads(settings: CycleSettings) -> MeanLoads:

@@ -14,11 +14,11 @@ from drivers.nc import WatchdogTerms
 from drivers.sinumerik import SinumerikSettings
 from drivers.sinumerik.control import Sinumerik
 from gateway.config.extended import validate
+from gateway.model.compensation import Write
 from gateway.model.notice import Notice
 from gateway.nc.link import NcLink
 from gateway.nc.probing.cycle import Outcome
 from gateway.nc.settings import Earlier, Identity, LinkSettings, Listeners
-from gateway.nc.slew import Write
 from simulators.nc import Activity, CycleSettings, DayPart, EmulatedControl, LoadCase, MachineState, MeanLoads, User
 from talc.frame import Decision, Phase
 from tests.benches.cut_wire import CutWire, wire_to

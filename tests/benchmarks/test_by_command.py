@@ -5,15 +5,12 @@ It makes the rows that docs/results.md shows, and renews only that table.
 
 import importlib
 import re
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from benchmarks.__main__ import main
-from benchmarks.data import machine_days
-from studies import Days
 
 pytestmark = pytest.mark.slow
 
@@ -26,21 +23,9 @@ SMALL: dict[str, dict[str, object]] = {
     "forecast": {"MACHINES": TWO, "HOURS": 36},
     "learner_bounds": {"MACHINES": TWO, "HOURS": 28},
     "policy": {"MACHINES": TWO[:1], "FEW": TWO[1:], "HOURS": 24, "FEW_HOURS": 24, "FIXED_MIN": (60.0, 240.0)},
-    "selection": {"TRIALS": 1, "PLACED": 24},
-    "sensor_check": {"SEEDS": (200,), "DAYS": 10, "DRAWS": 1},
     "sparse_expert": {"MACHINES": TWO[:1], "HOURS": 28},
-    "unseen_days": {"KINDS": ("day",), "SEEDS": (0,), "HOURS": 26, "REPEATS": 2},
 }
-"""What is made smaller in a subject's module."""
-
-
-def shorter(kind: str, seed: int, hours: int) -> Days:
-    return machine_days(kind, seed, min(hours, 26))
-
-
-def once(work: Callable[[], object], _: int) -> float:
-    work()
-    return 1.0
+"""What is made smaller in a subject's module; the others take too long even then."""
 
 
 def table(page: str, subject: str) -> str:
@@ -60,9 +45,6 @@ def test_it_makes_the_rows_of_the_page_and_renews_them(
     for name, value in SMALL[subject].items():
         assert hasattr(module, name)
         monkeypatch.setattr(module, name, value)
-    if subject == "selection":
-        monkeypatch.setattr(module, "machine_days", shorter)
-        monkeypatch.setattr(module, "median_s", once)
     before = (ROOT / "docs" / "results.md").read_text("utf-8")
     page = tmp_path / "results.md"
     page.write_text(before, encoding="utf-8")

@@ -16,12 +16,27 @@ from tests.benches.nc_benches import BENCHES, NEEDS_DEBIAN, RUN_DRY, SLOW, NcBen
 WATCH = WatchdogTerms(silence_s=60.0, ramp_um_per_s=2.0)
 
 
+NODE = "sinumerik_encrypted_by_node_opcua"
+ON_NODE = {
+    "test_a_cycle_goes_from_the_request_to_its_result_and_its_number_is_used_up",
+    "test_an_emergency_stop_ends_the_cycle_and_the_next_request_is_refused",
+    "test_one_gateway_at_a_time_and_what_it_leaves_goes_to_zero",
+}
+"""What is tried on another maker's server, too: starting it takes seconds for each test."""
+
+
 def marks(name: str) -> list[pytest.MarkDecorator]:
     where = pytest.mark.peer if name in NEEDS_DEBIAN else pytest.mark.simulated_time
     return [where] + [pytest.mark.slow] * (name in SLOW)
 
 
-@pytest.fixture(params=[pytest.param(name, marks=marks(name)) for name in BENCHES])
+def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
+    if "bench" in metafunc.fixturenames:
+        names = [name for name in BENCHES if name != NODE or metafunc.function.__name__ in ON_NODE]
+        metafunc.parametrize("bench", [pytest.param(name, marks=marks(name)) for name in names], indirect=True)
+
+
+@pytest.fixture
 async def bench(request: pytest.FixtureRequest, tmp_path: Path) -> AsyncIterator[NcBench]:
     async with BENCHES[request.param](tmp_path) as opened:
         opened.name = request.param

@@ -190,6 +190,7 @@ class Node(CanOpenBus):
         return int.from_bytes(said[:4], "little")
 
 
+@pytest.mark.slow
 def test_any_objects_of_a_node() -> None:
     seen = {"cia404": 0, "": 0, "silent": 0, "error": 0}
 

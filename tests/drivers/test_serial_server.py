@@ -143,6 +143,7 @@ async def test_a_port_where_nobody_listens_is_named() -> None:
         await bus.connect()
 
 
+@pytest.mark.slow
 async def test_another_server_than_one_of_rfc_2217_is_refused() -> None:
     """All at once, because each takes pyserial's three seconds."""
 

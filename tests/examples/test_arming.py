@@ -6,7 +6,14 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
+from drivers.base import SystemClock
 from gateway.cli.main import main
+from gateway.config.file import load
+from gateway.model.events import EventReported
+from gateway.model.notice import event_of
+from gateway.nc.probing.geometry import geometry_of, recorded
+from gateway.storage.store import Store
+from talc.frame import EventKind
 
 ROOT = Path(__file__).parents[2]
 STEPS: tuple[dict[str, str], ...] = (
@@ -44,8 +51,13 @@ def test_check_says_what_the_page_shows(step: int, tmp_path: Path) -> None:
     for before, after in STEPS[step].items():
         assert text.count(before) == 1, before
         text = text.replace(before, after)
+    text = text.replace("/var/lib/talc-gateway/", "")
     file = tmp_path / "gateway.toml"
     file.write_text(text, encoding="utf-8")
+    geometry = geometry_of(config := load(file))
+    assert geometry is not None
+    with Store(config.storage.path, "dry run", SystemClock()) as store:
+        store.record(EventReported(event_of(EventKind.OPERATOR, recorded(geometry, "6 poses")), None))
     answer = CliRunner().invoke(main, ["check", str(file)], catch_exceptions=False)
     assert answer.exit_code == 0, answer.output
     said = answer.stdout.replace(f"{tmp_path}/", "").splitlines()

@@ -1,6 +1,7 @@
 """The Debian package: built from the locks, installed in a Debian without a network, run, upgraded, removed, purged.
 
-Then its service, under a systemd that has booted, in a container and on its own kernel.
+Then its service, under a systemd that has booted in a container; on a kernel of its own by
+`python -m tests.benches.service_limits`.
 """
 
 import json
@@ -18,7 +19,6 @@ from tests.benches.bad_packages import bad_packages
 from tests.benches.booted_debian import BootedDebian, minimal_debian
 from tests.benches.locked import locked
 from tests.benches.package_traces import package_traces
-from tests.benches.service_limits import limits
 from tests.benches.service_under_systemd import PACKAGES, SystemdPace, furnish, tries
 
 pytestmark = [pytest.mark.slow, pytest.mark.peer]
@@ -214,11 +214,3 @@ def test_it_installs_runs_upgrades_and_leaves_without_a_network(package: Path, d
         rows = list(tries(guest, pace))
     assert [row for row in rows if not row.good] == []
     assert len(rows) > 25
-
-    assert which("linux.uml"), "Debian's package user-mode-linux"
-    rmtree(packages)  # they would be copied to its disk
-    folder = tmp_path / "user-mode"
-    folder.mkdir()
-    rows = limits(debian, folder)
-    assert [row for row in rows if not row.good] == []
-    assert rows[-1].what == "everything was tried"

@@ -82,6 +82,7 @@ def test_held_time_does_not_pass_while_another_process_works() -> None:
         assert asyncio.run(waited_s()) < 1.0
 
 
+@pytest.mark.slow
 def test_a_soak_waits_for_the_process_that_learns_the_sensors() -> None:
     """Else a simulated hour passes in a second, and the gateway says that the process did not end within it."""
     events: list[GatewayEvent] = []

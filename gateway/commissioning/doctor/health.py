@@ -17,6 +17,7 @@ from gateway.commissioning.doctor.power import power
 from gateway.config.model import GatewayConfig
 from gateway.config.rules import cautions
 from gateway.config.telemetry_rules import credential_problems
+from gateway.control.restart.proven import dry_run_wanted
 from gateway.model.codes import NoticeCode
 from gateway.model.text import NOTHING, Text, plain
 from gateway.runtime.terminal import terminal
@@ -97,6 +98,12 @@ def health_findings(config: GatewayConfig, root: Path, *, synchronised: bool) ->
     for problem in credential_problems(config.telemetry, datetime.now(UTC)):
         if problem.where not in unread:
             yield HealthFinding(str(problem), *spoilt_file(config, problem))
+    if why := dry_run_wanted(config):
+        yield HealthFinding(
+            why,
+            "a cycle that was never driven at this machine may touch what it must not",
+            "do it with the feed override at hand: docs/machine-responsible.md",
+        )
     if answered(config.storage.path, config.storage.path.is_file):
         with History(config.storage.path) as history:
             yield from _other_masters(history, config)

@@ -6,6 +6,7 @@ from dataclasses import asdict, dataclass, field
 from drivers.base import SetupError
 from gateway.config.model import GatewayConfig
 from gateway.control.planned_loads import rows_remembered
+from gateway.control.restart.proven import proven_in
 from gateway.control.restart.rebuild import (
     Interrupted,
     RebuildProgress,
@@ -18,7 +19,7 @@ from gateway.control.restart.rebuild import (
 )
 from gateway.control.sensor_watch import SeenBefore
 from gateway.model.commands import Disarmed, Pause
-from gateway.runtime.ages import StepTime
+from gateway.model.step_time import StepTime
 from gateway.storage.configurations import stored_config
 from gateway.storage.faults import DamagedError, StoreError
 from gateway.storage.history import History
@@ -56,6 +57,8 @@ class Past:
     """The compensation's pause; None: it is not paused."""
     disarmed: Disarmed | None = None
     """Who has disarmed the gateway; None: nobody."""
+    proven: bool = False
+    """Whether a dry run went well, or a cycle has measured, with this control, these poses and this sphere."""
 
     former_method: str | None = None
     """`[talc] method` of the latest run, if this configuration has another one."""
@@ -133,6 +136,7 @@ def past_of(history: History, config: GatewayConfig, progress: RebuildProgress =
             last_number=history.last_number(),
             paused=history.paused(),
             disarmed=history.disarmed(),
+            proven=proven_in(history, config),
         )
     before = stored_config(history)
     changed = before.talc.method != config.talc.method
@@ -159,6 +163,7 @@ def past_of(history: History, config: GatewayConfig, progress: RebuildProgress =
         since_snapshot=found.steps,
         paused=history.paused(),
         disarmed=history.disarmed(),
+        proven=proven_in(history, config),
         former_method=before.talc.method if changed else None,
         other_prior=not changed and config.talc.method == "learner" and before.prior != config.prior,
         changes=(*_inputs_changed(before, config), *(() if changed else _settings_changed(before.talc, config.talc))),

@@ -8,11 +8,12 @@ from statistics import median
 from typing import Literal
 
 from drivers.base import Quality
-from gateway.listeners.web.sentences import Amount, Atom, SaidRow, Sentence, ToldName, Word, at, in_each, name, told, um
+from gateway.listeners.web.sentences import Amount, Atom, SaidRow, Sentence, ToldName, Word, at, in_each, name, um
+from gateway.model.compensation import Source
+from gateway.model.control_state import NcState
 from gateway.model.notice import finding_text
+from gateway.model.standing import Standing
 from gateway.model.text import Text, plain, restored
-from gateway.nc.probing.standing import Standing
-from gateway.nc.states import NcState, Source
 from gateway.telemetry.fields import text_from, texts_from
 from gateway.telemetry.messages import (
     MeasurementMessage,

@@ -19,6 +19,9 @@ from gateway.runtime.clocks import ServiceClock
 from talc import probing
 from talc.frame import FloatArray, Measurement, Why
 
+_FIRST_NUMBER_BELOW = 1_000_000
+"""Request numbers are sent in R-parameters (64-bit reals) and read by people."""
+
 
 class End(StrEnum):
     """How a request ended."""
@@ -144,19 +147,8 @@ async def run_cycle(
         await clock.sleep_until(clock.monotonic() + poll_s)
         with clock.hold():
             status = await to_its_end(nc.probing_status(number))
-        match status.state:
-            case ProbingState.DONE:
-                return status
-            case ProbingState.REFUSED:
-                raise NotBegun(Text(NoticeCode.NC_CYCLE_REFUSED, why=_why(status)))
-            case ProbingState.FAILED:
-                raise Rejected(Text(NoticeCode.NC_CYCLE_FAILED, why=_why(status)))
-            case ProbingState.IDLE:
-                raise NotBegun(Text(NoticeCode.NC_REQUEST_UNKNOWN))
-            case ProbingState.REQUESTED | ProbingState.ACCEPTED | ProbingState.RUNNING:
-                pass
-            case _:
-                assert_never(status.state)
+        if ended(status):
+            return status
         if clock.monotonic() > deadline:
             with clock.hold():
                 await to_its_end(nc.withdraw_probing(number))
@@ -168,6 +160,28 @@ async def run_cycle(
 
 def _why(status: RequestStatus) -> Text:
     return plain(status.reason) if status.reason else Text(NoticeCode.NO_REASON_GIVEN)
+
+
+def ended(status: RequestStatus) -> bool:
+    """Whether a cycle is done. Raises NotBegun or Rejected when it will not be."""
+    match status.state:
+        case ProbingState.DONE:
+            return True
+        case ProbingState.REFUSED:
+            raise NotBegun(Text(NoticeCode.NC_CYCLE_REFUSED, why=_why(status)))
+        case ProbingState.FAILED:
+            raise Rejected(Text(NoticeCode.NC_CYCLE_FAILED, why=_why(status)))
+        case ProbingState.IDLE:
+            raise NotBegun(Text(NoticeCode.NC_REQUEST_UNKNOWN))
+        case ProbingState.REQUESTED | ProbingState.ACCEPTED | ProbingState.RUNNING:
+            return False
+        case _:
+            assert_never(status.state)
+
+
+def number_after(last: int | None, now: datetime) -> int:
+    """Number of the next request; last: of the latest that is stored, None: there is none."""
+    return (int(now.timestamp()) % _FIRST_NUMBER_BELOW if last is None else last) + 1
 
 
 def centres(status: RequestStatus, poses: int) -> FloatArray:

@@ -23,9 +23,9 @@ from drivers.nc import NcSnapshot, OperatingMode, ProgramState
 from gateway.config.sections import Probing
 from gateway.model.codes import NoticeCode
 from gateway.model.notice import event_of
+from gateway.model.standing import Standing
 from gateway.model.text import NOTHING, Text
 from gateway.nc.probing.cycle import End
-from gateway.nc.probing.standing import Standing
 from talc.frame import Decision, Event, EventKind, Why
 from talc.indicators import TWO_SIDED_95
 
@@ -155,13 +155,17 @@ class ProbingSchedule:
             self._ordered_s = now_s
             self._paused_until, self._rejected, self._refused, self._operator = None, 0, NOTHING, NOTHING
 
-    def look(self, snapshot: NcSnapshot | None, now_s: float) -> Outlook:
-        """Judge the present moment. `snapshot`: the latest; None: the control cannot be reached."""
+    def look(self, snapshot: NcSnapshot | None, now_s: float, barrier: Text = NOTHING) -> Outlook:
+        """Judge the present moment.
+
+        snapshot: the latest; None: the control cannot be reached
+        barrier: why no cycle may be requested at all, before a dry run
+        """
         before, self._before = self._before, snapshot
         if self._reason is None or self._asked:
             return self._outlook(Standing.ASKED if self._asked else Standing.NOT_WANTED)
         late = now_s - self._since >= self._insist_after
-        blocked = self._blocked(snapshot, now_s)
+        blocked = self._blocked(snapshot, now_s, barrier)
         if self._ordered_s is not None and blocked and now_s - self._ordered_s >= self._insist_after:
             return self._dropped(blocked)
         if blocked or snapshot is None:
@@ -229,9 +233,11 @@ class ProbingSchedule:
             self._rejected, self._refused = 0, NOTHING
         return self._outlook(Standing.NOT_WANTED)
 
-    def _blocked(self, snapshot: NcSnapshot | None, now_s: float) -> Text:
+    def _blocked(self, snapshot: NcSnapshot | None, now_s: float, barrier: Text) -> Text:
         if snapshot is None:
             return Text(NoticeCode.NC_UNREACHABLE)
+        if barrier:
+            return barrier
         if snapshot.alarms:
             return Text(NoticeCode.NC_ALARM, numbers=tuple(map(str, snapshot.alarms)))
         if snapshot.cannot_probe:

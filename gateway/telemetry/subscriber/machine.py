@@ -8,8 +8,8 @@ from typing import assert_never
 
 import msgspec
 
+from gateway.model.compensation import Source
 from gateway.model.text import Text
-from gateway.nc.states import Source
 from gateway.telemetry.fields import texts_from
 from gateway.telemetry.messages import (
     CompensationMessage,

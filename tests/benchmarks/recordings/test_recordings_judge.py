@@ -178,6 +178,7 @@ def test_a_method_that_peeks_is_caught(method: Method) -> None:
         check_causal(method, given)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "method", [Nothing(), HoldLast(), Ridge(), *papers(gaps=False), Learning()], ids=lambda m: m.name
 )

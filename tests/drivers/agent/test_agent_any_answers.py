@@ -22,6 +22,7 @@ CHANGED = st.builds(lambda name, value: STATUS | {name: value}, st.sampled_from(
 DONE = st.builds(lambda centres, spread: {"state": "done", "centres": centres, "spread": spread}, ANY, ANY)
 
 
+@pytest.mark.slow
 def test_any_signed_values_raise_nothing_but_driver_errors(tmp_path: Path) -> None:
     agent = Agent()
     with asyncio.Runner() as runner:

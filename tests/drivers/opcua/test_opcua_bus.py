@@ -85,6 +85,7 @@ async def device_at(
         await bus.close()
 
 
+@pytest.mark.slow
 async def test_values_statuses_and_nodes_that_are_not_there(tmp_path: Path) -> None:
     server = Drives()
     await server.start()

@@ -84,8 +84,3 @@ def _answering(answer: object) -> ServiceCall:
 
 async def test_damaged_bytes_raise_nothing_but_driver_errors() -> None:
     assert await ask_spoilt([1], 16) > 3
-
-
-@pytest.mark.slow
-async def test_many_damaged_bytes_raise_nothing_but_driver_errors() -> None:
-    assert await ask_spoilt(range(100, 104), 100) > 50

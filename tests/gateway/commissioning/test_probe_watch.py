@@ -20,8 +20,8 @@ from drivers.base import Quality, SystemClock
 from drivers.build import make_device
 from gateway.acquisition.acquisition import Acquisition
 from gateway.acquisition.line import Line
-from gateway.acquisition.sample import Sample
 from gateway.commissioning.probe_watch import DeviceFigures, ProbeView
+from gateway.model.sample import Sample
 from simulators.devices import Adam6015, TcpHost
 from simulators.devices.source import SensorFault
 from tests.benches.buses import make_bus
@@ -175,6 +175,7 @@ column = 1
 """
 
 
+@pytest.mark.slow
 async def test_lines_show_values_and_problems_where_there_is_no_terminal(tmp_path: Path) -> None:
     file = tmp_path / "gateway.toml"
     source = CountedSource([20.0, 30.0, *[0.0] * 5])

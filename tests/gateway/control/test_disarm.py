@@ -9,9 +9,9 @@ from gateway.acquisition.reload import ReloadError
 from gateway.config.file import parse
 from gateway.model.codes import NoticeCode
 from gateway.model.commands import Command, CommandName, Disarmed
+from gateway.model.compensation import Source
 from gateway.model.events import CommandGiven
 from gateway.model.text import Text, plain
-from gateway.nc.states import Source
 from gateway.storage.mending import Known, mend
 from gateway.storage.store import Store
 from talc.frame import EventKind

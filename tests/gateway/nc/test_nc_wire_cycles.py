@@ -197,6 +197,7 @@ async def test_a_result_that_is_not_a_number_or_is_sent_twice_is_one_answer_at_m
     assert again.number == good.number + 1
 
 
+@pytest.mark.slow
 async def test_a_sphere_that_is_loose_makes_no_measurement() -> None:
     async with bench(mode="monitor") as at:
         outcomes = []

@@ -9,11 +9,12 @@ from typing import Any
 import pytest
 
 from drivers.base import Quality, SystemClock
+from gateway.config.applied import ConfigurationApplied
 from gateway.config.telemetry import Operator, Telemetry
 from gateway.model.commands import CommandName
+from gateway.model.control_state import NcState
 from gateway.model.events import (
     CompensationStepped,
-    ConfigurationApplied,
     DecisionMade,
     EventReported,
     ForecastMade,
@@ -32,7 +33,6 @@ from gateway.model.events import (
     StoreHealth,
 )
 from gateway.model.text import plain
-from gateway.nc.states import NcState
 from gateway.runtime.clocks import RealClock
 from gateway.service.stored_answers import course_of, history_of, rows_of
 from gateway.storage.store import Store, boot_id

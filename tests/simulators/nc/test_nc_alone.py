@@ -16,6 +16,7 @@ from pathlib import Path
 
 import pytest
 
+from gateway.commissioning.dry_run import dry_run
 from gateway.config.file import parse
 from gateway.model.events import GatewayEvent, MeasurementEnded
 from gateway.nc.probing.cycle import End, Outcome
@@ -147,6 +148,10 @@ def test_the_rehearsal_of_the_page(tmp_path: Path) -> None:
         sensors = SENSORS.format(telemetry=telemetry, modbus=modbus)
         file.write_text(sensors + lines + QUICKLY, encoding="utf-8")
         assert "compensation compensate, probing armed" in here("check", str(file)).out
+        assert "no dry run" in here("check", str(file)).out
+        driven = here("nc", "dry-run", str(file))
+        assert driven.code == 0, driven.together
+        assert "no dry run" not in here("check", str(file)).out
         probed = here("probe", str(file), "--try-writing")
         assert (probed.code, "everything that is needed" in probed.out) == (0, True), probed.together
         with program(tmp_path / "gateway", "gateway", "run", str(file)) as gateway:
@@ -177,12 +182,16 @@ async def test_monitor_and_advise_learn_what_compensate_corrects(tmp_path: Path)
         if isinstance(event, MeasurementEnded):
             outcomes.append(event.outcome)
 
-    began_s, port = time.monotonic(), free_port()
+    port = free_port()
     cycle = CycleSettings(radius_mm=200.0, height_mm=80.0, duration_s=cycle_s, approach_s=cycle_s / 12.0)
     control = asyncio.create_task(run_alone(cycle, warm_s, port, told.append, stop))
     while not told:
         await asyncio.sleep(0.1)
     async with adam() as modbus:
+        text = SENSORS.format(telemetry="enabled = false", modbus=modbus)
+        text += printed.replace("4841", str(port)) + "\n" + chosen
+        await dry_run(parse(text, tmp_path / "rehearsal.toml"), RightClock(), 50.0, 1.0, print)
+        began_s = time.monotonic()
         for mode, for_s in (("monitor", 150.0), ("advise", 120.0), ("compensate", 120.0)):
             assert not any("claimed" in line or "shifted" in line for line in told), f"before {mode}"
             text = SENSORS.format(telemetry="enabled = false", modbus=modbus)

@@ -49,6 +49,7 @@ def want(nck: Nck, errors: np.ndarray[tuple[int], np.dtype[np.float64]], now_s: 
         nck.write_r(R_WANTED + i, value, now_s)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ramp_um_per_s", [1.0, 0.0], ids=["zero", "hold"])
 def test_the_emulated_control_does_what_the_program_does(ramp_um_per_s: float) -> None:
     """Targets beyond the bound, a cycle with a gateway, one without, a withdrawn one, a value that is not a number,

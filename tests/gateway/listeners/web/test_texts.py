@@ -11,9 +11,10 @@ from drivers.base import Quality
 from gateway.listeners.web.app import build_app
 from gateway.listeners.web.catalogue import chosen_language, page_texts
 from gateway.listeners.web.settings import MachineUse, WebSettings
+from gateway.model.compensation import Source
+from gateway.model.control_state import NcState
+from gateway.model.standing import Standing
 from gateway.model.text import languages, places, texts
-from gateway.nc.probing.standing import Standing
-from gateway.nc.states import NcState, Source
 from gateway.telemetry.subscriber.site import SiteSeen
 from talc.frame import EventKind, Phase, Why
 from talc.names import THERMAL_ERRORS

@@ -10,8 +10,8 @@ from gateway.listeners.web.sentences import SaidRow, Sentence, ToldName, at, in_
 from gateway.listeners.web.verdict import Colour, Viewpoint, verdict_of
 from gateway.listeners.web.view import listed, shown_course, view
 from gateway.model.codes import NoticeCode
+from gateway.model.compensation import Source
 from gateway.model.text import Text
-from gateway.nc.states import Source
 from gateway.telemetry.fields import coded
 from gateway.telemetry.messages import PauseStanding
 from gateway.telemetry.subscriber.machine import Applied, applied

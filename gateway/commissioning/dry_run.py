@@ -1,0 +1,139 @@
+"""`talc-gateway nc dry-run`: has the control go the probing cycle's path above the sphere, and keeps what it showed."""
+
+import asyncio
+import math
+import signal
+from collections.abc import Callable, Coroutine, Iterator
+from contextlib import suppress
+from pathlib import Path
+
+import click
+
+from drivers.base import DriverError, Refused, SetupError
+from drivers.nc import ProbingState, RunsDry
+from gateway.config.controls import Nc
+from gateway.config.model import GatewayConfig
+from gateway.model.events import EventReported, ProbingRequested
+from gateway.model.notice import event_of
+from gateway.nc.boundary import contained_control
+from gateway.nc.build import control_of
+from gateway.nc.probing.cycle import NotBegun, Rejected, number_after
+from gateway.nc.probing.dry_run import DryRun, run_dry
+from gateway.nc.probing.geometry import Geometry, geometry_of, recorded
+from gateway.runtime.clocks import RealClock, ServiceClock
+from gateway.storage.history import History
+from gateway.storage.store import Store, boot_id
+from talc.frame import EventKind
+
+_POLL_S = 0.2
+_STATES = {
+    ProbingState.REQUESTED: "requested: the control begins at its next safe point (SINUMERIK: run TALC_SAFE_POINT)",
+    ProbingState.ACCEPTED: "accepted: the probe is fetched, then the axes go over the sphere",
+    ProbingState.RUNNING: "running",
+    ProbingState.DONE: "done",
+}
+
+
+def run(config: GatewayConfig, height_mm: float, output: Path | None) -> None:
+    """Do one on the control of a configuration, print it and write the report. Raises DriverError, StoreError."""
+    _, geometry = _asked(config)
+    click.echo(
+        f"{geometry.control} is asked to go through its {len(geometry.poses_deg)} poses {height_mm:g} mm above the "
+        "sphere. Stand at the feed override; Ctrl-C withdraws the request"
+    )
+    clock = RealClock()
+    began = clock.utc()
+    done = asyncio.run(_until_signal(dry_run(config, clock, height_mm, _POLL_S, click.echo)))
+    lines = list(report(done, geometry))
+    for line in lines:
+        click.echo(line)
+    path = output or config.storage.path.with_suffix(".dry-run.txt")
+    head = f"dry run of {config.machine.name}, {geometry.control}, {began:%Y-%m-%d %H:%M} UTC"
+    path.write_text("\n".join((head, *lines)) + "\n", encoding="utf-8")
+    click.echo(f"written: {path}")
+    if done.wrong:
+        raise Refused("this dry run does not show that the cycle is free", device="nc", hint="; ".join(done.wrong))
+    if not config.probing.armed:
+        click.echo("cycles may be requested now: [probing] armed = true, and a restart")
+
+
+async def dry_run(
+    config: GatewayConfig, clock: ServiceClock, height_mm: float, poll_s: float, said: Callable[[str], None]
+) -> DryRun:
+    """Do one, and record it in the database if it went well. said: gets each state in words.
+
+    Raises SetupError without a control that probes, StoreError while a gateway runs, DriverError.
+    """
+    section, geometry = _asked(config)
+    nc = contained_control(control_of(section, config, clock, dry=True))
+    with Store(config.storage.path, boot_id(), clock, origin=clock.origin()) as store:
+        with History(config.storage.path) as history:
+            last = history.last_number()
+        try:
+            with clock.hold():
+                await nc.connect()
+                if not (isinstance(nc, RunsDry) and nc.runs_dry):
+                    hint = 'drive its cycle by hand at reduced feed, then write [probing] dry_run = "not offered"'
+                    raise Refused("the control's program knows no dry runs", device="nc", hint=hint)
+                if last is not None:
+                    await nc.withdraw_probing(last)  # a gateway that was killed may have left it behind
+                number = number_after(last, clock.utc())
+                store.record(ProbingRequested(number))
+                store.flush()  # a number is never used again
+            done = await run_dry(
+                nc,
+                number,
+                geometry,
+                clock,
+                height_mm=height_mm,
+                poll_s=poll_s,
+                timeout_s=config.probing.timeout_s,
+                told=lambda state: said(_STATES.get(state, state.value)),
+            )
+        except (NotBegun, Rejected) as error:
+            raise Refused(str(error), device="nc") from error
+        finally:
+            with suppress(DriverError), clock.hold():
+                await nc.close()
+        if not done.wrong:
+            lowest = min(pose.above_mm for pose in done.poses)
+            what = f"{len(done.poses)} poses, at the lowest {lowest:.1f} mm above the sphere's centre"
+            store.record(EventReported(event_of(EventKind.OPERATOR, recorded(geometry, what)), None))
+            store.flush()
+    return done
+
+
+def report(run: DryRun, geometry: Geometry) -> Iterator[str]:
+    """Lines about the path: one for each pose, then the axes."""
+    yield f"{len(run.poses)} poses of {geometry.mark} in {run.seconds:.0f} s, {run.samples} samples while running"
+    yield "pose      A      C   reached X        Y        Z   beside  above centre  nearest to centre   there"
+    for number, pose in enumerate(run.poses, start=1):
+        x, y, z = pose.reached_mm
+        nearest = "not seen" if math.isnan(pose.nearest_mm) else f"{pose.nearest_mm:.1f} mm"
+        yield (
+            f"{number:4d} {pose.a_deg:6.1f} {pose.c_deg:6.1f} {x:11.2f} {y:8.2f} {z:8.2f} {pose.aside_mm:5.1f} mm "
+            f"{pose.above_mm:10.1f} mm {nearest:>18} {pose.seconds:5.1f} s"
+        )
+    for axis, (low, high) in run.ranges.items():
+        yield f"{axis} from {low:.1f} to {high:.1f} {'mm' if axis in 'XYZ' else '°'}"
+    yield from run.wrong
+
+
+async def _until_signal(work: Coroutine[object, object, DryRun]) -> DryRun:
+    """SIGTERM ends it as Ctrl-C does: the request is withdrawn."""
+    task = asyncio.create_task(work)
+    loop = asyncio.get_running_loop()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        loop.add_signal_handler(number, task.cancel)
+    try:
+        return await task
+    except asyncio.CancelledError:
+        raise Refused("ended by hand, and withdrawn", device="nc") from None
+
+
+def _asked(config: GatewayConfig) -> tuple[Nc, Geometry]:
+    """Raises SetupError."""
+    geometry = geometry_of(config)
+    if geometry is None or config.nc is None or config.nc.only_read:
+        raise SetupError("CONFIG has no control that can be asked to probe: [nc] is missing, or only read")
+    return config.nc, geometry

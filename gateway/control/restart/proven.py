@@ -1,0 +1,38 @@
+"""Whether the cycle of a configuration has been shown to be free: by a dry run, or by a measurement."""
+
+from gateway.config.extended import stored_configuration
+from gateway.config.model import GatewayConfig
+from gateway.model.codes import NoticeCode
+from gateway.model.text import NOTHING, Text
+from gateway.nc.probing.geometry import Geometry, barrier, geometry_of, is_of
+from gateway.storage.answers import answered
+from gateway.storage.history import History
+
+
+def proven_in(history: History, config: GatewayConfig) -> bool:
+    """Whether a dry run of this control, these poses and this sphere went well, or a cycle of them has measured."""
+    geometry = geometry_of(config)
+    if geometry is None:
+        return False
+    if any(is_of(text, geometry) for text in history.operator_texts()):
+        return True
+    return any(_had(text, geometry) for text in history.configs_that_measured())
+
+
+def dry_run_wanted(config: GatewayConfig) -> Text:
+    """Why an armed gateway of this configuration would request no cycle, by its database; empty: it would."""
+    if not config.probing.armed or config.nc is None:
+        return NOTHING
+    path, proven = config.storage.path, False
+    if answered(path, path.is_file):
+        with History(path) as history:
+            proven = proven_in(history, config)
+    why = barrier(config.probing, proven=proven, runs_dry=None)
+    return Text(NoticeCode.OFF_DRY_RUN, why=why) if why else NOTHING
+
+
+def _had(text: str, geometry: Geometry) -> bool:
+    try:
+        return geometry_of(stored_configuration(text)) == geometry
+    except (ValueError, KeyError, TypeError, AttributeError):  # pydantic's are ValueErrors
+        return False  # this program does not accept it

@@ -1,0 +1,67 @@
+"""What a dry run has shown to be free: a control, the poses of its cycle and the sphere. Pure."""
+
+import json
+from dataclasses import asdict, dataclass
+from hashlib import sha256
+from math import cos, radians, sin
+
+from drivers.nc import Triple
+from gateway.config.model import GatewayConfig
+from gateway.config.sections import Probing
+from gateway.model.codes import NoticeCode
+from gateway.model.text import NOTHING, Text
+
+
+@dataclass(frozen=True, slots=True)
+class Geometry:
+    """Where a cycle goes, as far as the configuration tells."""
+
+    control: str
+    """Kind and address."""
+    poses_deg: tuple[tuple[float, float], ...]
+    radius_mm: float
+    height_mm: float
+
+    @property
+    def mark(self) -> str:
+        """The same for the same geometry alone; 16 hexadecimal digits."""
+        return sha256(json.dumps(asdict(self)).encode()).hexdigest()[:16]
+
+    def centre_mm(self, a_deg: float, c_deg: float) -> Triple:
+        """Where the sphere's centre is at these angles of the rotary axes: Rx(a) Rz(c) (R, 0, h)."""
+        a, c = radians(a_deg), radians(c_deg)
+        y, z = self.radius_mm * sin(c), self.height_mm
+        return self.radius_mm * cos(c), y * cos(a) - z * sin(a), y * sin(a) + z * cos(a)
+
+
+def geometry_of(config: GatewayConfig) -> Geometry | None:
+    """From the sections nc and probing; None without an [nc]."""
+    nc, probing = config.nc, config.probing
+    if nc is None:
+        return None
+    poses = tuple((float(a), float(c)) for a, c in probing.poses_deg)
+    control = f"{nc.kind} at {nc.address}"
+    return Geometry(control, poses, float(probing.sphere_radius_mm), float(probing.sphere_height_mm))
+
+
+def recorded(geometry: Geometry, what: str) -> Text:
+    """What is stored of a dry run that went well. what: its figures"""
+    return Text(NoticeCode.DRY_RUN_DONE, control=geometry.control, figures=what, geometry=geometry.mark)
+
+
+def is_of(text: Text, geometry: Geometry) -> bool:
+    """Whether a stored text records a dry run of this geometry."""
+    return text.code == NoticeCode.DRY_RUN_DONE and text.values.get("geometry") == geometry.mark
+
+
+def barrier(probing: Probing, *, proven: bool, runs_dry: bool | None) -> Text:
+    """Why no cycle may be requested yet; empty: nothing stands against it.
+
+    proven: whether a dry run of this geometry went well, or a cycle of it has measured
+    runs_dry: whether the control knows dry runs; None: not known
+    """
+    if proven:
+        return NOTHING
+    if probing.dry_run == "not offered":
+        return Text(NoticeCode.DRY_RUN_OFFERED) if runs_dry else NOTHING
+    return Text(NoticeCode.DRY_RUN_UNKNOWN if runs_dry is False else NoticeCode.DRY_RUN_WANTED)

@@ -1,0 +1,146 @@
+"""A dry run on the emulated control: what it shows, what makes it end, and what asks for it."""
+
+import asyncio
+import math
+from collections.abc import Callable
+from dataclasses import replace
+
+import pytest
+
+from drivers.nc import NumericalControl, ProbingState
+from gateway.config.sections import Probing
+from gateway.model.text import plain
+from gateway.nc.probing.cycle import NotBegun, Rejected
+from gateway.nc.probing.dry_run import DryRun, run_dry
+from gateway.nc.probing.geometry import Geometry, barrier, geometry_of, is_of, recorded
+from simulators.nc import Activity, CycleSettings, DayPart, LoadCase, MeanLoads, Nck
+from tests.benches.in_process_nc import InProcess
+from tests.benches.stepped_clock import SteppedClock
+from tests.benches.still_machine import StillMachine
+from tests.benches.wire_bench import config
+
+HEIGHT_MM = 50.0
+GEOMETRY = Geometry("sinumerik at x", CycleSettings().poses_deg, 120.0, 80.0)
+
+
+class Dry:
+    """A dry run on a control in memory, in stepped time."""
+
+    def __init__(self, driver: Callable[[Nck, SteppedClock], NumericalControl] = InProcess) -> None:
+        self.clock = SteppedClock()
+        rest = LoadCase([DayPart(0.0, 1e9, Activity.PAUSE, MeanLoads())])
+        self.nck = Nck(StillMachine(), rest, cycle=CycleSettings(noise_um=0.0))
+        self.nc, self.told = driver(self.nck, self.clock), list[ProbingState]()
+
+    async def begun(self, geometry: Geometry = GEOMETRY, timeout_s: float = 900.0) -> asyncio.Task[DryRun]:
+        await self.nc.connect()
+        work = run_dry(
+            self.nc,
+            7,
+            geometry,
+            self.clock,
+            height_mm=HEIGHT_MM,
+            poll_s=0.5,
+            timeout_s=timeout_s,
+            told=self.told.append,
+        )
+        return asyncio.create_task(work)
+
+    async def run(self, geometry: Geometry = GEOMETRY, timeout_s: float = 900.0) -> DryRun:
+        running = await self.begun(geometry, timeout_s)
+        await self.clock.run_until(self.clock.monotonic() + 1000.0)
+        return await running
+
+
+async def test_the_path_is_seen_above_the_sphere_at_each_pose() -> None:
+    dry = Dry()
+    done = await dry.run()
+    assert (done.wrong, len(done.poses)) == ((), 6)
+    assert dry.told == [ProbingState.ACCEPTED, ProbingState.RUNNING, ProbingState.DONE]
+    for pose in done.poses:
+        assert pose.aside_mm == pytest.approx(0.0, abs=1e-9)
+        assert pose.above_mm == pytest.approx(HEIGHT_MM)
+        assert pose.nearest_mm == pytest.approx(HEIGHT_MM)
+        assert pose.seconds > 5.0
+    assert done.ranges["A"] == pytest.approx((-90.0, 90.0))
+    assert done.ranges["X"] == pytest.approx((-120.0, 120.0), abs=1.0)
+    assert done.seconds == pytest.approx(120.0, abs=2.0)
+
+
+async def test_a_sphere_elsewhere_than_configured_is_found() -> None:
+    farther = await Dry().run(replace(GEOMETRY, radius_mm=155.0))
+    assert len(farther.wrong) == 6
+    lower = await Dry().run(replace(GEOMETRY, height_mm=82.0))
+    assert len(lower.wrong) == 4, "the poses at which A turns the sphere's height out of Z go past it in Y"
+
+
+class Deaf(InProcess):
+    """A control that drives the whole cycle, whatever height it was asked for."""
+
+    async def request_probing(self, number: int, dry_run_mm: float = 0.0) -> None:
+        await super().request_probing(number)
+
+
+async def test_a_control_that_goes_down_to_the_sphere_is_told_to_stop_at_once() -> None:
+    dry = Dry(Deaf)
+    with pytest.raises(Rejected, match="mm from the sphere"):
+        await dry.run()
+    assert (await dry.nc.probing_status(7)).reason == "withdrawn"
+    (begin, end) = dry.nck.cycle.ended[0]
+    assert end - begin < 15.0, "at the first pose"
+
+
+async def test_what_does_not_begin_or_end_in_time_is_withdrawn() -> None:
+    with pytest.raises(Rejected, match="within 60 s"):
+        await Dry().run(timeout_s=60.0)
+    dry = Dry()
+    dry.nck.cycle.next_safe_point = lambda _: math.inf
+    with pytest.raises(NotBegun, match="within 60 s"):
+        await dry.run(timeout_s=60.0)
+    assert (await dry.nc.probing_status(7)).state is ProbingState.REFUSED
+
+
+async def test_cancelled_it_is_withdrawn() -> None:
+    dry = Dry()
+    running = await dry.begun()
+    await dry.clock.run_until(40.0)
+    assert dry.told[-1] is ProbingState.RUNNING
+    running.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await running
+    assert (await dry.nc.probing_status(7)).state is ProbingState.FAILED
+
+
+def test_another_control_pose_or_sphere_is_another_geometry() -> None:
+    others = [
+        replace(GEOMETRY, control="sinumerik at y"),
+        replace(GEOMETRY, poses_deg=GEOMETRY.poses_deg[:5]),
+        replace(GEOMETRY, radius_mm=120.1),
+        replace(GEOMETRY, height_mm=-80.0),
+    ]
+    text = recorded(GEOMETRY, "6 poses")
+    assert is_of(text, GEOMETRY)
+    assert not any(is_of(text, other) for other in others)
+    assert not is_of(plain(str(text)), GEOMETRY), "words alone prove nothing"
+    same = geometry_of(config())
+    assert same == geometry_of(config("monitor"))
+    assert same is not None
+    assert same.control == "sinumerik at opc.tcp://127.0.0.1:4840"
+
+
+@pytest.mark.parametrize(
+    ("dry_run", "proven", "runs_dry", "stands"),
+    [
+        ("required", True, False, False),
+        ("required", False, True, True),
+        ("required", False, None, True),
+        ("required", False, False, True),
+        ("not offered", False, False, False),
+        ("not offered", False, None, False),
+        ("not offered", False, True, True),
+        ("not offered", True, True, False),
+    ],
+)
+def test_what_stands_against_a_cycle(dry_run: str, proven: bool, runs_dry: bool | None, stands: bool) -> None:
+    probing = Probing.model_validate({"dry_run": dry_run})
+    assert bool(barrier(probing, proven=proven, runs_dry=runs_dry)) is stands
