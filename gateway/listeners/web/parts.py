@@ -8,7 +8,7 @@ from statistics import median
 from typing import Literal
 
 from drivers.base import Quality
-from gateway.listeners.web.sentences import Amount, Atom, SaidRow, Sentence, ToldName, Word, at, in_each, name, um
+from gateway.listeners.web.sentences import Amount, Atom, SaidRow, Sentence, ToldName, Word, at, in_each, name, told, um
 from gateway.model.compensation import Source
 from gateway.model.control_state import NcState
 from gateway.model.notice import finding_text
