@@ -45,6 +45,7 @@ _MACHINE = {
     **HURRY,
     "SPHERE_RADIUS": _RADIUS_MM,
     "SPHERE_HEIGHT": _HEIGHT_MM,
+    "SAFE_Z": 250,
     "PIVOT_X": 3,
     "PIVOT_Y": -4,
     "PIVOT_Z": -5,
