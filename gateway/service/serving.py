@@ -49,7 +49,7 @@ async def serve(
     more: Sequence[Sink] = (),
     started: Callable[[Service], None] = lambda _: None,
     wire_log: WireLogWriter | None = None,
-    reload: Callable[[Service], Awaitable[str]] | None = None,
+    reload: Callable[[Service], Awaitable[Text]] | None = None,
 ) -> None:
     """Run the service of a configuration until `stop`; everything is stored before it is published.
 
