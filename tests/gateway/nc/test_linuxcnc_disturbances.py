@@ -1,4 +1,4 @@
-"""One disturbance of each kind between a gateway, the real LinuxCNC and its operator. Needs Debian's linuxcnc-uspace."""
+"""One disturbance of each kind between a gateway, a real LinuxCNC and its operator. Needs Debian's linuxcnc-uspace."""
 
 import numpy as np
 import pytest
