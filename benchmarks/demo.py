@@ -16,7 +16,8 @@ import numpy as np
 from benchmarks.rows import BenchRow
 from drivers.nc import FollowsErrors, NcSnapshot, OperatingMode, ProgramState
 from drivers.problems import read_settings
-from drivers.sinumerik import SinumerikSettings, make_sinumerik
+from drivers.sinumerik.make import make_sinumerik
+from drivers.sinumerik.settings import SinumerikSettings
 from gateway.config.sections import Probing
 from gateway.control.grid import GridSampler, Instant
 from gateway.model.standing import Standing

@@ -17,9 +17,9 @@ from pathlib import Path
 import numpy as np
 from rich.table import Table
 
-from drivers.agent import AgentControl
+from drivers.agent.control import AgentControl
 from drivers.base import DriverError
-from drivers.linuxcnc import LinuxCncSettings
+from drivers.linuxcnc.settings import LinuxCncSettings
 from gateway.config.extended import validate
 from gateway.config.model import GatewayConfig
 from gateway.nc.link import NcLink

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any, TypeVar
 
 from gateway.model.commands import CommandOutcome, Disarmed, Pause
 from gateway.model.compensation import Write
@@ -216,12 +217,34 @@ def problem_event(notice: Notice) -> Event:
     return Event(EventKind.PROBLEM_ENDED if notice.ended else EventKind.PROBLEM, notice.text)
 
 
-def in_order(sinks: Sequence[Sink]) -> Sink:
-    """A sink that passes each event to several others, one after the other."""
-    several = tuple(sinks)
+def problems_to(sink: Sink) -> Callable[[Notice], None]:
+    """What reports each problem, as it begins and as it ends, to a sink."""
+    return lambda notice: sink(EventReported(problem_event(notice), None))
 
-    def take(event: GatewayEvent) -> None:
-        for sink in several:
-            sink(event)
 
-    return take
+Kind = TypeVar("Kind")
+
+
+class Events:
+    """Passes each event to those who have subscribed to its type, in the order in which they have subscribed.
+
+    All of them have it before the next event comes, unless one of them publishes another.
+    """
+
+    def __init__(self, *sinks: Sink) -> None:
+        self._subscribers: list[tuple[type, Callable[[Any], None]]] = []
+        self.subscribe_to_all(*sinks)
+
+    def subscribe(self, kind: type[Kind], take: Callable[[Kind], None]) -> None:
+        """From now on `take` gets every event of this type."""
+        self._subscribers.append((kind, take))
+
+    def subscribe_to_all(self, *sinks: Sink) -> None:
+        """From now on these get every event."""
+        self._subscribers += [(object, sink) for sink in sinks]
+
+    def publish(self, event: GatewayEvent) -> None:
+        """A sink: tell everyone who has subscribed to it."""
+        for kind, take in self._subscribers:
+            if isinstance(event, kind):
+                take(event)

@@ -60,7 +60,7 @@ class CommandTaker:
     ) -> None:
         self._link, self._measure_now, self._clock = link, measure_now, clock
         self._sink, self._on_disk = sink, on_disk
-        self.reload = reload
+        self._reload = reload
         self._turn = asyncio.Lock()
         self._taken_s = deque[float](maxlen=_MOST)
         self._refusals = Refusals()
@@ -117,10 +117,10 @@ class CommandTaker:
                 assert_never(command.name)
 
     async def _reloaded(self) -> tuple[bool, str]:
-        if self.reload is None:
+        if self._reload is None:
             return False, "this gateway has no file to read again"
         try:
-            return True, await self.reload()
+            return True, await self._reload()
         except ReloadError as error:
             return False, f"not reloaded; the previous configuration stays in use: {error}"
 

@@ -6,7 +6,7 @@ from datetime import UTC, datetime
 from drivers.base import Quality, Reading
 from gateway.acquisition.board import Board
 from gateway.model.control_state import NcState
-from gateway.model.events import DecisionMade, GatewayEvent, Health, HealthChecked, OutlookChanged, Sink, StoreHealth
+from gateway.model.events import DecisionMade, Health, HealthChecked, OutlookChanged, Sink, StoreHealth
 from gateway.model.standing import Standing
 from gateway.nc.link import NcLink
 from gateway.nc.probing.schedule import Outlook
@@ -25,7 +25,7 @@ class HealthWatch:
     ----------
     step_s: the grid step, s
     board: the latest readings
-    link: returns the connection to the control; None: none is configured
+    link: the connection to the control; None: none is configured
     store: its health
     synchronised: whether a time server keeps the clock; None: unknown
     sink: receives HealthChecked
@@ -35,7 +35,7 @@ class HealthWatch:
         self,
         step_s: float,
         board: Board,
-        link: Callable[[], NcLink | None],
+        link: NcLink | None,
         clock: ServiceClock,
         store: Callable[[], StoreHealth],
         synchronised: Callable[[], bool | None],
@@ -48,15 +48,13 @@ class HealthWatch:
         self._outlook = Outlook(Standing.NOT_WANTED, None)
         self._decided = False
 
-    def take(self, event: GatewayEvent) -> None:
-        """A gateway.model.events.Sink: remembers whether something was decided and what a measurement waits for."""
-        match event:
-            case DecisionMade():
-                self._decided = True
-            case OutlookChanged(outlook):
-                self._outlook = outlook
-            case _:
-                pass
+    def decided(self, _: DecisionMade) -> None:
+        """Something was decided: the first step has ended."""
+        self._decided = True
+
+    def outlook_changed(self, changed: OutlookChanged) -> None:
+        """Remembers what a measurement waits for."""
+        self._outlook = changed.outlook
 
     async def run(self) -> None:
         """Run until cancelled."""
@@ -78,7 +76,7 @@ class HealthWatch:
         latest = {channel: found[channel].reading if channel in found else None for channel in self._board.channels}
         bad = {channel: reading for channel, reading in latest.items() if reading is None or not _good(reading)}
         nc, store, synchronised = self._nc(), self._store(), self._synchronised()
-        link = self._link()
+        link = self._link
         paused, disarmed = (None, None) if link is None else (link.paused, link.disarmed)
         return Health(
             uptime_s=now_s - self._began_s,
@@ -102,7 +100,7 @@ class HealthWatch:
         )
 
     def _nc(self) -> NcState:
-        link = self._link()
+        link = self._link
         if link is None:
             return NcState.NONE
         present = link.present

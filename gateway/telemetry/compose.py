@@ -120,13 +120,21 @@ class Composer:
     input_names: order of a frame's inputs
     clock: for the time in each message and the age of readings
     simulated: whether the clock is a simulated one
+    clock_known: whether the computer's clock is known to be right
     """
 
-    def __init__(self, boot: str, input_names: Sequence[str], clock: Clock, *, simulated: bool) -> None:
+    def __init__(
+        self,
+        boot: str,
+        input_names: Sequence[str],
+        clock: Clock,
+        *,
+        simulated: bool,
+        clock_known: Callable[[], bool] = lambda: True,
+    ) -> None:
         self._boot, self._names, self._clock = boot, tuple(input_names), clock
         self._simulated = simulated
-        self.clock_known: Callable[[], bool] = lambda: True
-        """Whether the computer's clock is known to be right."""
+        self._clock_known = clock_known
         self._version = version("talc-gateway")  # once: its files may be exchanged while the gateway runs
         self._sequence = 0
 
@@ -192,7 +200,7 @@ class Composer:
     def _stamps(self, count: int) -> list[_Stamp]:
         """Stamps of messages that are published together."""
         first, self._sequence = self._sequence + 1, self._sequence + count
-        state = "simulated" if self._simulated else "system" if self.clock_known() else "unsynchronised"
+        state = "simulated" if self._simulated else "system" if self._clock_known() else "unsynchronised"
         time = self._clock.utc().isoformat()
         return [_Stamp(self._boot, number, time, state) for number in range(first, first + count)]
 

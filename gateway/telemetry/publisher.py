@@ -77,6 +77,9 @@ class TelemetryPublisher:
     course: finds stored estimates; None: queries on `course` are refused
     stored: finds stored rows; None: queries on `stored` are refused
     report: makes the report of a day; None: queries on `report` are refused
+    periods_missed: the number of missed periods by bus, for the status
+    clock_known: whether the computer's clock is known to be right, for every message
+    obey: obeys commands, or refuses them; None: each is refused until the gateway has started
 
     Raises TelemetryError on entry if the session cannot be opened.
     """
@@ -94,12 +97,15 @@ class TelemetryPublisher:
         course: CourseSource | None = None,
         stored: StoredSource | None = None,
         report: ReportSource | None = None,
+        periods_missed: Callable[[], Mapping[str, int]] = dict,
+        clock_known: Callable[[], bool] = lambda: True,
+        obey: Obey | None = None,
     ) -> None:
         self._settings, self._root = settings, keys.root(settings.prefix, machine)
-        self._composer = Composer(boot, input_names, clock, simulated=simulated)
+        self._composer = Composer(boot, input_names, clock, simulated=simulated, clock_known=clock_known)
         self._backlog = Backlog(_MOST_LOOSE, _MOST_FIRM, _MOST_FIRM_BYTES, _GATHER_S)
         self._state = GatewayState(commands=bool(settings.operators))
-        self._periods_missed: Callable[[], Mapping[str, int]] = dict
+        self._periods_missed = periods_missed
         self._last: dict[str, bytes] = {}
         self._last_lock = threading.Lock()
         self._thread = threading.Thread(target=self._send, name="telemetry", daemon=True)
@@ -113,7 +119,7 @@ class TelemetryPublisher:
         )
         self._schemas: dict[str, bytes] = {}
         self._machine = machine
-        self._obey: Obey | None = None
+        self._obey = obey
 
     @property
     def dropped(self) -> int:
@@ -200,18 +206,6 @@ class TelemetryPublisher:
         self._put(self._composer.messages(event))
         if isinstance(event, ConfigurationApplied | DecisionMade | OutlookChanged | StorageChanged | HealthChecked):
             self._put_status()
-
-    def count_missed(self, periods_missed: Callable[[], Mapping[str, int]]) -> None:
-        """Set the source of the number of missed periods by bus, for the status."""
-        self._periods_missed = periods_missed
-
-    def ask_clock(self, known: Callable[[], bool]) -> None:
-        """Set the function that says whether the computer's clock is known to be right, for every message."""
-        self._composer.clock_known = known
-
-    def take_commands(self, obey: Obey) -> None:
-        """Set who obeys commands."""
-        self._obey = obey
 
     def _put_status(self) -> None:
         dropped = Dropped(self._backlog.dropped_loose, self._backlog.dropped_firm)

@@ -12,7 +12,7 @@ from gateway.control.measuring import Measuring
 from gateway.control.trainer import Trainings
 from gateway.model.commands import Command, CommandName, CommandOutcome
 from gateway.nc.probing.schedule import schedule_of
-from gateway.service.command_taker import CommandTaker
+from gateway.service.command_taker import AskReload, CommandTaker
 from gateway.storage.faults import StoreError
 from talc.control import Controller
 from talc.settings import TalcSettings
@@ -48,7 +48,9 @@ class Commanded:
 
 
 @asynccontextmanager
-async def commanded(bench: LinkBench, *, follow: float | None = None) -> AsyncIterator[Commanded]:
+async def commanded(
+    bench: LinkBench, *, follow: float | None = None, reload: AskReload | None = None
+) -> AsyncIterator[Commanded]:
     """follow: the link is given a decision with this error each 30 s, instead of the loop's own."""
     told = KeptEvents()
     plan = schedule_of(Probing(retries=2))
@@ -60,7 +62,7 @@ async def commanded(bench: LinkBench, *, follow: float | None = None) -> AsyncIt
         followers=[] if follow is not None else [lambda _, decision: bench.link.follow(decision)],
     )  # fmt: skip
     found = Commanded(bench, told, None)  # type: ignore[arg-type]
-    found.taker = CommandTaker(bench.link, measuring.order, bench.clock, told, found.on_disk)
+    found.taker = CommandTaker(bench.link, measuring.order, bench.clock, told, found.on_disk, reload)
 
     async def following(error: float) -> None:
         while True:

@@ -25,8 +25,9 @@ import numpy as np
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from drivers.nc import NumericalControl
-from drivers.sinumerik import ErrorTerms, OffsetRoute, SinumerikSettings, errors_program, make_sinumerik
-from drivers.sinumerik.settings import PAIRS
+from drivers.sinumerik.make import make_sinumerik
+from drivers.sinumerik.programs import ErrorTerms, errors_program
+from drivers.sinumerik.settings import PAIRS, OffsetRoute, SinumerikSettings
 from gateway.config.extended import validate
 from gateway.nc.link import NcLink
 from gateway.nc.settings import Earlier, Identity, LinkSettings, Listeners

@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from drivers.nc import WatchdogTerms
-from drivers.sinumerik import SinumerikSettings
 from drivers.sinumerik.control import Sinumerik
+from drivers.sinumerik.settings import SinumerikSettings
 from gateway.config.extended import validate
 from gateway.model.compensation import Write
 from gateway.nc.link import NcLink

@@ -20,7 +20,8 @@ import click
 import numpy as np
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
-from drivers.sinumerik import SinumerikSettings, make_sinumerik
+from drivers.sinumerik.make import make_sinumerik
+from drivers.sinumerik.settings import SinumerikSettings
 from gateway.runtime.clocks import RealClock
 from simulators.nc import Activity, CycleSettings, DayPart, EmulatedControl, LoadCase, MeanLoads, Nck
 from simulators.nc.nck import R_OFFSETS

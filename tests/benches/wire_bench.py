@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from drivers.sinumerik import SinumerikSettings
 from drivers.sinumerik.control import Sinumerik
+from drivers.sinumerik.settings import SinumerikSettings
 from gateway.config.extended import validate
 from gateway.config.model import GatewayConfig
 from gateway.model.compensation import Offsets, Write

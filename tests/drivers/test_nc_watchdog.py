@@ -7,8 +7,8 @@ import pytest
 
 from drivers.base import Refused
 from drivers.nc import WatchdogTerms
-from drivers.sinumerik import SinumerikSettings
 from drivers.sinumerik.control import Sinumerik
+from drivers.sinumerik.settings import SinumerikSettings
 from simulators.nc.watchdog import R_BEAT, R_ECHO, R_OWNER, R_RAMP, R_SILENCE, R_WATCH
 from tests.benches.emulated_bench import OpcUaBench, sinumerik_bench
 

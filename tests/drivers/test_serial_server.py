@@ -11,7 +11,8 @@ import pytest
 
 from drivers.base import ConnectError, NoAnswer, SystemClock
 from drivers.build import make_device
-from drivers.modbus import Block, ModbusBus
+from drivers.modbus.bus import ModbusBus
+from drivers.modbus.numbers import Block
 from simulators.devices import MeSensor, RtuLine
 from simulators.devices.me_sensor import MeLine
 from simulators.devices.modbus_servers import crc16

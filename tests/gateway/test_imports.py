@@ -143,12 +143,21 @@ def test_a_bus_loads_the_libraries_of_its_own_kind(kind: str, needed: str, forei
 @pytest.mark.parametrize(
     ("code", "needed"),
     [
-        ("from drivers.opcua import OpcUaBusSettings, OpcUaBus, OpcUaDevice, OpcUaServer, node_name", set()),
-        ("from drivers.opcua import valid_certificate, check_key, application_uri", {"cryptography"}),
-        ("from drivers.opcua import OpcUaSession", {"asyncua", "cryptography"}),
-        ("from drivers.mqtt import MqttBusSettings, MqttBus, MqttDevice, MqttServer, number_in", set()),
-        ("from drivers.mqtt import MqttConnection", {"paho"}),
-        ("from drivers.sinumerik import SinumerikControl, SinumerikSettings, make_sinumerik", set()),
+        (
+            "import drivers.opcua.bus, drivers.opcua.device, drivers.opcua.nodes, drivers.opcua.settings",
+            set(),
+        ),
+        ("import drivers.opcua.certificates", {"cryptography"}),
+        ("import drivers.opcua.session", {"asyncua", "cryptography"}),
+        (
+            "import drivers.mqtt.bus, drivers.mqtt.device, drivers.mqtt.profile, drivers.mqtt.settings",
+            set(),
+        ),
+        ("import drivers.mqtt.connection", {"paho"}),
+        (
+            "import drivers.sinumerik.make, drivers.sinumerik.settings",
+            set(),
+        ),
         ("from gateway.listeners.outlets.mqtt import MqttOutlet, MqttOutletSettings", set()),
         ("from gateway.listeners.umati.settings import ShownMachine, check_serving, load_serving", set()),
         ("from gateway.listeners.umati.server import MachineToolServer", {"asyncua", "cryptography"}),

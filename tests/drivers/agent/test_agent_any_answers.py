@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.agent import AgentControl
+from drivers.agent.control import AgentControl
 from drivers.base import BadAnswer, SystemClock
 from drivers.nc import NineErrors, NotSendable
 from tests.benches.fake_agent import Agent, agent_and_driver, serving

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from drivers.agent import AgentControl
+from drivers.agent.control import AgentControl
 from drivers.base import ConnectError, Refused, SetupError, SystemClock
-from drivers.linuxcnc import LinuxCncSettings
+from drivers.linuxcnc.settings import LinuxCncSettings
 from drivers.nc import OperatingMode, ProgramState, WatchdogTerms
 from tests.benches.linuxcnc_bench import AgentBench, claimed, running, until
 

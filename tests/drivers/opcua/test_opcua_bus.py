@@ -31,7 +31,7 @@ from drivers.base import (
     WrongDevice,
 )
 from drivers.build import make_device
-from drivers.opcua import OpcUaBus
+from drivers.opcua.bus import OpcUaBus
 from drivers.opcua.nodes import node_name
 from tests.benches.buses import make_bus
 from tests.benches.driver_reads import told

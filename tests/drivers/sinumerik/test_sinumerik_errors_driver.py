@@ -9,8 +9,9 @@ import pytest
 
 from drivers.base import BadAnswer, Refused
 from drivers.nc import FollowsErrors, NineErrors, NotSendable, ProbingState, WatchdogTerms
-from drivers.sinumerik import errors_program, make_sinumerik
 from drivers.sinumerik.errors import SinumerikWithErrors
+from drivers.sinumerik.make import make_sinumerik
+from drivers.sinumerik.programs import errors_program
 from drivers.sinumerik.settings import Paths
 from simulators.nc import Activity, CycleSettings, DayPart, EmulatedControl, LoadCase, MeanLoads
 from tests.benches.emulated_bench import Rigid

@@ -17,7 +17,7 @@ from pymodbus.exceptions import ModbusException
 
 from drivers.base import Quality, Reading, SystemClock
 from drivers.build import make_device
-from drivers.modbus import Block
+from drivers.modbus.numbers import Block
 from gateway.acquisition.acquisition import Acquisition
 from gateway.acquisition.line import Line
 from gateway.runtime.clocks import RealClock

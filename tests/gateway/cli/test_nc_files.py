@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner, Result
 
-from drivers.sinumerik import ErrorTerms, errors_program
+from drivers.sinumerik.programs import ErrorTerms, errors_program
 from gateway.cli.main import main
 from gateway.config.controls import SinumerikNc
 from gateway.config.file import load

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from drivers.nc import ProbingState
-from drivers.sinumerik import SinumerikSettings
 from drivers.sinumerik.control import Sinumerik
+from drivers.sinumerik.settings import SinumerikSettings
 from gateway.nc.probing.cycle import End
 from simulators.nc import ReasonCode
 from simulators.nc.nck import R_REQUEST, R_RESULTS, R_WITHDRAW

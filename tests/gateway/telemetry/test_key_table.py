@@ -74,8 +74,7 @@ def test_the_page_lists_and_counts_the_keys_that_only_answer_queries() -> None:
 async def test_the_table_has_every_key_and_every_field_that_is_published() -> None:
     port, step = free_port(), Step((0.0, 0.0, 9.0), (0.0, 0.0, 3.0), Source.PREDICTION, (False, False, False))
     measured = Measurement(np.zeros(9), np.ones(9))
-    async with telemetry(port) as t:
-        t.count_missed(lambda: {"rtu1": 3})
+    async with telemetry(port, periods_missed=lambda: {"rtu1": 3}) as t:
         t.publish(ConfigurationApplied(configuration("mill")))
         t.publish(ReadingsTaken([reading(20.0)]))
         t.publish(FrameMade(Frame(7, np.array([20.5, math.nan]), np.array([True, False]))))

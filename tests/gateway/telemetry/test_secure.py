@@ -19,7 +19,7 @@ from gateway.telemetry.answers import HistoryPage
 from gateway.telemetry.client import Machine, MachineError
 from gateway.telemetry.command_signer import CommandSigner
 from gateway.telemetry.history_queries import HistoryRequest
-from gateway.telemetry.publisher import TelemetryPublisher
+from gateway.telemetry.publisher import Obey, TelemetryPublisher
 from gateway.telemetry.session import Access, TelemetryError
 from tests.benches.free_port import free_port
 from tests.benches.plant_authority import PlantAuthority
@@ -38,8 +38,8 @@ def stored(_: HistoryRequest) -> HistoryPage:
     return PAGE
 
 
-def publisher(settings: Telemetry) -> TelemetryPublisher:
-    return TelemetryPublisher(settings, "mill", (), SystemClock(), "boot-1", simulated=False, history=stored)
+def publisher(settings: Telemetry, obey: Obey | None = None) -> TelemetryPublisher:
+    return TelemetryPublisher(settings, "mill", (), SystemClock(), "boot-1", simulated=False, history=stored, obey=obey)
 
 
 def _utc(seconds: float) -> datetime:
@@ -298,7 +298,6 @@ async def test_behind_the_plants_router_only_a_panel_may_ask_for_commands(tmp_pa
 
     with router(site):
         to_router = Telemetry(mode="client", connect=(site.here,), tls=site.tls, operator=(anna,))
-        async with publisher(to_router) as gateway:
-            gateway.take_commands(obey)
+        async with publisher(to_router, obey) as gateway:
             gateway.publish(problem("by the router"))
             await asyncio.to_thread(give)

@@ -5,7 +5,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from drivers.sinumerik import ErrorTerms, OffsetRoute, SinumerikSettings, errors_program
+from drivers.sinumerik.programs import ErrorTerms, errors_program
+from drivers.sinumerik.settings import OffsetRoute, SinumerikSettings
 from simulators.nc import Activity, CycleSettings, DayPart, FollowingTerms, LoadCase, MeanLoads, Nck
 from simulators.nc.nck import R_REQUEST, R_WITHDRAW
 from simulators.nc.nine_errors import R_COUNT_WITH_ERRORS, R_CYCLE, R_ECHO, R_IN_FORCE, R_PROBED, R_TERMS, R_WANTED

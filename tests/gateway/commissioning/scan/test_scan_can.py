@@ -10,8 +10,8 @@ import can as python_can
 import pytest
 from canopen.sdo.client import SdoClient
 
-from drivers.can import Heard
-from drivers.canopen import CanOpenSettings
+from drivers.can.survey import Heard
+from drivers.canopen.settings import CanOpenSettings
 from gateway.commissioning.scan.can import CanScan, scan_can
 from gateway.commissioning.scan.found import ScanReport
 from gateway.config.file import load

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.modbus import ModbusProfile
+from drivers.modbus.profile import ModbusProfile
 from drivers.profiles import load_profile
 from gateway.acquisition.wire_log import read_wire_log
 from gateway.config.file import load
