@@ -110,7 +110,7 @@ class Offsets:
         busy computer. A component that has not seen it for the whole silence does not run: its pins are old."""
         if self._pins["beat"] == self._pins["beat-seen"]:
             return bool(self._pins["watching"])
-        return time.monotonic() - self._turned_s < self._pins["silence"]
+        return bool(time.monotonic() - self._turned_s < self._pins["silence"])
 
     def _beat(self) -> None:
         if self._pins["beat"] == self._pins["beat-seen"]:  # two turns between two looks of real time would be none
