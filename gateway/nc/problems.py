@@ -2,7 +2,8 @@
 
 from collections.abc import Iterable
 
-NOT_CONNECTED, CONNECTED_AGAIN = "NC: not connected: ", "NC: connected again"
+NOT_CONNECTED = "NC: not connected: "
+CONNECTED_AGAIN = "NC: connected again"
 NOT_RECEIVED = "NC: its watchdog did not receive the heartbeat of this gateway"
 NOT_ANSWERED = "NC: its watchdog does not answer the heartbeats"
 UNRECEIVED = (

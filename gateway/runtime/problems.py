@@ -7,8 +7,10 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Protocol
 
-_STEADY_S, _STEADY_PERIODS = 60.0, 10
+_STEADY_S = 60.0
 """A problem unchanged for this long is steady; one that begins often within it is intermittent."""
+_STEADY_PERIODS = 10
+"""Or for this many periods, if that is longer."""
 _MOST_KINDS = 10
 """Of one problem, from its beginning to its end: the reason may be a text that is different each time."""
 
