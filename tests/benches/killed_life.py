@@ -27,7 +27,7 @@ from tests.benches import idle_loop
 from tests.benches.death import PROBING, Death
 from tests.benches.disk_life import config_in
 from tests.benches.emulated_bench import expected_deviation_um
-from tests.benches.in_process_nc import InProcess
+from tests.benches.in_process_nc import WithoutDryRun
 from tests.benches.outlives import KeptNck, SharedMemory
 from tests.benches.spoilt_stores import reading
 from tests.benches.wire_clock import WireClock
@@ -50,7 +50,7 @@ class SwingingPlant:
         return float(x), float(y), float(z)
 
 
-class KeptControl(InProcess):
+class KeptControl(WithoutDryRun):
     """The control as the gateway sees it; a cycle is the phase `probing`."""
 
     def __init__(self, nck: Nck, clock: WireClock, requests: list[int], death: Death) -> None:
