@@ -234,7 +234,7 @@ class NcLink:
         async with self._hold.writing:
             k = self._k
             before, self._state = self._state, after(STATES, self._state, self._finding(snapshot))
-            if before is LinkState.NOT_READY is not self._state:
+            if before is LinkState.NOT_READY and self._state is not LinkState.NOT_READY:
                 await self._writer.begin()  # it may have been switched off meanwhile
             match self._state:
                 case LinkState.FOLLOWING:

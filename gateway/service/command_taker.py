@@ -26,8 +26,10 @@ from talc.frame import EventKind
 
 log = logging.getLogger(__name__)
 
-_MOST, _WITHIN_S = 20, 60.0
-"""Commands that are taken, so that a program that repeats one does not fill the disk."""
+_MOST = 20
+"""Commands that are taken within that time, so that a program that repeats one does not fill the disk."""
+_WITHIN_S = 60.0
+"""The time within which they are counted."""
 _BY_CAUTION = frozenset({CommandName.PAUSE, CommandName.DISARM})
 """These only take away: they count although nothing can be stored, and however many were given."""
 
