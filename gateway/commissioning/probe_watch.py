@@ -18,14 +18,15 @@ from gateway.acquisition.build import lines_of
 from gateway.acquisition.line import Line
 from gateway.acquisition.text import reading_text
 from gateway.config.model import GatewayConfig
+from gateway.model.notice import Notice, Notify
 from gateway.runtime.clocks import RealClock, ServiceClock
-from gateway.runtime.problems import Notice, Notify
 from gateway.runtime.signals import stop_on_signals, until
 from gateway.runtime.terminal import duration_text, terminal
 
 _WINDOW = 60
 """Number of reads over which rate and jitter are computed."""
-_TABLE_EVERY_S, _LINES_EVERY_S = 0.5, 10.0
+_TABLE_EVERY_S = 0.5
+_LINES_EVERY_S = 10.0
 _CELL = 17 + 1 + 14 + 1 + 6
 """Width of one channel, so that two fit side by side on 80 columns."""
 

@@ -7,14 +7,15 @@ from typing import Any, TypeVar
 from gateway.model.commands import CommandOutcome, Disarmed, Pause
 from gateway.model.compensation import Write
 from gateway.model.control_state import NcState
+from gateway.model.notice import Notify, problem_event
 from gateway.model.sample import Sample
 from gateway.model.step_time import StepTime
+from gateway.model.text import NOTHING, Text
 from gateway.nc.probing.cycle import Outcome
 from gateway.nc.probing.schedule import Outlook
-from gateway.runtime.problems import Notice
 from talc.explanation import Reasons
 from talc.forecast import Forecast, Misses, PlannedForecast
-from talc.frame import Decision, Event, EventKind, Frame
+from talc.frame import Decision, Event, Frame
 from talc.models import ModelSet
 from talc.sensor_check import Judgement
 
@@ -112,7 +113,7 @@ class SensorsJudged:
 class StoreHealth:
     """The state of storing."""
 
-    problem: str = ""
+    problem: Text = NOTHING
     """Why rows wait in memory or were refused; empty: all is well."""
     failing_s: float = 0.0
     """For how long nothing could be stored, real seconds."""
@@ -122,8 +123,8 @@ class StoreHealth:
     """Rows that were dropped because too many waited: raw readings, steps of the compensation, events; never more."""
     free_mb: float | None = None
     """Free space on the disk; None: unknown."""
-    mended: str = ""
-    """What became of a damaged database, in words; empty: it was whole."""
+    mended: Text = NOTHING
+    """What became of a damaged database; empty: it was whole."""
     oldest_s: float | None = None
     """How long the oldest of the waiting rows has waited, real seconds; None: none waits."""
 
@@ -148,7 +149,7 @@ class Health:
     nc: NcState
     clock_synchronised: bool | None
     """Whether the computer's clock is kept by a time server; None: unknown, or the clock is simulated."""
-    waits_for: tuple[str, ...]
+    waits_for: tuple[Text, ...]
     """What must happen before the gateway learns and corrects fully, one text each."""
     store: StoreHealth
     paused: Pause | None = None
@@ -212,12 +213,7 @@ Sink = Callable[[GatewayEvent], None]
 """Receives every event in order, in the event loop's thread, and returns at once."""
 
 
-def problem_event(notice: Notice) -> Event:
-    """A problem that began or ended, as an event."""
-    return Event(EventKind.PROBLEM_ENDED if notice.ended else EventKind.PROBLEM, notice.text)
-
-
-def problems_to(sink: Sink) -> Callable[[Notice], None]:
+def problems_to(sink: Sink) -> Notify:
     """What reports each problem, as it begins and as it ends, to a sink."""
     return lambda notice: sink(EventReported(problem_event(notice), None))
 

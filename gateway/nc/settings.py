@@ -9,7 +9,7 @@ from gateway.config.model import GatewayConfig
 from gateway.config.sections import Compensation, Probing
 from gateway.model.commands import Disarmed, Pause
 from gateway.model.compensation import Write
-from gateway.runtime.problems import Notify
+from gateway.model.notice import Notify
 from talc.frame import FloatArray
 
 

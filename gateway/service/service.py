@@ -24,6 +24,7 @@ from gateway.control.planned_loads import PlannedLoads
 from gateway.control.restart.earlier import Past
 from gateway.control.sensor_watch import SensorWatch
 from gateway.control.trainer import Trainings
+from gateway.model.codes import NoticeCode
 from gateway.model.commands import Command, CommandOutcome
 from gateway.model.events import (
     CompensationStepped,
@@ -37,6 +38,8 @@ from gateway.model.events import (
     StoreHealth,
     problems_to,
 )
+from gateway.model.notice import event_of
+from gateway.model.text import NOTHING, Text, failure
 from gateway.nc.build import control_of
 from gateway.nc.link import NcLink
 from gateway.nc.probing.cycle import NotBegun, number_after
@@ -49,7 +52,7 @@ from gateway.service.command_taker import CommandTaker
 from gateway.service.health import HealthWatch
 from gateway.service.store_watch import StoreWatch
 from gateway.storage.faults import StoreError
-from talc.frame import Event, EventKind
+from talc.frame import EventKind
 
 log = logging.getLogger(__name__)
 
@@ -100,7 +103,7 @@ class Service:
         identity: Identity | None = None,
         synchronised: Callable[[], bool | None] = lambda: None,
         on_disk: Callable[[], Awaitable[None]] = _nothing_to_wait_for,
-        reload: Callable[["Service"], Awaitable[str]] | None = None,
+        reload: Callable[["Service"], Awaitable[Text]] | None = None,
     ) -> None:
         self._config, self._clock, self._tap = config, clock, tap
         self._acquisition: Acquisition | None = None
@@ -124,7 +127,7 @@ class Service:
             try:
                 await on_disk()
             except StoreError as error:  # after a restart the number would be used again
-                raise NotBegun(f"its number cannot be stored: {error}") from error
+                raise NotBegun(Text(NoticeCode.NUMBER_NOT_STORED, error=failure(error))) from error
 
         self.link: NcLink | None = None
         if config.nc is not None:
@@ -235,7 +238,7 @@ class Service:
             prepared = await self.prepare(prepared.new)
         acquisition = self._acquisition
         if acquisition is None:
-            raise ReloadError("the service is not running")
+            raise ReloadError(Text(NoticeCode.RELOAD_NOT_RUNNING))
         change = await apply(acquisition, prepared)
         self._config = prepared.new
         self._events.publish(ConfigurationApplied(prepared.new))
@@ -244,7 +247,7 @@ class Service:
         )
         return change
 
-    async def obey(self, command: Command, refused: str = "") -> CommandOutcome:
+    async def obey(self, command: Command, refused: Text = NOTHING) -> CommandOutcome:
         """Obey a command, or refuse it; see CommandTaker. Raises OSError while the service does not run."""
         if self._acquisition is None:
             raise OSError("the gateway is starting or stopping; give the command again")
@@ -252,9 +255,9 @@ class Service:
         self._health.report()
         return outcome
 
-    def tell(self, text: str) -> None:
+    def tell(self, text: Text) -> None:
         """Report an event for people."""
-        self._events.publish(EventReported(Event(EventKind.OPERATOR, text), None))
+        self._events.publish(EventReported(event_of(EventKind.OPERATOR, text), None))
 
     async def run(self, stop: asyncio.Event) -> None:
         """Run until `stop` is set. Raises an exception group if a part of the service fails."""

@@ -15,7 +15,10 @@ from gateway.config.packed import packed_toml
 from gateway.control.restart.earlier import Past, past_in
 from gateway.control.restart.rebuild import Interrupted, Rebuilt
 from gateway.control.restart.snapshots import SnapshotKeeper
+from gateway.model.codes import NoticeCode
 from gateway.model.events import EventReported, Events, Sink
+from gateway.model.notice import event_of
+from gateway.model.text import Text
 from gateway.nc.settings import Identity
 from gateway.runtime.clocks import ServiceClock
 from gateway.runtime.extras import missing_of
@@ -28,7 +31,7 @@ from gateway.storage.answers import DiskWork
 from gateway.storage.readings import Retention
 from gateway.storage.store import Store, boot_id
 from gateway.telemetry.publisher import TelemetryPublisher
-from talc.frame import Event, EventKind
+from talc.frame import EventKind
 
 log = logging.getLogger(__name__)
 
@@ -46,7 +49,7 @@ async def serve(
     more: Sequence[Sink] = (),
     started: Callable[[Service], None] = lambda _: None,
     wire_log: WireLogWriter | None = None,
-    reload: Callable[[Service], Awaitable[str]] | None = None,
+    reload: Callable[[Service], Awaitable[Text]] | None = None,
 ) -> None:
     """Run the service of a configuration until `stop`; everything is stored before it is published.
 
@@ -72,7 +75,7 @@ async def serve(
             return
         news = _news(past, config)
         if store.migrated_from is not None:
-            news.insert(0, f"storage: the database was migrated; the old one is kept as {store.migrated_from.name}")
+            news.insert(0, Text(NoticeCode.STORE_MIGRATED, aside=store.migrated_from.name))
         prior = None if config.prior is None else (config.prior.content_hash, config.prior.text)
         store.begin(config.canonical(), config.fingerprint(), versions(*_WIRES), prior)
         events = Events(store.record)
@@ -125,7 +128,7 @@ async def serve(
         events.subscribe_to_all(*more)
         for text in news:
             log.warning("%s", text)
-            events.publish(EventReported(Event(EventKind.OPERATOR, text), past.last_k))
+            events.publish(EventReported(event_of(EventKind.OPERATOR, text), past.last_k))
         started(service)
         await service.run(stop)
 
@@ -146,23 +149,18 @@ def _store(config: GatewayConfig, boot: str, clock: ServiceClock) -> Store:
     )
 
 
-def _news(past: Past, config: GatewayConfig) -> list[str]:
+def _news(past: Past, config: GatewayConfig) -> list[Text]:
     """What has changed since the latest run, and what became of what was learnt."""
     news, method = [], config.talc.method
     if past.former_method is not None:
-        news.append(
-            f"[talc] method: {method} continues the record that {past.former_method} made, with all that it learns from"
-            f" the record; to stay with the former method, write method = '{past.former_method}' under [talc] and"
-            " restart"
-        )
-    if past.other_prior:
-        now = "none is set now" if config.prior is None else f"{config.talc.prior} differs from the former one"
-        news.append(f"[talc] prior: {now}; the learner starts again with it and learns from the whole record")
+        news.append(Text(NoticeCode.METHOD_CONTINUES, method=method, former=past.former_method))
+    if past.other_prior and config.prior is None:
+        news.append(Text(NoticeCode.PRIOR_GONE))
+    elif past.other_prior:
+        news.append(Text(NoticeCode.PRIOR_DIFFERS, path=str(config.talc.prior)))
     if past.changes:
-        kept = (
-            "it learnt from the whole record again" if method == "learner" else "models of inputs still here are kept"
-        )
-        news.append(f"inputs or [talc] settings differ from the latest run's ({'; '.join(past.changes)}): {kept}")
+        code = NoticeCode.SETTINGS_LEARNT_AGAIN if method == "learner" else NoticeCode.SETTINGS_MODELS_KEPT
+        news.append(Text(code, changes="; ".join(past.changes)))
     return news
 
 

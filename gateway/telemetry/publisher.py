@@ -16,6 +16,7 @@ from gateway.config.applied import ConfigurationApplied
 from gateway.config.certificates import certificate_ends
 from gateway.config.consequences import unarmed
 from gateway.config.telemetry import Telemetry as TelemetrySettings
+from gateway.model.codes import NoticeCode
 from gateway.model.commands import Command, CommandOutcome
 from gateway.model.events import (
     CompensationStepped,
@@ -25,6 +26,7 @@ from gateway.model.events import (
     OutlookChanged,
     StorageChanged,
 )
+from gateway.model.text import Text
 from gateway.runtime.problems import Problems
 from gateway.telemetry import keys
 from gateway.telemetry.backlog import Backlog
@@ -41,8 +43,10 @@ from gateway.telemetry.stored_queries import StoredSource, stored_answer
 log = logging.getLogger(__name__)
 
 _MOST_LOOSE = 5000
-_MOST_FIRM, _MOST_FIRM_BYTES = 20_000, 32_000_000
+_MOST_FIRM = 20_000
 """A day of frames, decisions and events; a subscriber that stalls for longer misses the oldest."""
+_MOST_FIRM_BYTES = 32_000_000
+"""And as many bytes of them."""
 _GATHER_S = 0.05
 """How long a reading waits for others to leave with it."""
 _JSON = zenoh.Encoding.APPLICATION_JSON
@@ -53,7 +57,7 @@ _MUST_ARRIVE = frozenset({keys.FRAME, keys.DECISION, keys.MEASUREMENT, keys.MODE
 _OBEYED_WITHIN_S = 60.0
 """A command waits for the disk, twice."""
 
-Obey = Callable[[Command, str], Coroutine[object, object, CommandOutcome]]
+Obey = Callable[[Command, Text], Coroutine[object, object, CommandOutcome]]
 """Obeys a command in the event loop, or refuses it for the reason that is given. Raises OSError while nobody does."""
 
 
@@ -169,7 +173,7 @@ class TelemetryPublisher:
             except (OSError, ValueError) as error:
                 log.error("commands of %s are refused: key_file '%s': %s", one.name, one.key_file, error)
 
-        def give(command: Command, refused: str) -> CommandOutcome:
+        def give(command: Command, refused: Text) -> CommandOutcome:
             if self._obey is None:
                 raise OSError("the gateway is starting; give the command again")
             return asyncio.run_coroutine_threadsafe(self._obey(command, refused), loop).result(_OBEYED_WITHIN_S)
@@ -227,10 +231,9 @@ class TelemetryPublisher:
                 try:
                     session.put(f"{self._root}/{suffix}", payload, encoding=_JSON, congestion_control=control)
                 except zenoh.ZError as error:
-                    text = f"telemetry: {suffix} was not published: {error}"
-                    self._problems.report(suffix, "refused", text)
+                    self._problems.report(suffix, Text(NoticeCode.NOT_PUBLISHED, key=suffix, error=str(error)))
                 else:
-                    self._problems.clear(suffix, f"telemetry: {suffix} is published again")
+                    self._problems.clear(suffix, Text(NoticeCode.PUBLISHED_AGAIN, key=suffix))
 
     def _answer(self, query: zenoh.Query) -> None:
         """Reply with the last value of every requested key, or with schemas; called in one of Zenoh's threads."""

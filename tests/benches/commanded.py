@@ -11,6 +11,7 @@ from gateway.control.loop import GridLoop
 from gateway.control.measuring import Measuring
 from gateway.control.trainer import Trainings
 from gateway.model.commands import Command, CommandName, CommandOutcome
+from gateway.model.text import plain
 from gateway.nc.probing.schedule import schedule_of
 from gateway.service.command_taker import AskReload, CommandTaker
 from gateway.storage.faults import StoreError
@@ -35,7 +36,7 @@ class Commanded:
     disk_fails: str = ""
 
     async def give(self, name: CommandName, by: str = "anna", refused: str = "") -> CommandOutcome:
-        return await self.taker.take(Command(name, by), refused)
+        return await self.taker.take(Command(name, by), plain(refused))
 
     async def on_disk(self) -> None:
         if self.disk_fails:

@@ -12,6 +12,7 @@ from gateway.config.telemetry import Operator, Telemetry
 from gateway.model.commands import Command, CommandName, CommandOutcome, Pause
 from gateway.model.control_state import NcState
 from gateway.model.events import EventReported, Health, HealthChecked, StoreHealth
+from gateway.model.text import plain
 from gateway.telemetry.answers import CoursePage
 from gateway.telemetry.messages import PublishedCourse
 from gateway.telemetry.publisher import TelemetryPublisher
@@ -41,7 +42,7 @@ async def main(port: int, machine: str, operator: str, key_file: Path) -> None:
         print(command.by, command.name.value, refused, flush=True)
         publisher.publish(EventReported(Event(EventKind.COMMAND, f"{command.by}: {command.name.value}"), None))
         tell()
-        return CommandOutcome(command, clock.utc(), not refused, refused or "it is done")
+        return CommandOutcome(command, clock.utc(), not refused, plain(refused or "it is done"))
 
     async with TelemetryPublisher(
         settings, machine, (), clock, "boot", simulated=False, course=lambda _: stored, obey=obey

@@ -22,6 +22,8 @@ from gateway.listeners.umati.settings import OpcUaServing, ServerSecurity, Shown
 from gateway.listeners.umati.space import AddressSpace
 from gateway.listeners.umati.standard import LightServer
 from gateway.listeners.umati.values import NodeShown, Path, shown_now
+from gateway.model.codes import NoticeCode
+from gateway.model.text import Text
 from gateway.runtime.clocks import RealClock
 from gateway.runtime.periodic import Periodic
 from gateway.runtime.problems import Problems
@@ -30,9 +32,12 @@ from gateway.telemetry.subscriber.site import SiteSeen
 log = logging.getLogger(__name__)
 
 _EVERY_S = 1.0
-_MOST_CONNECTIONS, _MOST_SUBSCRIPTIONS = 50, 200
-_MOST_BYTES, _CHUNK_BYTES = 1 << 20, 65535
-"""Limits of what a client sends: it only asks."""
+_MOST_CONNECTIONS = 50
+_MOST_SUBSCRIPTIONS = 200
+_MOST_BYTES = 1 << 20
+"""Limit of what a client sends: it only asks."""
+_CHUNK_BYTES = 65535
+"""Limit of each part of it."""
 _WHERE = "the OPC UA server"
 
 
@@ -120,9 +125,9 @@ class MachineToolServer:
         try:
             await self.show()
         except (UaError, ValueError, TypeError) as error:
-            self._problems.report("values", type(error).__name__, "values could not be shown", bug=error)
+            self._problems.report("values", Text(NoticeCode.VALUES_NOT_SHOWN), type(error).__name__, bug=error)
         else:
-            self._problems.clear("values", "values are shown again")
+            self._problems.clear("values", Text(NoticeCode.VALUES_SHOWN))
 
 
 async def _secure(server: Server, security: ServerSecurity | None) -> None:

@@ -9,6 +9,8 @@ from typing import assert_never
 import msgspec
 
 from gateway.model.compensation import Source
+from gateway.model.text import Text
+from gateway.telemetry.fields import texts_from
 from gateway.telemetry.messages import (
     CompensationMessage,
     DecisionMessage,
@@ -69,7 +71,8 @@ class Applied:
     """Axes at their bound, where more is not taken back."""
 
 
-_NONE, _UNKNOWN = (0.0, 0.0, 0.0), (math.nan, math.nan, math.nan)
+_NONE = (0.0, 0.0, 0.0)
+_UNKNOWN = (math.nan, math.nan, math.nan)
 _UNBOUNDED = (False, False, False)
 
 
@@ -186,9 +189,10 @@ class MachineSeen:
         return self.alive and not self.silent
 
     @property
-    def unarmed(self) -> tuple[str, ...]:
-        """What its configuration leaves off, in words; nothing is known of one that is not present."""
-        return self.status.unarmed if self.present and self.status is not None else ()
+    def unarmed(self) -> tuple[Text, ...]:
+        """What its configuration leaves off; nothing is known of one that is not present."""
+        status = self.status
+        return texts_from(status.unarmed, status.unarmed_coded) if self.present and status is not None else ()
 
     def listen(self, now_s: float) -> None:
         """See whether it is silent at this monotonic time."""

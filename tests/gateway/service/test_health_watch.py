@@ -14,6 +14,7 @@ from gateway.config.file import parse
 from gateway.control.restart.earlier import Past
 from gateway.model.events import DecisionMade, HealthChecked, OutlookChanged, StoreHealth
 from gateway.model.standing import Standing
+from gateway.model.text import plain
 from gateway.nc.probing.schedule import Outlook
 from gateway.runtime.time_service import clock_synchronised
 from gateway.service.health import HealthWatch
@@ -58,9 +59,9 @@ def test_a_gateway_with_all_that_it_needs_waits_for_nothing() -> None:
 def test_each_thing_that_is_missing_is_named_with_its_reason() -> None:
     at = WatchedHealth()
     at.read("t1", Quality.SENSOR_FAULT, "wire break")
-    at.store, at.synchronised = StoreHealth("database or disk is full"), False
+    at.store, at.synchronised = StoreHealth(plain("database or disk is full")), False
     at.watch.outlook_changed(
-        OutlookChanged(Outlook(Standing.BLOCKED, Why.INTERVAL, "alarm 21612", 2, "clean the sphere"))
+        OutlookChanged(Outlook(Standing.BLOCKED, Why.INTERVAL, plain("alarm 21612"), 2, plain("clean the sphere")))
     )
     at.clock.spend(2 * STEP_S + 12.0)
     health = at.watch.health()

@@ -15,6 +15,7 @@ from gateway.config.telemetry import Operator, Telemetry
 from gateway.model.commands import Command, CommandName, CommandOutcome, Pause
 from gateway.model.control_state import NcState
 from gateway.model.events import Health, HealthChecked, StoreHealth
+from gateway.model.text import plain
 from gateway.telemetry.client import Machine, MachineError
 from gateway.telemetry.codec import decode_refusal
 from gateway.telemetry.command_signer import CommandSigner
@@ -49,7 +50,7 @@ class Obeyed:
         if self.starting:
             raise OSError("the gateway is starting or stopping; give the command again")
         (self.refused if refused else self.commands).append(command)
-        return CommandOutcome(command, NOW, not refused, refused or "it is done")
+        return CommandOutcome(command, NOW, not refused, plain(refused or "it is done"))
 
 
 async def test_a_program_and_the_command_line_give_commands_and_print_the_answer(tmp_path: Path) -> None:

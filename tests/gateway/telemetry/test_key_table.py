@@ -29,6 +29,7 @@ from gateway.model.events import (
     StoreHealth,
 )
 from gateway.model.standing import Standing
+from gateway.model.text import plain
 from gateway.nc.probing.cycle import Outcome
 from gateway.nc.probing.schedule import Outlook
 from gateway.telemetry import keys
@@ -87,8 +88,8 @@ async def test_the_table_has_every_key_and_every_field_that_is_published() -> No
         t.publish(SensorsJudged(Judgement(), 7))
         t.publish(ReasonsGiven(example.REASONS))
         t.publish(ForecastMade(example.FORECAST, example.MISSES))
-        t.publish(OutlookChanged(Outlook(Standing.DUE, Why.INTERVAL, "", 0, "")))
-        t.publish(StorageChanged(StoreHealth("database is locked", 5.0, 40, 0, 900.0)))
+        t.publish(OutlookChanged(Outlook(Standing.DUE, Why.INTERVAL, plain(""), 0, plain(""))))
+        t.publish(StorageChanged(StoreHealth(plain("database is locked"), 5.0, 40, 0, 900.0)))
         t.publish(HealthChecked(Health(60.0, 30, 29, NcState.READY, True, (), StoreHealth())))
         t.publish(EventReported(Event(EventKind.PROBLEM, "the last"), 7))
         found = last_values(port)

@@ -15,6 +15,7 @@ import zenoh
 from drivers.base import SystemClock
 from gateway.config.telemetry import Operator, Telemetry, TelemetryTls
 from gateway.model.commands import Command, CommandName, CommandOutcome
+from gateway.model.text import plain
 from gateway.telemetry.answers import HistoryPage
 from gateway.telemetry.client import Machine, MachineError
 from gateway.telemetry.command_signer import CommandSigner
@@ -286,7 +287,7 @@ async def test_behind_the_plants_router_only_a_panel_may_ask_for_commands(tmp_pa
     signer = CommandSigner.of_file("anna", key)
 
     async def obey(command: Command, refused: str) -> CommandOutcome:
-        return CommandOutcome(command, _utc(0.0), not refused, refused or "it is done")
+        return CommandOutcome(command, _utc(0.0), not refused, plain(refused or "it is done"))
 
     def give() -> None:
         with Machine("mill", connect=site.here, access=site.access("panel"), operator=signer) as machine:

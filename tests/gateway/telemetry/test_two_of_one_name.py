@@ -17,6 +17,7 @@ from gateway.config.telemetry import Operator, Telemetry
 from gateway.model.commands import Command, CommandName, CommandOutcome
 from gateway.model.control_state import NcState
 from gateway.model.events import Health, HealthChecked, StoreHealth
+from gateway.model.text import plain
 from gateway.telemetry.answers import HistoryPage
 from gateway.telemetry.client import Machine, MachineError
 from gateway.telemetry.command_signer import CommandSigner
@@ -84,7 +85,7 @@ async def test_what_two_gateways_of_one_name_say_is_not_mixed(tmp_path: Path) ->
 
     async def obey(command: Command, no: str) -> CommandOutcome:
         obeyed.append(command)
-        return CommandOutcome(command, BEGIN, not no, no or "it is done")
+        return CommandOutcome(command, BEGIN, not no, plain(no or "it is done"))
 
     def ask(where: str) -> None:
         with Machine(connect=where, operator=CommandSigner.of_file("anna", key)) as machine:
