@@ -87,8 +87,11 @@ def _failed(cell: Cell, reason: int) -> list[str]:
         wrong.append(f"{before} became {cell.state()}")
     if cell.moves and cell.workshop.gap(cell.moves[-1].path[-1:])[0] < CLEARANCE_MM:
         wrong.append("the probe is left at what it met")
-    if cell.axes.probe_on or cell.axes.coolant or any(number == 70 + 15 for number, _ in reported(cell)):
-        wrong.append("the probe stays switched on, or the results are complete")
+    if cell.axes.probe_on or cell.axes.coolant:
+        wrong.append("the probe stays switched on")
+    ended = [at["Z"] for number, value, at, _ in cell.channel.written if (number, value) == (65, 5.0)]
+    if len(ended) != 1 or ended[0] < SAFE_Z + cell.r[63] - 1e-3:
+        wrong.append("R65 becomes 5 before the probe is up")
     return wrong
 
 
@@ -216,7 +219,7 @@ def _withdrawn_after_a_failure(texts: Texts) -> list[str]:
     cell = Cell(replace(Cell().workshop, present=False), texts)
 
     def before(number: int) -> None:
-        cell.r[61] = 7.0 if number == 6 else cell.r[61]
+        cell.r[61] = 7.0 if number == 5 else cell.r[61]
 
     cell.axes.before = before
     return _failed(cell, 6)
@@ -247,17 +250,36 @@ def _reset_later(texts: Texts) -> list[str]:
     return [] if cell.r[64:68] == [7.0, 3.0, 0.0, 7.0] else ["RESET changed an answer"]
 
 
-def jogged_at(texts: Texts, at: int) -> list[str]:
-    """Stopped between two moves, moved by hand, and started again: failed, and only up."""
+def _loose_sphere(texts: Texts) -> list[str]:
+    """It is elsewhere when the third round at the first pose begins: R88 says by how much."""
+    cell = Cell(texts=texts)
+
+    def before(number: int) -> None:
+        if number == 63:
+            cell.workshop.sphere_mm = (_SPHERE[0] + 0.05, *_SPHERE[1:])
+
+    cell.axes.before = before
+    cell.safe_point()
+    return [] if cell.r[65] == 3.0 and abs(cell.r[88] - 0.05) < 0.002 else [f"R88 = {cell.r[88]:g}"]
+
+
+def turned_at(texts: Texts, at: int) -> list[str]:
+    """The same with the table turned by hand."""
+    return [fault for axis in "AC" for fault in jogged_at(texts, at, {axis: 0.5})]
+
+
+def jogged_at(texts: Texts, at: int, by: Mapping[str, float] | None = None) -> list[str]:
+    """Stopped after a move, moved by hand (up, unless told otherwise), and started again: failed, and only up."""
     cell = Cell(texts=texts)
     moves = list[int]()
 
-    def before(number: int) -> None:
+    def after(number: int) -> None:
         if number == at and not moves:
             moves.append(number)
-            cell.axes.position["Z"] += 1.5
+            for axis, way in (by or {"Z": 1.5}).items():
+                cell.axes.position[axis] += way
 
-    cell.axes.after = before
+    cell.axes.after = after
     wrong = _failed(cell, 12)
     for move in cell.moves[at + 1 :]:
         along = move.path[-1] - move.path[0]
@@ -315,7 +337,9 @@ CASES: dict[str, Callable[[Texts], list[str]]] = {
     "after a failed dry run": _after_a_failure,
     "RESET": _some(reset_at, (0, 40, 300)),
     "RESET later": _reset_later,
-    "moved by hand between moves": _some(jogged_at, (3, 4, 5, 6, 7, 98)),
+    "moved by hand between moves": _some(jogged_at, (3, 4, 5, 6, 7, 98, 552)),
+    "turned by hand": _some(turned_at, (3,)),
+    "a loose sphere": _loose_sphere,
     "moved by hand within a touch": _some(jogged_within, (5,)),
     "a probe that sticks": _some(stuck_at, (2, 3, 6, 7)),
 }
