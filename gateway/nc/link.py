@@ -14,12 +14,13 @@ from drivers.nc import FollowsErrors, ForgetsWrites, NcSnapshot, NumericalContro
 from gateway.model.codes import NoticeCode
 from gateway.model.commands import Disarmed, Pause
 from gateway.model.compensation import Source, Write
+from gateway.model.probing import Outcome
 from gateway.model.text import Text
 from gateway.nc.boundary import contained_control
 from gateway.nc.hold import Hold
 from gateway.nc.lease import Lease
 from gateway.nc.pace import NcPace
-from gateway.nc.probing.cycle import Held, NotBegun, Outcome, probe_of
+from gateway.nc.probing.cycle import Held, NotBegun, probe_of
 from gateway.nc.probing.geometry import barrier
 from gateway.nc.probing.prober import Prober
 from gateway.nc.probing.uninterrupted import to_its_end
