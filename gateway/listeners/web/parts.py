@@ -12,7 +12,7 @@ from gateway.listeners.web.sentences import Amount, Atom, SaidRow, Sentence, Tol
 from gateway.model.compensation import Source
 from gateway.model.control_state import NcState
 from gateway.model.notice import finding_text
-from gateway.model.probing import Standing
+from gateway.model.standing import Standing
 from gateway.model.text import Text, plain, restored
 from gateway.telemetry.fields import text_from, texts_from
 from gateway.telemetry.messages import (
