@@ -4,10 +4,11 @@ import asyncio
 import math
 import shutil
 from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, nullcontext
 from pathlib import Path
 from types import MappingProxyType
 from typing import NamedTuple
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -89,18 +90,17 @@ async def serving(
             with bench.clock.hold():
                 await store.on_disk()
 
-        service = Service(
-            settings,
-            bench.clock,
-            store.record,
-            past,
-            health=health,
-            identity=Identity.of(boot, store.predecessor),
-            on_disk=on_disk or stored,
-        )
+        with patch.object(NcLink, "stop", NcLink.disconnect) if killed else nullcontext():
+            service = Service(
+                settings,
+                bench.clock,
+                store.record,
+                past,
+                health=health,
+                identity=Identity.of(boot, store.predecessor),
+                on_disk=on_disk or stored,
+            )
         assert service.link is not None
-        if killed:
-            service.link.stop = service.link.disconnect  # type: ignore[method-assign]
         running = asyncio.create_task(service.run(stop))
         try:
             yield RunningGateway(service.link, store)
