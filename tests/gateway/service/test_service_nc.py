@@ -5,6 +5,7 @@ import math
 import shutil
 from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
 from contextlib import asynccontextmanager, nullcontext
+from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import NamedTuple
@@ -80,7 +81,7 @@ async def serving(
     if learnt is not None:
         settings, past = learnt[0], Past(learnt[1], proven=True)
     if settings.storage.path.exists():
-        past = restarted(settings)
+        past = replace(restarted(settings), proven=True)
     stop = asyncio.Event()
     boot = f"{name} {bench.clock.monotonic()}"
     with Store(settings.storage.path, boot, bench.clock, retry_s=0.2, origin="here") as store:
