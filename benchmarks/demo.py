@@ -16,12 +16,13 @@ import numpy as np
 from benchmarks.rows import BenchRow
 from drivers.nc import FollowsErrors, NcSnapshot, OperatingMode, ProgramState
 from drivers.problems import read_settings
-from drivers.sinumerik import SinumerikSettings, make_sinumerik
+from drivers.sinumerik.make import make_sinumerik
+from drivers.sinumerik.settings import SinumerikSettings
 from gateway.config.sections import Probing
 from gateway.control.grid import GridSampler, Instant
+from gateway.model.standing import Standing
 from gateway.nc.probing.cycle import End, Probe, probe_of
 from gateway.nc.probing.schedule import excess, schedule_of
-from gateway.nc.probing.standing import Standing
 from gateway.nc.routes import ByErrors
 from gateway.nc.slew import Slew
 from gateway.reporting.data import ReportData, Truth

@@ -14,16 +14,15 @@ import numpy as np
 
 from benchmarks.rows import BenchRow
 from drivers.base import Clock, Quality, SystemClock
-from gateway.acquisition.sample import Sample
 from gateway.config.file import parse
 from gateway.config.model import GatewayConfig
 from gateway.control.restart.earlier import Past, past_in
 from gateway.control.restart.rebuild import controller_of
 from gateway.control.restart.snapshots import SnapshotKeeper
+from gateway.model.compensation import Source, Step, Write
 from gateway.model.events import CompensationStepped, DecisionMade, FrameMade, MeasurementEnded, ReadingsTaken
+from gateway.model.sample import Sample
 from gateway.nc.probing.cycle import Outcome
-from gateway.nc.slew import Step, Write
-from gateway.nc.states import Source
 from gateway.storage.readings import Retention
 from gateway.storage.store import Store
 from talc.frame import FloatArray, Frame, Measurement, Why

@@ -10,7 +10,8 @@ from pydantic import Field, model_validator
 from drivers.section import AnswerTime, HostName, Port, Section, SerialPort, host_and_port, wrong
 
 Parity = Literal["N", "E", "O"]
-SLOWEST_BAUD, FASTEST_BAUD = 300, 4_000_000
+SLOWEST_BAUD = 300
+FASTEST_BAUD = 4_000_000
 BusWire = Literal["serial", "tcp", "mqtt", "can"]
 """A serial line; a TCP connection whose bytes are all that matters; an MQTT broker; a CAN interface."""
 Telegrams = Literal["rtu", "numbered"]

@@ -48,7 +48,7 @@ class CodeRule(FaultText):
     def _said_once(self) -> Self:
         if self.bit is None and self.equals is None:
             raise wrong("missing; give it, or bit", "equals")
-        if self.bit is not None and not self.mask is self.equals is None:
+        if self.bit is not None and (self.mask is not None or self.equals is not None):
             raise wrong(f"{self.bit}: it replaces mask and equals; omit them", "bit")
         return self
 

@@ -1,6 +1,7 @@
 """Numbers that a device sends: as bytes, by the names of types that profiles use, and as text."""
 
 import re
+import struct
 from collections.abc import Mapping
 from typing import Final, Literal, get_args
 
@@ -18,7 +19,7 @@ WRITTEN_NUMBER: Final = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.
 
 def raw_number(kind: ByteNumber, name: str) -> RawNumber:
     """The raw number of this type; name: for messages."""
-    bits = 1 if kind == "bool" else int(kind.lstrip("uintfloa"))
+    bits = 1 if kind == "bool" else 8 * struct.calcsize(BYTE_FORMATS[kind])
     return RawNumber(name, bits, signed=kind.startswith("int"), real=kind.startswith("float"))
 
 

@@ -8,11 +8,18 @@ _SHORTEST_S = 0.05
 """A USB adapter's latency, a garbage collection or a busy core delays any answer by tens of milliseconds."""
 _LEARNT = 4
 """Number of answers after which the usual time is considered known."""
-_MEAN, _DEVIATION, _DEVIATIONS = 1 / 8, 1 / 4, 4
-"""RFC 6298: weight of the newest answer in the mean and in the mean deviation, and how many deviations are added."""
-_LATENESS, _MOST_LATENESS_S, _FORGETS = 2, 0.05, 0.98
-"""How often the lateness of the computer or the line is added, the most of it that counts, and what remains of it after
-each answer."""
+_MEAN = 1 / 8
+"""Weight of the newest answer in the mean (RFC 6298)."""
+_DEVIATION = 1 / 4
+"""Weight of the newest answer in the mean deviation (RFC 6298)."""
+_DEVIATIONS = 4
+"""How many deviations are added (RFC 6298)."""
+_LATENESS = 2
+"""How often the lateness of the computer or the line is added."""
+_MOST_LATENESS_S = 0.05
+"""The most of it that counts."""
+_FORGETS = 0.98
+"""What remains of it after each answer."""
 _SLOW = 1.25
 """How much longer than its mean a request is waited for at least, where a late answer can be had later."""
 _MOST_MISSES = 10

@@ -8,9 +8,14 @@ from collections.abc import Awaitable, Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from drivers.base import BadAnswer, NoAnswer, Refused
-from drivers.canopen import CanObject, CanOpenBus, Cia404Profile
-from drivers.micro_epsilon import MeEthernetBus, MeRs485Bus, decode_counted, decode_float
-from drivers.modbus import Block, ModbusBus, ModbusProfile, NumberFormat
+from drivers.canopen.bus import CanOpenBus
+from drivers.canopen.place import CanObject
+from drivers.canopen.profile import Cia404Profile
+from drivers.micro_epsilon.ethernet import MeEthernetBus
+from drivers.micro_epsilon.rs485 import MeRs485Bus, decode_counted, decode_float
+from drivers.modbus.bus import ModbusBus
+from drivers.modbus.numbers import Block, NumberFormat
+from drivers.modbus.profile import ModbusProfile
 from drivers.profile import fits_bus
 from drivers.profiles import load_profile, profile_names
 

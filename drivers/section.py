@@ -138,6 +138,11 @@ def host_name(text: str) -> str:
     return text
 
 
+def without_brackets(host: str) -> str:
+    """A host as a URL has it: an IPv6 address is in brackets there."""
+    return host.removeprefix("[").removesuffix("]")
+
+
 def host_and_port(host: str, port: int) -> str:
     """As in a URL: an IPv6 address is in brackets."""
     return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"

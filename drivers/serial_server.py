@@ -15,6 +15,7 @@ from drivers.base import ConnectError
 from drivers.bus_settings import SerialSettings
 from drivers.byte_stream import CLOSED, ByteStream, Inbox, SerialStream, TcpStream, notice_dead_peer
 from drivers.error_words import in_words
+from drivers.section import without_brackets
 from drivers.tap import Tap
 
 SERVER_PAUSE_S = 0.1
@@ -31,7 +32,7 @@ def serial_stream(bus: str, settings: SerialSettings, tap: Tap | None = None) ->
     if settings.port.startswith("rfc2217:"):
         return Rfc2217Stream(bus, settings, tap)
     host, _, port = settings.port.removeprefix("socket://").rstrip("/").rpartition(":")
-    return TcpStream(bus, host.strip("[]"), int(port), tap)
+    return TcpStream(bus, without_brackets(host), int(port), tap)
 
 
 def pause_s(settings: SerialSettings) -> float:

@@ -6,7 +6,7 @@ from typing import ClassVar, Self
 from pydantic import field_validator, model_validator
 
 from drivers.bus_settings import is_loopback
-from drivers.section import FilePath, Section, host_name, wrong
+from drivers.section import FilePath, Section, host_name, without_brackets, wrong
 
 _URL = re.compile(r"(?P<scheme>[a-z]+)://(?P<host>\[[0-9A-Fa-f:.]+\]|[A-Za-z0-9._-]+)(?::(?P<port>\d{1,5}))?/?")
 
@@ -36,7 +36,7 @@ class UrlServer(Section):
             raise ValueError(f"{url!r}: expected {safe}://HOST:PORT, or {plain}://HOST:PORT for a server without TLS")
         if found["port"] is not None and not 1 <= int(found["port"]) <= 0xFFFF:
             raise ValueError(f"{url!r}: expected a port of 1 to 65535")
-        host_name(found["host"].strip("[]"))
+        host_name(without_brackets(found["host"]))
         return url
 
     @model_validator(mode="after")
@@ -59,7 +59,7 @@ class UrlServer(Section):
     @property
     def host(self) -> str:
         """Without brackets."""
-        return self._part("host").strip("[]")
+        return without_brackets(self._part("host"))
 
     @property
     def port(self) -> int:

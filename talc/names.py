@@ -64,5 +64,5 @@ def called_an_error(name: str) -> bool:
 
 
 def _stem(name: str) -> tuple[str, ...]:
-    words = (word.rstrip("0123456789") for word in re.split(r"[\W_]+", name.lower()))
+    words = (re.sub("[0-9]+$", "", word) for word in re.split(r"[\W_]+", name.lower()))
     return tuple(word for word in words if not _AXIS.fullmatch(word))

@@ -291,6 +291,22 @@ BROKEN: dict[str, tuple[str, Break]] = {
         "drivers.sinumerik.control:Sinumerik.request_probing",
         never("taken_back"),
     ),
+    "what_the_control_keeps_without_power_is_no_sign_of_a_watchdog": (
+        "drivers.sinumerik.lease:SinumerikLease._passes",
+        gives("True"),
+    ),
+    "a_reset_at_any_moment_makes_no_step_and_the_program_goes_on": (
+        "drivers.sinumerik.programs:_held",
+        gives("'$AC_PARAM[40]'"),
+    ),
+    "the_length_of_the_tool_counts_and_its_change_is_a_ramp": (
+        "drivers.sinumerik.programs:_output",
+        instead("same_tool", "'1'"),
+    ),
+    "both_axes_of_a_gantry_get_the_same_offset_in_the_same_cycle": (
+        "drivers.sinumerik.settings:OffsetRoute.moved_together",
+        gives("(self.axis_names['XYZ'[axis]],)"),
+    ),
     "without_a_watchdog_on_the_control_nothing_is_written": (
         "gateway.nc.link:NcLink._beat",
         instead("heard", "True"),

@@ -34,7 +34,8 @@ class AgentBus:
 
     def __init__(self, name: str, settings: AgentBusSettings, tap: Tap | None = None) -> None:  # noqa: ARG002
         """`tap`: receives nothing, as signed lines cannot be played again."""
-        self._name, self._settings = name, settings
+        self.name, self.timeout_s = name, settings.timeout_s
+        self._settings = settings
         self._agent = AgentConnection(
             AgentSettings(
                 host=settings.host,
@@ -45,14 +46,6 @@ class AgentBus:
             )
         )
 
-    @property
-    def name(self) -> str:
-        return self._name
-
-    @property
-    def timeout_s(self) -> float:
-        return self._settings.timeout_s
-
     async def connect(self) -> None:
         """Log in as a client that only reads, unless connected.
 
@@ -61,7 +54,7 @@ class AgentBus:
         """
         if self._agent.is_open:
             return
-        with placed(self._name):
+        with placed(self.name):
             greeting = greeting_of(await self._agent.connect(reads=True), "")
             if Capability.VALUES not in greeting.can:
                 await self._agent.close()
@@ -80,7 +73,7 @@ class AgentBus:
         """
         found: list[float | str | None] = []
         stale = ""
-        with placed(self._name, device):
+        with placed(self.name, device):
             for start, end in pairwise(_parts(names)):
                 told = json_object(await self._agent.ask("values", names=list(names[start:end])), "values", "")
                 found += _listed(told.get("values"), names[start:end])

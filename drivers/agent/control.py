@@ -26,7 +26,10 @@ from drivers.nc import (
     check_offsets,
 )
 
-_POLL_S, _THERE_UM = 0.02, 1e-3
+_POLL_S = 0.02
+"""From one look at what is in force to the next."""
+_THERE_UM = 1e-3
+"""An offset that differs by no more than this is in force."""
 _EMERGENCY_STOP: Final = 1
 """Shown as an alarm, beside those that the agent reports."""
 NO_CYCLE: Final = "the agent has no probing cycle"

@@ -18,35 +18,28 @@ class AgentDevice:
     def __init__(
         self, device: str, bus: AgentBus, profile: AgentProfile, channels: Mapping[str, int], clock: Clock
     ) -> None:
-        self._device, self._bus, self._profile, self._clock = device, bus, profile, clock
+        self.device, self.channels = device, tuple(channels)
+        self._bus, self._profile, self._clock = bus, profile, clock
         self._channels = {name: profile.values[number] for name, number in channels.items()}
         self._names = tuple(dict.fromkeys(name for value in self._channels.values() for name in value.names))
         self._maker = ReadingMaker({name: v.unit or profile.unit for name, v in self._channels.items()}, clock)
         self._moved: dict[str, _Moved] = {v.alive: _Moved() for v in self._channels.values() if v.alive is not None}
 
-    @property
-    def device(self) -> str:
-        return self._device
-
-    @property
-    def channels(self) -> tuple[str, ...]:
-        return tuple(self._channels)
-
     async def connect(self) -> None:
         """Check that the control has at least one of the values. Raises WrongDevice, or the bus's errors."""
         names = [value.name for value in self._channels.values()]
-        told = await self._bus.values(self._device, names)
+        told = await self._bus.values(self.device, names)
         if all(value is None for value in told.values):
             raise WrongDevice(
                 f"the control has nothing named {', '.join(names[:3])}",
                 bus=self._bus.name,
-                device=self._device,
+                device=self.device,
                 hint=_ABSENT,
             )
 
     async def read(self, *, again: bool = False) -> Sequence[Reading]:  # noqa: ARG002
         """One reading per channel. A name that the control does not have affects its own channel only."""
-        told = await self._bus.values(self._device, self._names)
+        told = await self._bus.values(self.device, self._names)
         found, now_s = dict(zip(self._names, told.values, strict=True)), self._clock.monotonic()
         for name, moved in self._moved.items():
             moved.see(found[name], now_s)

@@ -35,17 +35,10 @@ class CanBus:
     units = CanSettings.units
 
     def __init__(self, name: str, settings: CanSettings, tap: Tap | None = None) -> None:
-        self._name, self._settings, self._tap = name, settings, tap
+        self.name, self.timeout_s = name, settings.timeout_s
+        self._settings, self._tap = settings, tap
         self._wanted: dict[FrameId, set[WantedFrame]] = {}
         self._ears: _Ears | None = None
-
-    @property
-    def name(self) -> str:
-        return self._name
-
-    @property
-    def timeout_s(self) -> float:
-        return self._settings.timeout_s
 
     def want(self, frames: Collection[WantedFrame]) -> None:
         """Keep the latest of each of these frames from now on."""
@@ -59,7 +52,7 @@ class CanBus:
             if self._ears.lost is None:
                 return
             await self.close()
-        interface = await asyncio.to_thread(open_interface, self._name, self._settings, tap=self._tap)
+        interface = await asyncio.to_thread(open_interface, self.name, self._settings, tap=self._tap)
         self._ears = _Ears(interface, self._wanted)
 
     async def close(self) -> None:
@@ -75,7 +68,7 @@ class CanBus:
         """
         ears = self._ears
         if ears is None:
-            raise ConnectError("not connected", bus=self._name, device=device, hint="connect the bus first")
+            raise ConnectError("not connected", bus=self.name, device=device, hint="connect the bus first")
         now = monotonic()
         oldest = now - self._settings.timeout_s
         with suppress(TimeoutError):
@@ -83,13 +76,13 @@ class CanBus:
                 while ears.lost is None and len(ears.since(oldest, frames)) < len(set(frames)):
                     await ears.news()
         if ears.lost is not None:
-            raise interface_error(self._name, device, self._settings, ears.lost)
+            raise interface_error(self.name, device, self._settings, ears.lost)
         found = ears.since(oldest, frames)
         if not found:
             listed = ", ".join(f"0x{identifier:X}" for identifier in sorted({frame.identifier for frame in frames}))
             raise NoAnswer(
                 f"none of the frames {listed} came within {self._settings.timeout_s:g} s",
-                bus=self._name,
+                bus=self.name,
                 device=device,
                 hint="check power, termination, bitrate and identifiers; is timeout_s longer than the device's cycle?",
             )

@@ -17,27 +17,20 @@ class CanDbcDevice:
     def __init__(
         self, device: str, bus: CanBus, profile: CanDbcProfile, channels: Mapping[str, int], clock: Clock
     ) -> None:
-        self._device, self._bus = device, bus
+        self.device, self.channels = device, tuple(channels)
+        self._bus = bus
         self._signals = {name: profile.signals[number] for name, number in channels.items()}
         self._frames = {signal.frame for signal in self._signals.values()}
         self._maker = ReadingMaker(dict.fromkeys(channels, profile.unit), clock)
         bus.want(self._frames)
 
-    @property
-    def device(self) -> str:
-        return self._device
-
-    @property
-    def channels(self) -> tuple[str, ...]:
-        return tuple(self._signals)
-
     async def connect(self) -> None:
         """Check that frames arrive. Raises the bus's errors."""
-        await self._bus.latest(self._device, self._frames)
+        await self._bus.latest(self.device, self._frames)
 
     async def read(self, *, again: bool = False) -> Sequence[Reading]:  # noqa: ARG002
         """One reading per channel, as old as its frame. A missing message affects its own channels only."""
-        heard, signals = await self._bus.latest(self._device, self._frames), self._signals
+        heard, signals = await self._bus.latest(self.device, self._frames), self._signals
         now_s = monotonic()
         ages_s = {name: now_s - heard[s.frame].came_s if s.frame in heard else 0.0 for name, s in signals.items()}
         return self._maker.make({name: _value(signal, heard) for name, signal in signals.items()}, ages_s)

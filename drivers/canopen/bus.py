@@ -19,7 +19,9 @@ import canopen
 from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError
 
 from drivers.base import BadAnswer, ConnectError, DriverError, NoAnswer, Refused
-from drivers.can import KeptFrame, Receiver, interface_error, open_interface, shut
+from drivers.can.bus import KeptFrame
+from drivers.can.interface import interface_error, open_interface, shut
+from drivers.can.receiver import Receiver
 from drivers.canopen.events import NodeEvents
 from drivers.canopen.frames import FittingAnswers, LatestFrames, pass_on
 from drivers.canopen.place import CanObject
@@ -52,7 +54,8 @@ class CanOpenBus:
     units = CanOpenSettings.units
 
     def __init__(self, name: str, settings: CanOpenSettings, tap: Tap | None = None) -> None:
-        self._name, self._settings, self._tap = name, settings, tap
+        self.name, self.timeout_s = name, settings.timeout_s
+        self._settings, self._tap = settings, tap
         self._network: Any = None
         self._thread: ThreadPoolExecutor | None = None
         self._patience = Patience(settings.timeout_s)
@@ -66,22 +69,13 @@ class CanOpenBus:
         self._taken_s: dict[int, float] = {}
         """When the SYNC was sent that each node has answered, or when it was started: later ones serve it."""
 
-    @property
-    def name(self) -> str:
-        return self._name
-
-    @property
-    def timeout_s(self) -> float:
-        """How long one request may take at most."""
-        return self._settings.timeout_s
-
     async def connect(self) -> None:
         """Open the interface, unless it is already open. Raises ConnectError."""
         if self._thread is not None:
             if self._network is not None and self._network.notifier.exception is None:
                 return
             await self.close()
-        self._thread = ThreadPoolExecutor(max_workers=1, thread_name_prefix=f"canopen {self._name}")
+        self._thread = ThreadPoolExecutor(max_workers=1, thread_name_prefix=f"canopen {self.name}")
         try:
             await self._in_thread(self._open)
         except BaseException:
@@ -155,13 +149,13 @@ class CanOpenBus:
     async def _in_thread(self, work: Callable[[], R]) -> R:
         """Run in the bus's thread. Cancelling the caller does not stop the work, so no answer is left unread."""
         if self._thread is None:
-            raise ConnectError("not connected", bus=self._name, hint="connect the bus first")
+            raise ConnectError("not connected", bus=self.name, hint="connect the bus first")
         future = asyncio.get_running_loop().run_in_executor(self._thread, work)
         future.add_done_callback(lambda done: done.cancelled() or done.exception())
         return await asyncio.shield(future)
 
     def _open(self) -> None:
-        interface = open_interface(self._name, self._settings, tap=self._tap)
+        interface = open_interface(self.name, self._settings, tap=self._tap)
         network = canopen.Network(interface)
         network.unsubscribe(network.lss.LSS_RX_COBID)  # it would collect these frames without limit
         # Replaces `connect`, whose python-can notifier waits by the wall clock. Before it sends, the library asks this
@@ -182,7 +176,7 @@ class CanOpenBus:
         self, device: str, node: int, objects: Sequence[CanObject], most_bytes: int = _LONGEST_NUMBER
     ) -> list[bytes]:
         if self._network is None:
-            raise ConnectError("not connected", bus=self._name, device=device)
+            raise ConnectError("not connected", bus=self.name, device=device)
         if node not in self._network:
             dictionary = canopen.ObjectDictionary()  # type: ignore[no-untyped-call]
             self._network.add_node(canopen.RemoteNode(node, dictionary))
@@ -249,7 +243,7 @@ class CanOpenBus:
 
     def _listen(self, device: str, identifiers: Sequence[int]) -> None:
         if self._network is None:
-            raise ConnectError("not connected", bus=self._name, device=device)
+            raise ConnectError("not connected", bus=self.name, device=device)
         for identifier in identifiers:
             self._network.subscribe(identifier, self._frames.put)
 
@@ -273,11 +267,11 @@ class CanOpenBus:
 
     def _send(self, device: str, identifier: int, data: bytes) -> None:
         if self._network is None:
-            raise ConnectError("not connected", bus=self._name, device=device)
+            raise ConnectError("not connected", bus=self.name, device=device)
         try:
             self._network.send_message(identifier, data)
         except (can.CanError, OSError) as error:
-            raise interface_error(self._name, device, self._settings, error) from error
+            raise interface_error(self.name, device, self._settings, error) from error
 
     def _one(self, sdo: Any, device: str, node: int, wanted: CanObject, most_bytes: int) -> bytes:
         data = b""
@@ -293,21 +287,21 @@ class CanOpenBus:
         except SdoAbortedError as error:
             raise Refused(
                 f"node {node} refused object {wanted}: {error}",
-                bus=self._name,
+                bus=self.name,
                 device=device,
                 hint="does the profile fit the device?",
             ) from error
         except SdoCommunicationError as error:
             raise self._communication(device, node, wanted, error, sdo.RESPONSE_TIMEOUT) from error
         except (can.CanError, OSError) as error:
-            raise interface_error(self._name, device, self._settings, error) from error
+            raise interface_error(self.name, device, self._settings, error) from error
         if not 0 < len(data) <= most_bytes:
             self._doubtful.add(node)
             size = f"more than {most_bytes} bytes" if data else "nothing"
-            raise BadAnswer(f"node {node}, object {wanted} holds {size}", bus=self._name, device=device)
+            raise BadAnswer(f"node {node}, object {wanted} holds {size}", bus=self.name, device=device)
         if segments.size and len(data) != segments.size:
             what = f"node {node} sent {len(data)} bytes of object {wanted}, but said {segments.size}"
-            raise BadAnswer(what, bus=self._name, device=device)
+            raise BadAnswer(what, bus=self.name, device=device)
         self._patience.answered(node, wanted, monotonic() - asked_s)
         return data
 
@@ -317,24 +311,24 @@ class CanOpenBus:
         if "No SDO response" in str(error):
             return self._unanswered(device, node, wanted, waited_s)
         self._doubtful.add(node)
-        return BadAnswer(f"node {node}, object {wanted}: {error}", bus=self._name, device=device)
+        return BadAnswer(f"node {node}, object {wanted}: {error}", bus=self.name, device=device)
 
     def _unanswered(self, device: str, node: int, wanted: CanObject, waited_s: float) -> DriverError:
         silence = self._silence(device, node, "no answer", waited_s, hurried=waited_s < self._settings.timeout_s)
         if not (other := self._fitting[node].other) or not isinstance(silence, NoAnswer):
             return silence
         what = f"node {node}: {other.hex(' ')} is not an answer to a request for object {wanted}"
-        return BadAnswer(what, bus=self._name, device=device)
+        return BadAnswer(what, bus=self.name, device=device)
 
     def _silence(self, device: str, node: int, what: str, waited_s: float, *, hurried: bool = False) -> DriverError:
         self._doubtful.add(node)
         self._patience.missed(node)
         if (lost := self._network.notifier.exception) is not None:
-            return interface_error(self._name, device, self._settings, lost)
+            return interface_error(self.name, device, self._settings, lost)
         return NoAnswer(
             f"node {node}: {what} within {waited_s:.3g} s",
             hurried=hurried,
-            bus=self._name,
+            bus=self.name,
             device=device,
             hint="check power, termination (60 ohm between CAN_H and CAN_L), node id and bitrate",
         )

@@ -34,7 +34,8 @@ class Cia404Device:
         options: Cia404Options,
         clock: Clock,
     ) -> None:
-        self._device, self._bus, self._profile, self._node = device, bus, profile, node
+        self.device, self.channels = device, tuple(channels)
+        self._bus, self._profile, self._node = bus, profile, node
         self._channels = dict(channels)
         self._rules = () if options.vendor is None else profile.vendors[options.vendor].status
         self._maker = ReadingMaker(dict.fromkeys(channels, profile.unit), clock)
@@ -42,14 +43,6 @@ class Cia404Device:
         self._absent: dict[int, Refused] = {}
         """Why inputs cannot be read, since the node was checked."""
         self._reader = NodeReader(bus, device, node, options, self._objects(), self._check, each=True)
-
-    @property
-    def device(self) -> str:
-        return self._device
-
-    @property
-    def channels(self) -> tuple[str, ...]:
-        return tuple(self._channels)
 
     async def connect(self) -> None:
         """Check device profile, sensor types, units and heartbeat, and read the number of decimal digits.

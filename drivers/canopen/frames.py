@@ -7,14 +7,20 @@ from typing import Any
 
 import can
 
-from drivers.can import KeptFrame
+from drivers.can.bus import KeptFrame
 from drivers.canopen.place import CanObject
 
 _SDO_ANSWERS = range(0x581, 0x600)
 _SDO_BYTES = 8
-_KIND, _SEGMENT, _BEGINS, _ABORT = 0xE0, 0x00, 0x40, 0x80
-_AT_ONCE, _TOGGLE = 0x02, 0x10
-"""Bits of the first byte of an SDO answer: all of the number is in this frame; changes from segment to segment."""
+_KIND = 0xE0
+"""Bits of the first byte of an SDO answer that say what it is: one of the next three."""
+_SEGMENT = 0x00
+_BEGINS = 0x40
+_ABORT = 0x80
+_AT_ONCE = 0x02
+"""Bit of the first byte of an SDO answer: all of the number is in this frame."""
+_TOGGLE = 0x10
+"""Bit of the first byte of an SDO answer that changes from segment to segment."""
 
 
 def pass_on(network: Any, message: can.Message) -> None:

@@ -29,7 +29,8 @@ class CanOpenDevice:
         options: NodeOptions,
         clock: Clock,
     ) -> None:
-        self._device, self._bus, self._profile, self._node = device, bus, profile, node
+        self.device, self.channels = device, tuple(channels)
+        self._bus, self._profile, self._node = bus, profile, node
         self._channels = dict(channels)
         units = {name: profile.objects[number].unit or profile.unit for name, number in channels.items()}
         self._maker = ReadingMaker(units, clock)
@@ -38,14 +39,6 @@ class CanOpenDevice:
         """Why objects are not expected in TPDOs."""
         places = tuple(profile.objects[number].place for number in channels.values())
         self._reader = NodeReader(bus, device, node, options, places, self._check, each=True)
-
-    @property
-    def device(self) -> str:
-        return self._device
-
-    @property
-    def channels(self) -> tuple[str, ...]:
-        return tuple(self._channels)
 
     async def connect(self) -> None:
         """Check the node's identity, objects, heartbeat and TPDOs. Raises WrongDevice, or the bus's errors."""

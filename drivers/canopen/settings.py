@@ -5,7 +5,7 @@ from typing import ClassVar, Literal
 
 from pydantic import Field
 
-from drivers.can import CanInterfaceSettings
+from drivers.can.settings import CanInterfaceSettings
 from drivers.section import Section
 
 

@@ -4,7 +4,7 @@ from typing import Self
 
 from pydantic import model_validator
 
-from drivers.agent import AgentSettings
+from drivers.agent.settings import AgentSettings
 from drivers.base import SetupError
 
 POSES = 6

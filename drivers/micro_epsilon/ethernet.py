@@ -91,17 +91,10 @@ class MeEthernetDevice:
         options: DisplacementOptions,
         clock: Clock,
     ) -> None:
-        self._device, self._bus, self._profile, self._options = device, bus, profile, options
+        self.device, self.channels = device, tuple(channels)
+        self._bus, self._profile, self._options = bus, profile, options
         self._channels = dict(channels)
         self._maker = ReadingMaker(dict.fromkeys(channels, profile.unit), clock)
-
-    @property
-    def device(self) -> str:
-        return self._device
-
-    @property
-    def channels(self) -> tuple[str, ...]:
-        return tuple(self._channels)
 
     async def connect(self) -> None:
         """Check that the channels in use are fitted. Raises WrongDevice, or the bus's errors."""
@@ -121,14 +114,14 @@ class MeEthernetDevice:
         """Nothing to close: the bus owns the connection."""
 
     async def _block(self) -> MeBlock:
-        block = await self._bus.next_block(self._device)
+        block = await self._bus.next_block(self.device)
         for channel, number in self._channels.items():
             if number not in block.values:
                 fitted = ", ".join(map(str, block.values)) or "none"
                 raise WrongDevice(
                     f"controller {block.order}, serial number {block.serial}, has no channel {number}",
                     bus=self._bus.name,
-                    device=self._device,
+                    device=self.device,
                     channel=channel,
                     hint=f"channels fitted: {fitted}",
                 )

@@ -128,18 +128,11 @@ class MeRs485Device:
         options: DisplacementOptions,
         clock: Clock,
     ) -> None:
-        self._device, self._bus, self._profile, self._address = device, bus, profile, address
+        self.device, self.channels = device, tuple(channels)
+        self._bus, self._profile, self._address = bus, profile, address
         (self._channel,) = channels
         self._options = options
         self._maker = ReadingMaker(dict.fromkeys(channels, profile.unit), clock)
-
-    @property
-    def device(self) -> str:
-        return self._device
-
-    @property
-    def channels(self) -> tuple[str, ...]:
-        return (self._channel,)
 
     async def connect(self) -> None:
         """Check that the sensor answers in the expected form. Raises the bus's errors."""
@@ -153,12 +146,12 @@ class MeRs485Device:
         """Nothing to close: the bus owns the port."""
 
     async def _distance(self, *, again: bool = False) -> float | Fault:
-        data = await self._bus.measure(self._device, self._address, again=again)
+        data = await self._bus.measure(self.device, self._address, again=again)
         try:
             unscaled = decode_float(data) if self._profile.value.payload == "float" else decode_counted(data)
         except ValueError as error:
             raise BadAnswer(
-                str(error), bus=self._bus.name, device=self._device, hint="the sensor has another payload form"
+                str(error), bus=self._bus.name, device=self.device, hint="the sensor has another payload form"
             ) from error
         if not isfinite(unscaled):
             return Fault(Quality.SENSOR_FAULT, "the sensor sends no number: no target, or the probe is not connected")

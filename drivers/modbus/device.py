@@ -41,7 +41,8 @@ class ModbusDevice:
         options: ModbusOptions,
         clock: Clock,
     ) -> None:
-        self._device, self._bus, self._profile, self._unit = device, bus, profile, unit
+        self.device, self.channels = device, tuple(channels)
+        self._bus, self._profile, self._unit = bus, profile, unit
         self._offset, self._clock = options.address_offset, clock
         self._channels = {name: device_input(profile, number, self._offset) for name, number in channels.items()}
         self._maker = ReadingMaker({name: one.unit for name, one in self._channels.items()}, clock)
@@ -73,14 +74,6 @@ class ModbusDevice:
         self._refused_since_s = 0.0
         self._was_silent = False
         """Whether it missed the last read and its repetitions: another unit may answer the next one."""
-
-    @property
-    def device(self) -> str:
-        return self._device
-
-    @property
-    def channels(self) -> tuple[str, ...]:
-        return tuple(self._channels)
 
     async def connect(self) -> None:
         """Check the settings and the type codes of the channels in use, or just that the unit answers.
@@ -136,7 +129,7 @@ class ModbusDevice:
                 raise WrongDevice(
                     f"{setting.name} is {found}, which profile {self._profile.name} cannot read",
                     bus=self._bus.name,
-                    device=self._device,
+                    device=self.device,
                     hint=setting.hint,
                 )
 
@@ -153,7 +146,7 @@ class ModbusDevice:
                 raise WrongDevice(
                     f"type code 0x{code:04X} at input {one.index}, which profile {self._profile.name} cannot read",
                     bus=self._bus.name,
-                    device=self._device,
+                    device=self.device,
                     channel=channel,
                     hint=f"set the input to one of {known}, or check the unit id",
                 )
@@ -293,7 +286,7 @@ class ModbusDevice:
         return NoAnswer(
             f"unit {self._unit} does not answer {where}",
             bus=self._bus.name,
-            device=self._device,
+            device=self.device,
             hint="it answers other requests: does it have this address?",
         )
 
@@ -323,13 +316,13 @@ class ModbusDevice:
                 f"unit {self._unit} answered function {function}, address {address} with {first[function, address]}, "
                 f"then with {second[function, address]}",
                 bus=self._bus.name,
-                device=self._device,
+                device=self.device,
                 hint="this does not change by itself: is the device's line or its host disturbed?",
             )
         return second
 
     async def _ask(self, request: Block, *, again: bool = False) -> tuple[int, ...]:
-        return await self._bus.read(self._device, self._unit, request, again=again)
+        return await self._bus.read(self.device, self._unit, request, again=again)
 
     async def close(self) -> None:
         """Forget what is known about the unit: next time a different one may answer."""

@@ -10,9 +10,12 @@ from drivers.modbus.numbers import BIT_FUNCTIONS, AddressRange, Block
 from drivers.modbus.silences import Silences
 
 _MOST_BITS = 2000
-_SURE, _SURE_AFTER_ANSWERS, _SURE_OF_FAILURE = 2, 4, 16
-"""After how many refusals in a row a request counts as refused: one that was never answered; one that has been answered
-before; and such a one if the unit says that it fails, not that it lacks what is asked for."""
+_SURE = 2
+"""After so many refusals in a row a request that was never answered counts as refused."""
+_SURE_AFTER_ANSWERS = 4
+"""The same of one that has been answered before."""
+_SURE_OF_FAILURE = 16
+"""The same of such a one if the unit says that it fails, not that it lacks what is asked for."""
 _SILENT = 7
 """How often in a row a request goes unanswered, while the unit answers others, before it is left out; one that had the
 full time for its answer counts twice."""

@@ -49,7 +49,8 @@ class MqttBus:
         # Importing paho costs memory: only for a bus that needs it.
         from drivers.mqtt import connection
 
-        self._name, self._settings, self._tap = name, settings, tap
+        self.name, self.timeout_s = name, settings.timeout_s
+        self._settings, self._tap = settings, tap
         self._make, self._matches = connection.MqttConnection, connection.is_subscribed
         self._topics: set[str] = set()
         self._latest: dict[str, TopicMessage] = {}
@@ -58,14 +59,6 @@ class MqttBus:
         self._refused: Collection[str] = ()
         """Topics that the broker does not send."""
         self._arrived = asyncio.Event()
-
-    @property
-    def name(self) -> str:
-        return self._name
-
-    @property
-    def timeout_s(self) -> float:
-        return self._settings.timeout_s
 
     def want(self, topics: Collection[str]) -> None:
         """Subscribe to these too, from the next connect on."""
@@ -77,7 +70,7 @@ class MqttBus:
             return
         await self.close()
         loop = asyncio.get_running_loop()
-        with placed(self._name):
+        with placed(self.name):
             connection = self._make(
                 self._settings, self.timeout_s, on_message=self._hearing(loop), on_lost=lambda: self._lost(loop)
             )
@@ -89,7 +82,7 @@ class MqttBus:
 
         opening = loop.run_in_executor(None, opened)
         try:
-            with placed(self._name):
+            with placed(self.name):
                 refused = await asyncio.shield(opening)
                 if refused and refused == self._topics:
                     what = f"{self._settings.url} refuses to send {', '.join(sorted(refused))}"
@@ -159,7 +152,7 @@ class MqttBus:
         if connection is None or not connection.is_open:
             why = "not connected" if connection is None else connection.lost
             await self.close()
-            raise ConnectError(f"{self._settings.url}: {why}", bus=self._name, device=device)
+            raise ConnectError(f"{self._settings.url}: {why}", bus=self.name, device=device)
 
     def _hearing(self, loop: asyncio.AbstractEventLoop) -> Callable[[str, bytes, bool], None]:
         def hear(topic: str, payload: bytes, retained: bool) -> None:

@@ -190,7 +190,8 @@ class MqttConnection:
             with suppress(OSError):  # ends the library's thread, which otherwise waits for a broker that is silent
                 connected.shutdown(socket.SHUT_RDWR)
         self._client.loop_stop()
-        self._client._reset_sockets()  # else the sockets that wake its thread stay open until it is collected
+        # Else the sockets that wake its thread stay open until it is collected; the library has no other way.
+        self._client._reset_sockets()  # noqa: SLF001
 
     def _wait(self, done: Callable[[], bool], what: str, hint: str = "") -> None:
         with self._news:

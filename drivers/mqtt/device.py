@@ -16,26 +16,19 @@ class MqttDevice:
     def __init__(
         self, device: str, bus: MqttBus, profile: MqttProfile, channels: Mapping[str, int], clock: Clock
     ) -> None:
-        self._device, self._bus, self._clock, self._max_age_s = device, bus, clock, profile.max_age_s
+        self.device, self.channels = device, tuple(channels)
+        self._bus, self._clock, self._max_age_s = bus, clock, profile.max_age_s
         self._topics = {name: profile.topics[number] for name, number in channels.items()}
         self._names = {topic.topic for topic in self._topics.values()}
         self._maker = ReadingMaker({name: topic.unit or profile.unit for name, topic in self._topics.items()}, clock)
         bus.want(self._names)
-
-    @property
-    def device(self) -> str:
-        return self._device
-
-    @property
-    def channels(self) -> tuple[str, ...]:
-        return tuple(self._topics)
 
     async def connect(self) -> None:
         """Nothing to ask: a topic may be silent for long."""
 
     async def read(self, *, again: bool = False) -> Sequence[Reading]:  # noqa: ARG002
         """One reading per channel, as old as its payload says. Raises ConnectError."""
-        latest = await self._bus.latest(self._device, self._names)
+        latest = await self._bus.latest(self.device, self._names)
         return self._maker.make_aged(
             {name: self._judged(topic, latest.get(topic.topic)) for name, topic in self._topics.items()}
         )

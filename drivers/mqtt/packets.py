@@ -1,7 +1,10 @@
 """MQTT messages as bytes, for the wire log: PUBLISH packets of MQTT 3.1.1 (section 3.3), with QoS 0."""
 
-_PUBLISH, _RETAINED = 0x30, 0x01
+_PUBLISH = 0x30
+_RETAINED = 0x01
+"""Flag of a PUBLISH packet."""
 _MOST_TOPIC = 0xFFFF
+"""Bytes."""
 
 
 def publish_packet(topic: str, payload: bytes, *, retained: bool) -> bytes:

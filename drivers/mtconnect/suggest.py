@@ -44,7 +44,7 @@ def suggested_items(document: bytes) -> SuggestedItems:
         component, kind = ("Linear", "POSITION") if name in LINEAR_AXES else ("Rotary", "ANGLE")
         axes = [i.axis for i in items if i.type == kind and i.axis is not None and i.axis.name == component]
         axis = _named(name, axes)
-        its = [item for item in items if item.axis is axis is not None]
+        its = [] if axis is None else [item for item in items if item.axis is axis]
         chosen |= _best(name, (i for i in its if i.type == kind and i.system in FIXED_SYSTEMS), units)
         speeds = (i for i in its if i.type in _SPEED_TYPES)
         chosen |= _best(f"speed_{name}", speeds, SPEED_UNITS[f"speed_{name}"])

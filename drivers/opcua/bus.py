@@ -19,21 +19,14 @@ class OpcUaBus:
         # Importing OPC UA takes half a second and 20 MB: only for a bus that needs it.
         from drivers.opcua.session import OpcUaSession
 
-        self._name, self._settings = name, settings
+        self.name, self.timeout_s = name, settings.timeout_s
+        self._settings = settings
         self._session = OpcUaSession(settings, "", {})
-
-    @property
-    def name(self) -> str:
-        return self._name
-
-    @property
-    def timeout_s(self) -> float:
-        return self._settings.timeout_s
 
     async def connect(self) -> None:
         """Open the session, unless it is open. Raises ConnectError, NoAnswer, Refused, SetupError."""
         if not self._session.is_open:
-            with placed(self._name):
+            with placed(self.name):
                 await self._session.connect()
 
     async def close(self) -> None:
@@ -46,5 +39,5 @@ class OpcUaBus:
 
         Raises NoAnswer or ConnectError, after which the session is closed, and BadAnswer or Refused.
         """
-        with placed(self._name, device):
+        with placed(self.name, device):
             return await self._session.read_nodes(tuple(nodes), aged=aged)

@@ -12,8 +12,10 @@ from cryptography.hazmat.primitives.serialization import load_der_private_key, l
 from drivers.base import SetupError
 from drivers.credential_files import ENDS_SOON, unusable_file
 
-LEAST_BITS, MOST_BITS = 2048, 4096
-"""Smallest and largest size of RSA keys (OPC UA Part 7, Basic256Sha256)."""
+LEAST_BITS = 2048
+"""Smallest size of RSA keys (OPC UA Part 7, Basic256Sha256)."""
+MOST_BITS = 4096
+"""Largest size of RSA keys."""
 
 
 def valid_certificate(path: Path | None, name: str, device: str) -> x509.Certificate:

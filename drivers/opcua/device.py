@@ -20,20 +20,13 @@ class OpcUaDevice:
     def __init__(
         self, device: str, bus: OpcUaBus, profile: OpcUaProfile, channels: Mapping[str, int], clock: Clock
     ) -> None:
-        self._device, self._bus, self._profile = device, bus, profile
+        self.device, self.channels = device, tuple(channels)
+        self._bus, self._profile = bus, profile
         self._nodes = {name: profile.nodes[number] for name, number in channels.items()}
         self._names = tuple(profile.names[number] for number in channels.values())
         self._measured: dict[str, tuple[datetime, float]] = {}
         """Source time of each channel's latest value, and when that was by this computer's monotonic clock."""
         self._maker = ReadingMaker({name: node.unit or profile.unit for name, node in self._nodes.items()}, clock)
-
-    @property
-    def device(self) -> str:
-        return self._device
-
-    @property
-    def channels(self) -> tuple[str, ...]:
-        return tuple(self._nodes)
 
     async def connect(self) -> None:
         """Check that the server has at least one of the nodes. Raises WrongDevice, or the bus's errors."""
@@ -42,7 +35,7 @@ class OpcUaDevice:
             raise WrongDevice(
                 f"the server has none of the nodes {', '.join(map(str, self._names[:3]))}",
                 bus=self._bus.name,
-                device=self._device,
+                device=self.device,
                 hint="compare ids and namespace with the server's own, case included",
             )
 
@@ -56,7 +49,7 @@ class OpcUaDevice:
         """Nothing to close: the session is the bus's."""
 
     async def _ask(self) -> list[NodeValue]:
-        return await self._bus.read(self._device, self._names, aged=self._profile.max_age_s is not None)
+        return await self._bus.read(self.device, self._names, aged=self._profile.max_age_s is not None)
 
     def _judged(self, channel: str, found: NodeValue, now_s: float) -> tuple[float | Fault, float]:
         """The value and its age, s."""

@@ -14,7 +14,10 @@ from drivers.faults import Fault
 
 _FORM = re.compile(r"(?:ns=(\d+);|nsu=([^;\s]+);)?(i=\d+|s=.+|g=[0-9A-Fa-f-]{36}|b=[A-Za-z0-9+/=]+)", re.DOTALL)
 
-_MOST_INDEX, _MOST_NUMBER = 0xFFFF, 0xFFFF_FFFF
+_MOST_INDEX = 0xFFFF
+"""Of a namespace."""
+_MOST_NUMBER = 0xFFFF_FFFF
+"""Of a numeric id."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,10 +112,14 @@ class NodeValue:
 
 NO_NAMESPACE: Final = NodeValue(None, 0x8033_0000, "BadNodeIdInvalid")
 """The value of a node in a namespace that the server does not have."""
-_CODE, _SEVERITY, _UNCERTAIN = 0xFFFF_0000, 0xC000_0000, 0x4000_0000
-_DETAILS, _LIMITS = 0x0F00, {0x0500: "low", 0x0600: "high"}
-"""Bits of a status that say that the value stands at the end of what its source can measure (Part 4, 7.39,
-LimitBits)."""
+_CODE = 0xFFFF_0000
+"""Bits of a status: all but its details."""
+_SEVERITY = 0xC000_0000
+"""Bits of a status: good, uncertain or bad."""
+_UNCERTAIN = 0x4000_0000
+_DETAILS = 0x0F00
+_LIMITS = {0x0500: "low", 0x0600: "high"}
+"""Details that say that the value stands at the end of what its source can measure (Part 4, 7.39, LimitBits)."""
 _UNKNOWN = (0x8034_0000, 0x8033_0000, 0x8035_0000)
 """BadNodeIdUnknown, BadNodeIdInvalid, BadAttributeIdInvalid."""
 _QUALITIES: Mapping[int, Quality] = {

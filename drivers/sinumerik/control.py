@@ -17,7 +17,7 @@ from drivers.nc import (
     check_number,
     check_offsets,
 )
-from drivers.opcua import OpcUaNumber, OpcUaSession
+from drivers.opcua.session import OpcUaNumber, OpcUaSession
 from drivers.sinumerik.lease import SinumerikLease
 from drivers.sinumerik.numbers import code_of, finite_numbers, given_numbers
 from drivers.sinumerik.settings import SinumerikSettings

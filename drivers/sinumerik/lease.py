@@ -5,7 +5,7 @@ from typing import Final
 
 from drivers.base import Refused
 from drivers.nc import check_number
-from drivers.opcua import OpcUaSession
+from drivers.opcua.session import OpcUaSession
 from drivers.sinumerik.numbers import code_of, finite_numbers
 from drivers.sinumerik.settings import SinumerikSettings
 

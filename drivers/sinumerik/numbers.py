@@ -3,7 +3,7 @@
 import math
 
 from drivers.base import BadAnswer
-from drivers.opcua import OpcUaNumber
+from drivers.opcua.session import OpcUaNumber
 
 
 def finite_numbers(paths: tuple[str, ...], values: list[OpcUaNumber | None], device: str) -> list[float]:

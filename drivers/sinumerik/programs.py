@@ -50,7 +50,7 @@ def errors_program(settings: SinumerikSettings, terms: ErrorTerms) -> str:
     if settings.compensation.route != "errors":
         raise SetupError(f"route = {settings.compensation.route!r}: only 'errors' needs a generated program")
     lines, actions = [*_start(settings, terms)], [*_actions(settings, terms)]
-    counted = sum(action.endswith(_COUNT) for action in actions)
+    counted = sum(action.endswith(_COUNT) for action in actions) - ERRORS // 3  # three run on silence, or three others
     for number, action in enumerate([*actions, _echo(settings, counted)], FIRST_ID):
         lines.append(f"IDS={number} {action}")
     lines += ["STOPRE", f"R[{settings.errors.version}] = {PROGRAM_VERSION}", "RET"]
@@ -124,10 +124,10 @@ def _watchdog(settings: SinumerikSettings) -> Iterator[str]:
     yield f"DO {state} = (2 - {alive}) * {_within(f'{state} + {alive}', '1')}{_COUNT}"
     for i in range(0, ERRORS, 3):
         zero = " ".join(f"{_r(first + i + k)} = 0" for k in three)
-        yield f"WHENEVER ({state} == 2) AND ({ramp} > 0) DO {zero}"
+        yield f"WHENEVER ({state} == 2) AND ({ramp} > 0) DO {zero}{_COUNT}"
     for i in range(0, ERRORS, 3):
         wanted = " ".join(f"$AC_PARAM[{_COUNTS + i + k}] = {_r(first + i + k)}" for k in three)
-        yield f"WHENEVER ({state} <> 2) OR ({ramp} <= 0) DO {wanted}"
+        yield f"WHENEVER ({state} <> 2) OR ({ramp} <= 0) DO {wanted}{_COUNT}"
     same = f"TRUNC(1 / (1 + ABS(({asked} + 1 - {seen}) * {seen})))"
     yield (
         f"WHENEVER ({asked} + 1 <> {seen}) OR {_walks(settings)} DO $AC_TIMER[1] = $AC_TIMER[1] * {same}"

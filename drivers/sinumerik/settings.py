@@ -9,7 +9,7 @@ from pydantic import AfterValidator, Field, model_validator
 
 from drivers.base import SetupError
 from drivers.nc import AXES, ERRORS, LARGEST_UM, LINEAR_AXES, REQUEST_VALID_FOR_S, ROTARY_AXES, Triple
-from drivers.opcua import OpcUaSettings
+from drivers.opcua.settings import OpcUaSettings
 from drivers.section import NotNegative, Positive, Section, matching
 
 _DEGREES_PER_TURN = 360.0

@@ -10,8 +10,8 @@ from typing import Self
 from gateway.acquisition.board import Board
 from gateway.acquisition.line import Line
 from gateway.acquisition.runner import BusRunner, Publish
-from gateway.acquisition.sample import Sample
 from gateway.acquisition.stale import StaleWatch
+from gateway.model.sample import Sample
 from gateway.runtime.clocks import ServiceClock
 from gateway.runtime.problems import Notify
 

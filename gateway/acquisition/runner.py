@@ -11,7 +11,7 @@ from gateway.acquisition.bus import PolledBus
 from gateway.acquisition.device import PolledDevice
 from gateway.acquisition.line import Line
 from gateway.acquisition.reports import LineReports
-from gateway.acquisition.sample import Sample, samples
+from gateway.model.sample import Sample, samples
 from gateway.runtime.clocks import ServiceClock
 from gateway.runtime.periodic import Periodic
 from gateway.runtime.problems import Notify, Problems

@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 from gateway.acquisition.board import Board
 from gateway.acquisition.runner import Publish
-from gateway.acquisition.sample import samples
+from gateway.model.sample import samples
 from gateway.runtime.clocks import ServiceClock
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from drivers.agent import AGENT_PORT
+from drivers.agent.settings import AGENT_PORT
 from drivers.section import host_name
 from gateway.cli.arguments import FiniteNumber
 from gateway.cli.exits import EXIT_WORLD

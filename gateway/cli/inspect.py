@@ -6,9 +6,11 @@ from pathlib import Path
 import click
 
 from drivers.bus_settings import Parity
-from drivers.canopen import CanObject, CanOpenSettings
-from drivers.modbus import ModbusRtuSettings, ModbusTcpSettings, NumberFormat, NumberType, Order
-from drivers.mqtt import MqttBusSettings
+from drivers.canopen.place import CanObject
+from drivers.canopen.settings import CanOpenSettings
+from drivers.modbus.numbers import NumberFormat, NumberType, Order
+from drivers.modbus.settings import ModbusRtuSettings, ModbusTcpSettings
+from drivers.mqtt.settings import MqttBusSettings
 from drivers.number_types import ByteNumber
 from drivers.problems import read_settings
 from drivers.section import LONGEST_ANSWER_S
@@ -115,7 +117,7 @@ def objects_command(
 
     Shows every number that the bytes may be.
     """
-    from drivers.canopen import CanOpenBus
+    from drivers.canopen.bus import CanOpenBus
     from gateway.commissioning.inspection.named import inspect_objects
 
     new_file(draft)
@@ -150,7 +152,9 @@ def nodes_command(
     Shows value, type, status and age by the server's own clock; for a node of bytes, such as the process data of an
     IO-Link device, also the numbers that the bytes may be.
     """
-    from drivers.opcua import OpcUaBus, OpcUaBusSettings, node_name
+    from drivers.opcua.bus import OpcUaBus
+    from drivers.opcua.nodes import node_name
+    from drivers.opcua.settings import OpcUaBusSettings
     from gateway.commissioning.inspection.named import inspect_nodes
 
     new_file(draft)
@@ -198,7 +202,7 @@ def topics_command(
 
     Shows each number in the latest payload of each topic, where it is, and how old the payload's own time says it is.
     """
-    from drivers.mqtt import MqttBus
+    from drivers.mqtt.bus import MqttBus
     from gateway.commissioning.inspection.topics import inspect_topics
 
     new_file(draft)

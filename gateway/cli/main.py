@@ -190,7 +190,7 @@ def play(file: Path, folder: Path | None, seconds: float | None, multicast: str 
     the sequence starts again.
     """
     _with_simulators()
-    from drivers.can import is_multicast_group
+    from drivers.can.settings import is_multicast_group
     from gateway.demo.play import play as be_devices
 
     group = None

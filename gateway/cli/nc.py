@@ -63,7 +63,8 @@ def sinumerik_files(config: Path, output: Path) -> None:
 
 def program_of(config: "GatewayConfig") -> str:
     """TALC_ERRORS.SPF. Raises SetupError for another control or route."""
-    from drivers.sinumerik import ErrorTerms, SinumerikSettings, errors_program
+    from drivers.sinumerik.programs import ErrorTerms, errors_program
+    from drivers.sinumerik.settings import SinumerikSettings
     from gateway.config.controls import SinumerikNc
 
     if not isinstance(config.nc, SinumerikNc):

@@ -8,10 +8,10 @@ from pathlib import Path
 import click
 
 from drivers.bus_settings import Parity
-from drivers.can import Stopped
-from drivers.canopen import CanOpenSettings
-from drivers.micro_epsilon import MeRs485Settings
-from drivers.modbus import ModbusRtuSettings, ModbusRtuTcpSettings, ModbusTcpSettings
+from drivers.can.survey import Stopped
+from drivers.canopen.settings import CanOpenSettings
+from drivers.micro_epsilon.settings import MeRs485Settings
+from drivers.modbus.settings import ModbusRtuSettings, ModbusRtuTcpSettings, ModbusTcpSettings
 from drivers.problems import read_settings
 from drivers.section import LONGEST_ANSWER_S, host_and_port
 from gateway.cli.arguments import SCAN_LIMIT_S, FiniteNumber, Numbers, field_option, field_type

@@ -14,9 +14,10 @@ from typing import Final
 import click
 
 from drivers.base import DriverError, SetupError
-from drivers.can import Stopped
-from drivers.canopen import CanOpenSettings
-from drivers.mtconnect import SuggestedItems, suggest_mtconnect
+from drivers.can.survey import Stopped
+from drivers.canopen.settings import CanOpenSettings
+from drivers.mtconnect.make import suggest_mtconnect
+from drivers.mtconnect.suggest import SuggestedItems
 from drivers.problems import read_settings
 from gateway.commissioning.scan.can import CanScan, scan_can
 from gateway.commissioning.scan.first import (

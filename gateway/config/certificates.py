@@ -31,7 +31,7 @@ def certificate_end(path: Path) -> datetime | None:
 
 
 def _named(config: "GatewayConfig") -> Iterator[tuple[str, Path]]:
-    from drivers.opcua import OpcUaServer  # the page asks only for the end of its own certificate
+    from drivers.opcua.settings import OpcUaServer  # the page asks only for the end of its own certificate
 
     tls = config.telemetry.tls
     sections = [("[telemetry.tls]", "certificate", tls.certificate), ("[telemetry.tls]", "authority", tls.authority)]

@@ -6,14 +6,14 @@ from urllib.parse import urlsplit
 
 from pydantic import Field
 
-from drivers.agent import AGENT_STATES, AgentAddress, AgentRequests, AgentSettings
+from drivers.agent.settings import AGENT_STATES, AgentAddress, AgentRequests, AgentSettings
 from drivers.bus_settings import is_loopback
-from drivers.linuxcnc import LinuxCncSettings
-from drivers.mtconnect import MtConnectSettings
+from drivers.linuxcnc.settings import LinuxCncSettings
+from drivers.mtconnect.settings import MtConnectSettings
 from drivers.nc import LARGEST_UM
 from drivers.problems import settings_of
 from drivers.section import host_and_port
-from drivers.sinumerik import SinumerikControl, SinumerikSettings, StateNode, default_states
+from drivers.sinumerik.settings import SinumerikControl, SinumerikSettings, StateNode, default_states
 from gateway.config.extensions import ControlSection, Poses
 from gateway.config.fields import Name
 from gateway.config.polled import PolledControl

@@ -7,7 +7,8 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 
 from drivers.base import SetupError
-from drivers.modbus import ModbusProfile, addresses_as_in_manuals
+from drivers.modbus.inputs import addresses_as_in_manuals
+from drivers.modbus.profile import ModbusProfile
 from gateway.config.controls import Nc, SinumerikNc
 from gateway.config.extensions import asked
 from gateway.config.metrics import metrics_problems

@@ -12,7 +12,8 @@ from gateway.control.grid import GridSampler, Instant, Schedule
 from gateway.control.measuring import Measuring
 from gateway.control.trainer import Trainings
 from gateway.model.events import DecisionMade, EventReported, FrameMade, Sink
-from gateway.runtime.ages import Ages, StepTime
+from gateway.model.step_time import StepTime
+from gateway.runtime.ages import Ages
 from gateway.runtime.clocks import ServiceClock
 from talc.control import Controller
 from talc.frame import Decision, FloatArray, Frame

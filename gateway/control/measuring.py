@@ -5,10 +5,10 @@ import logging
 
 from gateway.config.sections import Probing
 from gateway.model.events import EventReported, MeasurementEnded, OutlookChanged, Sink
+from gateway.model.standing import Standing
 from gateway.nc.link import NcLink
 from gateway.nc.probing.cycle import End, Outcome
 from gateway.nc.probing.schedule import Bulletin, Outlook, ProbingSchedule, excess
-from gateway.nc.probing.standing import Standing
 from gateway.runtime.clocks import ServiceClock
 from gateway.runtime.periodic import Periodic
 from talc.frame import Decision, Event, EventKind, Measurement, Why

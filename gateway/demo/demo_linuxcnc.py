@@ -17,9 +17,9 @@ from pathlib import Path
 import numpy as np
 from rich.table import Table
 
-from drivers.agent import AgentControl
+from drivers.agent.control import AgentControl
 from drivers.base import DriverError
-from drivers.linuxcnc import LinuxCncSettings
+from drivers.linuxcnc.settings import LinuxCncSettings
 from gateway.config.extended import validate
 from gateway.config.model import GatewayConfig
 from gateway.nc.link import NcLink
@@ -45,6 +45,7 @@ _MACHINE = {
     **HURRY,
     "SPHERE_RADIUS": _RADIUS_MM,
     "SPHERE_HEIGHT": _HEIGHT_MM,
+    "SAFE_Z": 250,
     "PIVOT_X": 3,
     "PIVOT_Y": -4,
     "PIVOT_Z": -5,

@@ -3,14 +3,13 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from gateway.acquisition.sample import Sample
-from gateway.config.model import GatewayConfig
 from gateway.model.commands import CommandOutcome, Disarmed, Pause
+from gateway.model.compensation import Write
+from gateway.model.control_state import NcState
+from gateway.model.sample import Sample
+from gateway.model.step_time import StepTime
 from gateway.nc.probing.cycle import Outcome
 from gateway.nc.probing.schedule import Outlook
-from gateway.nc.slew import Write
-from gateway.nc.states import NcState
-from gateway.runtime.ages import StepTime
 from gateway.runtime.problems import Notice
 from talc.explanation import Reasons
 from talc.forecast import Forecast, Misses, PlannedForecast
@@ -20,10 +19,11 @@ from talc.sensor_check import Judgement
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ConfigurationApplied:
-    """This configuration is now in use: at the start, and after each reload that took effect."""
+class Configured:
+    """A configuration is now in use: at the start, and after each reload that took effect.
 
-    config: GatewayConfig
+    `gateway.config.applied` has the event with the configuration itself.
+    """
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -189,7 +189,7 @@ class ForecastMade:
 
 
 GatewayEvent = (
-    ConfigurationApplied
+    Configured
     | ReadingsTaken
     | FrameMade
     | DecisionMade

@@ -2,10 +2,10 @@
 
 from typing import assert_never
 
-from drivers.agent import AgentControl
-from drivers.mtconnect import make_mtconnect
+from drivers.agent.control import AgentControl
+from drivers.mtconnect.make import make_mtconnect
 from drivers.nc import NumericalControl
-from drivers.sinumerik import make_sinumerik
+from drivers.sinumerik.make import make_sinumerik
 from gateway.config.controls import AgentNc, LinuxCncNc, MtConnectNc, Nc, SinumerikNc
 from gateway.config.extensions import ControlSection
 from gateway.config.model import GatewayConfig

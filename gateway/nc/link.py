@@ -12,6 +12,7 @@ from typing import assert_never
 from drivers.base import DriverError, Quality
 from drivers.nc import FollowsErrors, ForgetsWrites, NcSnapshot, NumericalControl, RunsDry
 from gateway.model.commands import Disarmed, Pause
+from gateway.model.compensation import Source, Write
 from gateway.nc.boundary import contained_control
 from gateway.nc.hold import Hold
 from gateway.nc.lease import Lease
@@ -24,8 +25,7 @@ from gateway.nc.probing.uninterrupted import to_its_end
 from gateway.nc.routes import form_of, positions
 from gateway.nc.session import Session
 from gateway.nc.settings import Earlier, LinkSettings, Listeners
-from gateway.nc.slew import Write
-from gateway.nc.states import STATES, Condition, LinkState, Source, after
+from gateway.nc.states import STATES, Condition, LinkState, after
 from gateway.nc.target import Target
 from gateway.nc.unmodelled import LastMeasured
 from gateway.nc.writer import OffsetWriter

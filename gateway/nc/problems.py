@@ -6,8 +6,8 @@ NOT_CONNECTED, CONNECTED_AGAIN = "NC: not connected: ", "NC: connected again"
 NOT_RECEIVED = "NC: its watchdog did not receive the heartbeat of this gateway"
 NOT_ANSWERED = "NC: its watchdog does not answer the heartbeats"
 UNRECEIVED = (
-    f"{NOT_RECEIVED}: nothing is written until it does. Look at the network, and whether TALC's program still runs on "
-    "the control"
+    f"{NOT_RECEIVED}: nothing is written until it does, and what is in force may stay. Look at the network, and "
+    "whether TALC's program still runs on the control"
 )
 HEARD_AGAIN = "NC: its watchdog is active again"
 DISARMED = "compensation is disarmed until a restart"

@@ -23,8 +23,9 @@ from drivers.nc import (
     TakesSlopes,
     Triple,
 )
+from gateway.model.compensation import Offsets
 from gateway.nc.probing.cycle import InForce
-from gateway.nc.slew import Offsets, as_offsets
+from gateway.nc.slew import as_offsets
 from talc import kinematics
 from talc.frame import FloatArray
 

@@ -9,8 +9,8 @@ from gateway.config.controls import LinuxCncNc, SinumerikNc
 from gateway.config.model import GatewayConfig
 from gateway.config.sections import Compensation, Probing
 from gateway.model.commands import Disarmed, Pause
+from gateway.model.compensation import Write
 from gateway.nc.probing.foreign import CyclePath
-from gateway.nc.slew import Write
 from gateway.runtime.problems import Notify
 from talc.frame import FloatArray
 

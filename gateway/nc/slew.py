@@ -1,48 +1,12 @@
 """Makes safe offsets from predicted errors: bounded, slewed, and as configured when nothing is known. Pure."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from datetime import datetime
+from collections.abc import Sequence
 from typing import Literal
 
 import numpy as np
 
-from gateway.nc.states import Source
+from gateway.model.compensation import Offsets, Source, Step
 from talc.frame import FloatArray
-
-Offsets = tuple[float, float, float]
-
-
-@dataclass(frozen=True, slots=True)
-class Step:
-    """One step of the compensation, as stored and published. Micrometres, X Y Z at the tool centre point."""
-
-    target_um: Offsets
-    """Target, after the bound and before the slew."""
-    offsets_um: Offsets
-    """Offsets to be in force from now on."""
-    source: Source
-    bounded: tuple[bool, bool, bool]
-    """Axes that were limited by the bound."""
-    coefficients_um: tuple[tuple[float, ...], ...] = ()
-    """The coefficients behind `offsets_um`: rows X, Y, Z; see gateway.nc.routes."""
-
-
-@dataclass(frozen=True, slots=True)
-class Write:
-    """One step of the compensation with everything that it is based on."""
-
-    time: datetime
-    mode: Literal["monitor", "advise", "compensate"]
-    step: Step
-    k: int | None
-    """Grid index of the decision that was used."""
-    positions: Mapping[str, float]
-    """Axis positions: X Y Z in mm, A C in degrees."""
-    written: bool
-    """Whether the offsets were sent to the control. It may have received them even if it did not answer."""
-    read_back_um: Offsets | None
-    """The offsets that the control reports after the write; None if nothing was written or no answer came."""
 
 
 class Slew:

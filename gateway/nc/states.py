@@ -23,44 +23,6 @@ class LinkState(StrEnum):
     """They ramp to the configured state, then the control is released."""
 
 
-class NcState(StrEnum):
-    """The state of the control, as the health and the published status give it."""
-
-    NONE = "none"
-    """No control is configured."""
-    AWAY = "away"
-    """It cannot be reached."""
-    STALE = "stale"
-    """It answers, but its axes report a speed and do not move."""
-    NOT_READY = "not_ready"
-    """Emergency stop, drives off or axes not referenced."""
-    PROBING = "probing"
-    READY = "ready"
-
-
-class Source(StrEnum):
-    """The basis of the present target."""
-
-    PREDICTION = "prediction"
-    STALE = "stale"
-    NO_MODEL = "no_model"
-    INPUTS_STALE = "inputs_stale"
-    """An input of a live model has had no good value for too long."""
-    FROZEN = "frozen"
-    """The control is probing."""
-    NOT_READY = "not_ready"
-    """Emergency stop, drives off, axes not referenced."""
-    STOPPED = "stopped"
-    UNANSWERED = "unanswered"
-    """A write without an answer may still arrive."""
-    NOT_STORED = "not_stored"
-    """Nothing could be stored for too long."""
-    PAUSED = "paused"
-    """A person has paused the compensation."""
-    DISARMED = "disarmed"
-    """A person has disarmed the gateway."""
-
-
 class Condition(StrEnum):
     """What a period finds; the strongest of several counts, in the order lost, not ready, probing."""
 

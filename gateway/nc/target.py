@@ -8,7 +8,7 @@ import numpy as np
 from drivers.base import Quality
 from gateway.config.sections import Compensation
 from gateway.model.commands import Disarmed, Pause
-from gateway.nc.states import Source
+from gateway.model.compensation import Source
 from gateway.nc.unmodelled import LastMeasured
 from talc.frame import Decision, FloatArray, Measurement
 from talc.names import THERMAL_ERRORS

@@ -8,11 +8,11 @@ import numpy as np
 from drivers.base import BadAnswer, ConnectError, NoAnswer
 from drivers.nc import NcSnapshot, NotSendable
 from gateway.config.sections import Compensation
+from gateway.model.compensation import Offsets, Source, Step, Write
 from gateway.nc.lease import Lease
 from gateway.nc.problems import DISARMED
 from gateway.nc.routes import Form, differ, offsets_text, positions
-from gateway.nc.slew import Offsets, Slew, Step, Write, as_offsets
-from gateway.nc.states import Source
+from gateway.nc.slew import Slew, as_offsets
 from gateway.runtime.clocks import ServiceClock
 from talc.frame import FloatArray
 

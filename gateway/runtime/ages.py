@@ -7,23 +7,9 @@ if not, the age is not known, and what rests on it is taken for older than any l
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
+from gateway.model.step_time import StepTime
 from gateway.runtime.clocks import ServiceClock
-
-
-@dataclass(frozen=True, slots=True)
-class StepTime:
-    """What the clocks said at the end of a grid step."""
-
-    k: int
-    origin: str
-    """What the monotonic clock counts from (`ServiceClock.origin`)."""
-    monotonic_s: float
-    lead_s: float
-    """How far the numbering of steps is ahead of UTC, because a clock that was ahead was set back."""
-    known: bool
-    """Whether the wall clock had been synchronised since `origin`."""
 
 
 class Ages:

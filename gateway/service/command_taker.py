@@ -14,9 +14,9 @@ from typing import assert_never
 from gateway.acquisition.reload import ReloadError
 from gateway.model.commands import UNPROVED, Command, CommandName, CommandOutcome, Disarmed, Pause, Refusals
 from gateway.model.events import CommandGiven, EventReported, Sink
+from gateway.model.standing import Standing
 from gateway.nc.link import NcLink
 from gateway.nc.probing.schedule import Outlook
-from gateway.nc.probing.standing import Standing
 from gateway.runtime.clocks import ServiceClock
 from gateway.storage.faults import StoreError
 from talc.frame import Event, EventKind

@@ -5,11 +5,11 @@ from datetime import UTC, datetime
 
 from drivers.base import Quality, Reading
 from gateway.acquisition.board import Board
+from gateway.model.control_state import NcState
 from gateway.model.events import DecisionMade, GatewayEvent, Health, HealthChecked, OutlookChanged, Sink, StoreHealth
+from gateway.model.standing import Standing
 from gateway.nc.link import NcLink
 from gateway.nc.probing.schedule import Outlook
-from gateway.nc.probing.standing import Standing
-from gateway.nc.states import NcState
 from gateway.runtime.clocks import ServiceClock
 from gateway.runtime.periodic import Periodic
 

@@ -13,11 +13,11 @@ from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metri
 from prometheus_client.registry import Collector
 
 from drivers.base import Quality, Reading
+from gateway.config.applied import ConfigurationApplied
 from gateway.config.metrics import Metrics
 from gateway.config.telemetry import TelemetryTls
 from gateway.model.events import (
     CompensationStepped,
-    ConfigurationApplied,
     DecisionMade,
     EventReported,
     GatewayEvent,

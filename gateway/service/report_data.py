@@ -12,7 +12,7 @@ from zoneinfo import ZoneInfo
 import numpy as np
 
 from gateway.config.model import GatewayConfig
-from gateway.nc.states import Source
+from gateway.model.compensation import Source
 from gateway.reporting.data import TRUTH_WIDTH, WORK_SHIFTS, AdoptedModels, CycleSeen, NotYet, ReportData, Truth
 from gateway.reporting.local import local_moment
 from gateway.reporting.page import nothing_learnt, nothing_that_day

@@ -10,9 +10,10 @@ from pathlib import Path
 
 from gateway.acquisition.record import not_recorded
 from gateway.acquisition.wire_log import WireLogWriter
+from gateway.config.applied import ConfigurationApplied
 from gateway.config.model import GatewayConfig
 from gateway.config.packed import packed_toml
-from gateway.model.events import ConfigurationApplied, GatewayEvent
+from gateway.model.events import GatewayEvent
 from gateway.runtime.clocks import RealClock
 from gateway.runtime.signals import stop_on_signals
 from gateway.runtime.workers.control_group import UndividedError, divide

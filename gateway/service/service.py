@@ -11,7 +11,7 @@ from gateway.acquisition.board import Board
 from gateway.acquisition.build import lines_of
 from gateway.acquisition.line import Line
 from gateway.acquisition.reload import BusChanges, PreparedReload, ReloadError, apply, prepare
-from gateway.acquisition.sample import Sample
+from gateway.config.applied import ConfigurationApplied
 from gateway.config.model import GatewayConfig
 from gateway.control.explaining import Explanations
 from gateway.control.grid import GridSampler, Schedule
@@ -24,7 +24,6 @@ from gateway.control.trainer import Trainings
 from gateway.model.commands import Command, CommandOutcome
 from gateway.model.events import (
     CompensationStepped,
-    ConfigurationApplied,
     EventReported,
     ProbingRequested,
     ReadingsTaken,
@@ -33,6 +32,7 @@ from gateway.model.events import (
     in_order,
     problem_event,
 )
+from gateway.model.sample import Sample
 from gateway.nc.build import control_of
 from gateway.nc.link import NcLink
 from gateway.nc.probing.cycle import NotBegun, number_after

@@ -9,12 +9,13 @@ from contextlib import AsyncExitStack
 from importlib.metadata import version
 
 from gateway.acquisition.wire_log import WireLogWriter
+from gateway.config.applied import ConfigurationApplied
 from gateway.config.model import GatewayConfig
 from gateway.config.packed import packed_toml
 from gateway.control.restart.earlier import Past, past_in
 from gateway.control.restart.rebuild import Interrupted, Rebuilt
 from gateway.control.restart.snapshots import SnapshotKeeper
-from gateway.model.events import ConfigurationApplied, EventReported, GatewayEvent, Sink, in_order
+from gateway.model.events import EventReported, GatewayEvent, Sink, in_order
 from gateway.nc.settings import Identity
 from gateway.runtime.clocks import ServiceClock
 from gateway.runtime.extras import missing_of

@@ -12,7 +12,7 @@ import numpy as np
 
 from gateway.config.outline import inputs_of_config
 from gateway.model.commands import CommandName, CommandOutcome, Disarmed, Pause
-from gateway.runtime.ages import StepTime
+from gateway.model.step_time import StepTime
 from gateway.storage import rows
 from gateway.storage.answers import DiskWork
 from gateway.storage.faults import StoreError

@@ -15,8 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from drivers.base import Quality
-from gateway.acquisition.sample import Sample
 from gateway.model.reading_blocks import READING_ROW, pack
+from gateway.model.sample import Sample
 from gateway.storage.faults import DamagedError
 
 log = logging.getLogger(__name__)

@@ -14,9 +14,9 @@ import numpy as np
 
 from gateway.config.outline import inputs_if_known, outlined, step_s_of
 from gateway.model.commands import Command, CommandName, CommandOutcome
+from gateway.model.compensation import Write
+from gateway.model.step_time import StepTime
 from gateway.nc.probing.cycle import Outcome
-from gateway.nc.slew import Write
-from gateway.runtime.ages import StepTime
 from gateway.storage.learnt import Reference
 from gateway.storage.stored import StoredCompensation, StoredMeasurement, StoredRun, StoredStep
 from talc.explanation import ErrorReason, Reasons

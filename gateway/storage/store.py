@@ -12,10 +12,11 @@ from pathlib import Path
 from typing import Self, assert_never
 
 from drivers.base import Clock
+from gateway.config.applied import ConfigurationApplied
 from gateway.model.events import (
     CommandGiven,
     CompensationStepped,
-    ConfigurationApplied,
+    Configured,
     DecisionMade,
     EventReported,
     ForecastMade,
@@ -280,6 +281,8 @@ class Store:
                 put("INSERT OR REPLACE INTO reasons VALUES (?, ?, ?)", [row], kind=WaitingKind.STEPS)
             case ForecastMade():
                 pass  # later decisions show its outcome
+            case Configured():
+                pass  # the gateway's own is a ConfigurationApplied
             case OutlookChanged() | SensorsJudged() | StorageChanged() | HealthChecked():
                 pass  # what an operator should know about them is also an EventReported
             case _:

@@ -11,12 +11,12 @@ import numpy as np
 from msgspec.structs import asdict, replace
 
 from drivers.base import Clock
-from gateway.acquisition.sample import Sample
 from gateway.model.commands import StandingOrder
+from gateway.model.compensation import Write
 from gateway.model.events import (
     CommandGiven,
     CompensationStepped,
-    ConfigurationApplied,
+    Configured,
     DecisionMade,
     EventReported,
     ForecastMade,
@@ -34,9 +34,9 @@ from gateway.model.events import (
     StorageChanged,
     StoreHealth,
 )
+from gateway.model.sample import Sample
 from gateway.nc.probing.cycle import Outcome
 from gateway.nc.probing.schedule import Outlook
-from gateway.nc.slew import Write
 from gateway.telemetry import keys
 from gateway.telemetry.messages import (
     CompensationMessage,
@@ -142,7 +142,7 @@ class Composer:
                 return [(keys.FRAME, _frame(self._stamp(), frame, self._names))]
             case DecisionMade(decision):
                 return [(keys.DECISION, _decision(self._stamp(), decision))]
-            case ConfigurationApplied() | ProbingRequested() | StorageChanged() | HealthChecked() | CommandGiven():
+            case Configured() | ProbingRequested() | StorageChanged() | HealthChecked() | CommandGiven():
                 return []  # in the status, but for the second; a command is also an EventReported
             case MeasurementEnded(outcome):
                 return [(keys.MEASUREMENT, _measurement(self._stamp(), outcome))]

@@ -10,8 +10,9 @@ from typing import Annotated
 from msgspec import Meta, Struct
 
 from drivers.base import Quality
-from gateway.nc.probing.standing import Standing
-from gateway.nc.states import NcState, Source
+from gateway.model.compensation import Source
+from gateway.model.control_state import NcState
+from gateway.model.standing import Standing
 from gateway.telemetry import keys
 from gateway.telemetry.fields import ByError, GridIndex, Number, OffsetsUm, Reason, Utc, one_of
 from talc.kinds import EventKind, Phase

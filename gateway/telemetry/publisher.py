@@ -12,13 +12,13 @@ import zenoh
 
 from drivers.base import Clock, SystemClock
 from drivers.signature import shared_key
+from gateway.config.applied import ConfigurationApplied
 from gateway.config.certificates import certificate_ends
 from gateway.config.consequences import unarmed
 from gateway.config.telemetry import Telemetry as TelemetrySettings
 from gateway.model.commands import Command, CommandOutcome
 from gateway.model.events import (
     CompensationStepped,
-    ConfigurationApplied,
     DecisionMade,
     GatewayEvent,
     HealthChecked,

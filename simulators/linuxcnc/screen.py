@@ -30,6 +30,7 @@ class ControlScreen:
     def __init__(self) -> None:
         self.command, self.stat, self.errors = linuxcnc.command(), linuxcnc.stat(), linuxcnc.error_channel()
         self.sampled: tuple[str, ...] = ()
+        self.recorder: subprocess.Popen[bytes] | None = None
         self.sphere = _sphere() if Path("sphere.hal").exists() else None
 
     def until(self, what: str, condition: Any) -> None:
@@ -73,6 +74,19 @@ class ControlScreen:
             raise RuntimeError(f"{block}: {self.errors.poll()}")
         # A block is done when its last setpoint is planned; the interpolator reaches it some servo periods later.
         self.until("axes where the block sent them", _arrived)
+
+    def send_mdi(self, block: str) -> None:
+        """As another client of LinuxCNC does at any moment: without waiting, in whatever mode the control is."""
+        self.command.mdi(block)
+
+    def send_mode(self, mode: int) -> None:
+        self.command.mode(mode)
+
+    def send_off(self) -> None:
+        self.command.state(linuxcnc.STATE_OFF)
+
+    def send_abort(self) -> None:
+        self.command.abort()
 
     def run(self, program: str) -> None:
         """Start a program; it goes on by itself."""
@@ -166,11 +180,59 @@ class ControlScreen:
             "gcodes": sorted(self.stat.gcodes[1:]),
         }
 
+    def modal(self) -> dict[str, Any]:
+        """Everything that a later block depends on, as LinuxCNC reports it."""
+        self.stat.poll()
+        s = self.stat
+        return {
+            "gcodes": [code for i, code in enumerate(s.gcodes) if i not in (0, 2)],
+            "mcodes": [code for i, code in enumerate(s.mcodes) if i not in (0, 1, 3)],
+            "settings": list(s.settings[1:]),
+            "tool": s.tool_in_spindle,
+            "preselected": s.pocket_prepped,
+            "tool_offset": list(s.tool_offset),
+            "g5x": [s.g5x_index, *s.g5x_offset, s.rotation_xy],
+            "g92": list(s.g92_offset),
+            "overrides": [
+                s.feed_override_enabled,
+                s.feed_hold_enabled,
+                s.adaptive_feed_enabled,
+                *(spindle["override_enabled"] for spindle in s.spindle[: s.spindles]),
+            ],
+            "spindle": [[n["enabled"] and n["direction"], n["speed"]] for n in s.spindle[: s.spindles]],
+            "coolant": [s.mist, s.flood],
+        }
+
     def sample(self, count: int, *signals: str) -> list[list[float]]:
         """Values of the signals in `count` servo periods, one after the other: at most ten, the first time it is asked.
 
         The periods are the real-time thread's own, whatever else this computer does.
         """
+        self._sampler(signals)
+        with subprocess.Popen(["halsampler", "-n", str(count)], stdout=subprocess.PIPE, text=True) as reader:
+            self.hal("setp", "sampler.0.enable", "1")
+            rows = [[float(v) for v in line.split()] for line in reader.stdout or () if not line.startswith("overrun")]
+            self.hal("setp", "sampler.0.enable", "0")
+        return rows
+
+    def record(self, *signals: str) -> None:
+        """As `sample`, until `recorded`, while other commands are carried out."""
+        self._sampler(signals)
+        with Path("recorded.txt").open("w") as file:
+            self.recorder = subprocess.Popen(["halsampler"], stdout=file)
+        self.hal("setp", "sampler.0.enable", "1")
+
+    def recorded(self) -> list[list[float]]:
+        self.hal("setp", "sampler.0.enable", "0")
+        time.sleep(0.1)  # the reader looks at the queue 100 times a second
+        if self.recorder is None:
+            raise RuntimeError("nothing is recorded")
+        self.recorder.terminate()
+        self.recorder.wait()
+        lines = Path("recorded.txt").read_text().splitlines()
+        return [[float(v) for v in line.split()] for line in lines if not line.startswith("overrun")]
+
+    def _sampler(self, signals: tuple[str, ...]) -> None:
         if self.sampled != signals:
             self.hal("loadrt", "sampler", "depth=4000", f"cfg={'f' * len(signals)}")
             for i, name in enumerate(signals):
@@ -178,11 +240,6 @@ class ControlScreen:
             self.hal("setp", "sampler.0.enable", "0")
             self.hal("addf", "sampler.0", "servo-thread")
             self.sampled = signals
-        with subprocess.Popen(["halsampler", "-n", str(count)], stdout=subprocess.PIPE, text=True) as reader:
-            self.hal("setp", "sampler.0.enable", "1")
-            rows = [[float(v) for v in line.split()] for line in reader.stdout or () if not line.startswith("overrun")]
-            self.hal("setp", "sampler.0.enable", "0")
-        return rows
 
     def hal(self, *words: str) -> str:
         done = subprocess.run(["halcmd", *words], capture_output=True, text=True, timeout=_LIMIT_S, check=False)
@@ -239,6 +296,11 @@ VERBS = (
     "home",
     "unhome",
     "mdi",
+    "send_mdi",
+    "send_mode",
+    "send_off",
+    "send_abort",
+    "modal",
     "run",
     "abort",
     "estop",
@@ -246,6 +308,8 @@ VERBS = (
     "state",
     "hal",
     "sample",
+    "record",
+    "recorded",
     "jog",
     "listening",
     "greeting",

@@ -43,7 +43,7 @@ class EmulatedControl:
 
     Parameters
     ----------
-    machine, program, cycle, seed, compensation_sign, programs, r_count, errors: see Nck
+    machine, program, cycle, seed, compensation_sign, programs, r_count, errors, ipo_s: see Nck
     clock: simulated or real time
     users: name to password and rights
     security: None speaks without any
@@ -74,6 +74,7 @@ class EmulatedControl:
         programs: Sequence[str] = (),
         r_count: int = R_COUNT,
         errors: FollowingTerms | None = None,
+        ipo_s: float = 0.01,
     ) -> None:
         self.nck = Nck(
             machine,
@@ -84,6 +85,7 @@ class EmulatedControl:
             programs=programs,
             r_count=r_count,
             errors=errors,
+            ipo_s=ipo_s,
         )
         self.out_of_service: set[str] = set()
         self.write_protected: set[str] = set()

@@ -296,6 +296,12 @@ class Nck:
         self.k0_mm[axis] = value_mm
         self._note(now_s, ramped=False)
 
+    def write_setting(self, values: list[float], index: int, value: float, now_s: float) -> None:
+        """Set one of SD43910, SD43920 or SD41310."""
+        self.advance(now_s)
+        values[index] = value
+        self._note(now_s, ramped=False)
+
     def power_on(self, now_s: float, *, started: bool = True) -> None:
         """Switch off and on again. R-parameters and setting data keep their values, no static action is active, no axis
         is referenced. Then the programs begin, which remove the offsets and forget the gateway.
@@ -330,14 +336,6 @@ class Nck:
         if self.main_run is not None:
             self.main_run.reset()
         self._show_answer(now_s)
-
-    def end_watchdog(self, now_s: float) -> None:
-        """Somebody has removed all static actions."""
-        self.advance(now_s)
-        self.watchdog.runs = False
-        if self.main_run is not None:
-            for number in self.main_run.actions.numbers:
-                self.main_run.actions.cancel(number)
 
     def reference(self, now_s: float) -> None:
         """The axes have found their reference points."""

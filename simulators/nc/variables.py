@@ -113,7 +113,6 @@ def _r_parameter(nck: Nck, number: int) -> Variable:
 
 def _setting(nck: Nck, values: list[float], index: int) -> Variable:
     def write(value: float, now_s: float) -> None:
-        nck.advance(now_s)
-        values[index] = value
+        nck.write_setting(values, index, value, now_s)
 
     return Variable(lambda _: values[index], AccessRight.SEA_READ, write, AccessRight.SEA_WRITE)

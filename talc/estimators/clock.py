@@ -40,7 +40,8 @@ class RowClock:
 
     def take(self, rows: Inputs) -> IntArray:
         """(T,) the steps of the next rows. ValueError: they are not later than those before, or too dense."""
-        if (rows.time_s is None) is not (self._counter is None):
+        has_times = rows.time_s is not None
+        if has_times != (self._counter is not None):
             given, lack = (
                 ("rows with times", "these have none") if self._counter else ("rows without times", "these have")
             )

@@ -6,10 +6,12 @@ import numpy as np
 
 from talc.frame import BoolArray, FloatArray
 
-_ORDINARY, _JUMP = 60.0, 15.0
-"""A temperature in degC stays within the first of these of its reference, and moves less than the second in one step.
-An input that does not is a machine state or a length, in whatever unit: its span is the largest deviation so far, in
-powers of two. So an input that moves for the first time after weeks cannot upset the prediction."""
+_ORDINARY = 60.0
+"""A temperature in degC stays within this of its reference. An input that does not is a machine state or a length, in
+whatever unit: its span is the largest deviation so far, in powers of two. So an input that moves for the first time
+after weeks cannot upset the prediction."""
+_JUMP = 15.0
+"""A temperature in degC moves less than this in one step; an input that does not is no temperature either."""
 
 
 class LagBank:

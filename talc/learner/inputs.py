@@ -12,9 +12,11 @@ _LEAST_ROWS = 24
 _RIDGE = 1e-4
 """Relative ridge of the regression on the other inputs."""
 _AWAY_STEPS = 2
-_MOVED_SIGMA, _MOVED_LEAST = 5.0, 1.0
-"""An input that returns this far from its expected value (standard deviations, and in its unit) is another sensor, or
-is mounted elsewhere: its reference moves with it."""
+_MOVED_SIGMA = 5.0
+"""An input that returns this many standard deviations from its expected value is another sensor, or is mounted
+elsewhere: its reference moves with it."""
+_MOVED_LEAST = 1.0
+"""It must also be this far from it, in its unit."""
 
 
 class InputMemory:

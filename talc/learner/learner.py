@@ -20,12 +20,13 @@ _SHORT_GAP_S = 3600.0
 _LONGEST_RAMP = 2016
 """Steps, whatever they last, because each is computed; the lags restart after a longer gap."""
 _TRUSTED = 0.5
-_SIGMA_RATE, _SIGMA_WANTED, _SIGMA_BOUNDS = 0.5, 0.8, (0.8, 3.0)
-"""sigma is scaled by how far measurements are off: mean |z| of a normal distribution is 0.8. A measurement counts as
-far as its own noise does not hide this. A slower rate, or a lower bound, would suit the simulated machines, whose
-intervals are too wide; on a real machine measured rarely after a dense beginning they become too narrow."""
-
-
+_SIGMA_RATE = 0.5
+"""How fast sigma is scaled by how far measurements are off. A measurement counts as far as its own noise does not hide
+this. A slower rate, or a lower bound, would suit the simulated machines, whose intervals are too wide; on a real
+machine measured rarely after a dense beginning they become too narrow."""
+_SIGMA_WANTED = 0.8
+"""Mean |z| of a normal distribution."""
+_SIGMA_BOUNDS = (0.8, 3.0)
 _FARTHEST_Z = 4.0
 
 

@@ -14,20 +14,34 @@ from talc.names import THERMAL_ERRORS
 _ERRORS = len(THERMAL_ERRORS)
 _DRIFT_STEP_S = 300.0
 """Time in seconds to which the drifts of an `Expert` refer."""
-_TEMPER, _KEPT, _SHARED = 0.6, 0.97, 0.01
-"""Exponent of the likelihoods, their discount at each measurement, and the share of weight spread over all experts."""
-_NULL_FIRST, _NULL_KEPT, _NULL_BOUND = 3.0, 0.995, 10.0
-"""Log-odds that an error stays zero: at first, their discount at a measurement, and their bound."""
+_TEMPER = 0.6
+"""Exponent of the likelihoods."""
+_KEPT = 0.97
+"""Discount of the likelihoods at each measurement."""
+_SHARED = 0.01
+"""Share of the weight that is spread over all experts."""
+_NULL_FIRST = 3.0
+"""First log-odds that an error stays zero."""
+_NULL_KEPT = 0.995
+"""Their discount at a measurement."""
+_NULL_BOUND = 10.0
+"""Their bound."""
 _REFERENCE = 0.2
 """Variance of the reference's noise over a measurement's: by default the reference is a mean of five."""
-_OTHERS_SHARE, _OTHERS_NULL = 0.8, -2.0
-"""First weight of all experts from other machines together, and first log-odds of such an error being zero."""
+_OTHERS_SHARE = 0.8
+"""First weight of all experts from other machines together."""
+_OTHERS_NULL = -2.0
+"""First log-odds that an error stays zero of which other machines have learnt."""
 _LEAST_NOISE = 0.25
 """µm or µm/m: no probing cycle is more accurate."""
-_FAR, _OUTLIER_AS, _FASTEST = 5.0, 2.5, 0.3
-"""Standard deviations from which a measurement may be an outlier, and the number that its noise is enlarged to. It is
-one only if it is also that far from the last measurement of an error that changes by `_FASTEST` UNIT in 5 min: a
-machine that starts to behave differently gives surprising measurements, which must be learnt."""
+_FAR = 5.0
+"""Standard deviations from which a measurement may be an outlier. It is one only if it is also that far from the last
+measurement of an error that changes by `_FASTEST`: a machine that starts to behave differently gives surprising
+measurements, which must be learnt."""
+_OUTLIER_AS = 2.5
+"""The noise of an outlier is enlarged until it is this many standard deviations off."""
+_FASTEST = 0.3
+"""UNIT in 5 min."""
 _FIRST_FAR = 4.0
 """If the first measurement is this many standard deviations from zero, the reference is not the present state."""
 _LEAST_MIXED = 1e-3

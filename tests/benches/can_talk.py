@@ -3,7 +3,8 @@
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 
-from drivers.canopen import CanObject, CanOpenBus
+from drivers.canopen.bus import CanOpenBus
+from drivers.canopen.place import CanObject
 from simulators.devices import SlcanAdapter
 from simulators.devices.slcan_adapter import CanNode
 from tests.benches.buses import make_bus

@@ -10,8 +10,8 @@ from pathlib import Path
 from drivers.base import SystemClock
 from gateway.config.telemetry import Operator, Telemetry
 from gateway.model.commands import Command, CommandName, CommandOutcome, Pause
+from gateway.model.control_state import NcState
 from gateway.model.events import EventReported, Health, HealthChecked, StoreHealth
-from gateway.nc.states import NcState
 from gateway.telemetry.answers import CoursePage
 from gateway.telemetry.messages import PublishedCourse
 from gateway.telemetry.publisher import TelemetryPublisher

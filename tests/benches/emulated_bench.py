@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.nc import NumericalControl, RequestStatus
-from drivers.sinumerik import SinumerikSettings, StateNode
 from drivers.sinumerik.control import Sinumerik
+from drivers.sinumerik.settings import SinumerikSettings, StateNode
 from simulators.nc import Activity, CycleSettings, DayPart, EmulatedControl, FollowingTerms, LoadCase, MeanLoads, User
 from simulators.nc.variables import COOLANT, PROBE_IN_SPINDLE
 from tests.benches.manual_clock import ManualClock

@@ -4,7 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from drivers.sinumerik import ErrorTerms, OffsetRoute, SinumerikSettings, errors_program
+from drivers.sinumerik.programs import ErrorTerms, errors_program
+from drivers.sinumerik.settings import OffsetRoute, SinumerikSettings
 from simulators.nc.main_run import MainRun
 from talc.frame import FloatArray
 

@@ -17,8 +17,8 @@ from pathlib import Path
 from typing import Any
 
 from drivers.base import Quality, SystemClock
-from gateway.acquisition.sample import Sample
 from gateway.model.events import DecisionMade, FrameMade, ReadingsTaken
+from gateway.model.sample import Sample
 from gateway.storage.faults import StoreError
 from gateway.storage.store import Store
 from tests.benches.preloads import preload

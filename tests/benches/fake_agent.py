@@ -7,8 +7,9 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
 
-from drivers.agent import AgentControl, AgentSettings
 from drivers.agent.connection import AgentConnection
+from drivers.agent.control import AgentControl
+from drivers.agent.settings import AgentSettings
 from drivers.base import SystemClock
 from simulators.devices.loopback import Connection, LoopbackServer
 

@@ -17,11 +17,11 @@ import msgspec
 
 from drivers.base import DriverError
 from drivers.faults import Fault
-from drivers.mqtt import MqttTopic
-from drivers.mtconnect import MtConnectSettings
+from drivers.mqtt.profile import MqttTopic
 from drivers.mtconnect.document import data_items, latest_values
 from drivers.mtconnect.exchange import ask_agent
 from drivers.mtconnect.items import factors, number
+from drivers.mtconnect.settings import MtConnectSettings
 from drivers.mtconnect.suggest import suggested_items
 from gateway.listeners.collect.tables import arrow_of, by_day, check_end
 from gateway.listeners.outlets.influxdb import InfluxDbOutlet, InfluxDbSettings

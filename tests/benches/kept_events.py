@@ -2,7 +2,6 @@
 
 from typing import TypeVar
 
-from gateway.acquisition.sample import Sample
 from gateway.model.events import (
     DecisionMade,
     EventReported,
@@ -13,6 +12,7 @@ from gateway.model.events import (
     OutlookChanged,
     ReadingsTaken,
 )
+from gateway.model.sample import Sample
 from gateway.nc.probing.cycle import Outcome
 from gateway.nc.probing.schedule import Outlook
 from talc.frame import Decision, Event, EventKind, Frame

@@ -8,7 +8,7 @@ from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import asynccontextmanager, contextmanager
 from pathlib import Path
 
-from drivers.modbus import ModbusBus
+from drivers.modbus.bus import ModbusBus
 from simulators.devices.pty_port import PtyPort
 from tests.benches.buses import make_bus
 

@@ -8,9 +8,9 @@ from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from drivers.agent import AgentControl
+from drivers.agent.control import AgentControl
 from drivers.base import SystemClock
-from drivers.linuxcnc import LinuxCncSettings
+from drivers.linuxcnc.settings import LinuxCncSettings
 from drivers.nc import WatchdogTerms
 from simulators.linuxcnc.machine import LinuxCncMachine, machine
 

@@ -14,7 +14,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from drivers.agent import AgentControl
+from drivers.agent.control import AgentControl
 from gateway.runtime.clocks import RealClock
 from talc.frame import FloatArray
 from tests.benches.cut_wire import wire_to

@@ -13,7 +13,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from drivers.agent import AgentControl
+from drivers.agent.control import AgentControl
 from drivers.base import SystemClock
 from drivers.nc import NineErrors, WatchdogTerms
 from gateway.config.extended import validate

@@ -4,7 +4,8 @@ import struct
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 
-from drivers.micro_epsilon import MeRs485Bus, MeRs485Settings
+from drivers.micro_epsilon.rs485 import MeRs485Bus
+from drivers.micro_epsilon.settings import MeRs485Settings
 from simulators.devices.pty_port import PtyPort
 
 

@@ -3,7 +3,8 @@
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 
-from drivers.modbus import ModbusTcpBus, ModbusTcpSettings
+from drivers.modbus.bus import ModbusTcpBus
+from drivers.modbus.settings import ModbusTcpSettings
 from tests.benches.stream_server import Serve, stream_server
 
 

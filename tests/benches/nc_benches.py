@@ -9,11 +9,13 @@ from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from pathlib import Path
 
-from drivers.agent import AgentControl, AgentSettings
+from drivers.agent.control import AgentControl
+from drivers.agent.settings import AgentSettings
 from drivers.base import SystemClock
 from drivers.nc import NumericalControl, ProbingState, RequestStatus, WatchdogTerms
-from drivers.sinumerik import OffsetRoute, SinumerikSettings, make_sinumerik
 from drivers.sinumerik.control import Sinumerik
+from drivers.sinumerik.make import make_sinumerik
+from drivers.sinumerik.settings import OffsetRoute, SinumerikSettings
 from simulators.linuxcnc.machine import HURRY
 from simulators.nc import FollowingTerms, Nck
 from tests.benches import linuxcnc_bench

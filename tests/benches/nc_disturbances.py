@@ -25,8 +25,9 @@ import numpy as np
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from drivers.nc import NumericalControl
-from drivers.sinumerik import ErrorTerms, OffsetRoute, SinumerikSettings, errors_program, make_sinumerik
-from drivers.sinumerik.settings import PAIRS
+from drivers.sinumerik.make import make_sinumerik
+from drivers.sinumerik.programs import ErrorTerms, errors_program
+from drivers.sinumerik.settings import PAIRS, OffsetRoute, SinumerikSettings
 from gateway.config.extended import validate
 from gateway.nc.link import NcLink
 from gateway.nc.settings import Earlier, Identity, LinkSettings, Listeners
@@ -211,13 +212,13 @@ async def disturbed(
     """Run `count` disturbances of these kinds in turn on a route. late_s: how long a write is held."""
     draw, clock = random.Random(seed), RealClock()
     plain = SinumerikSettings(
-        security="none", url="opc.tcp://nc", timeout_s=1.0, session_s=SILENCE_S / 2, compensation=_compensation(route)
+        security="none", url="opc.tcp://nc", timeout_s=1.0, session_s=SILENCE_S / 2, compensation=compensation_of(route)
     )
     day = LoadCase([DayPart(0.0, 1e12, Activity.PAUSE, MeanLoads())])
     cycle = CycleSettings(noise_um=0.0)
     async with AsyncExitStack() as stack:
         control = EmulatedControl(
-            Rigid(), clock, day, cycle=cycle, programs=_programs(plain), r_count=R_COUNT_WITH_ERRORS
+            Rigid(), clock, day, cycle=cycle, programs=programs_of(plain), r_count=R_COUNT_WITH_ERRORS
         )
         record = ShiftRecord(control.nck)
         url = await control.start()
@@ -237,7 +238,8 @@ async def disturbed(
     return Disturbed(largest, Counter(kind for _, kind in events), site.disarmed, moved, end_s - began_s)
 
 
-def _compensation(route: str) -> OffsetRoute:
+def compensation_of(route: str) -> OffsetRoute:
+    """The settings of a route."""
     match route:
         case "errors":
             return OffsetRoute(route="errors", travel_mm=_TRAVEL)
@@ -251,7 +253,7 @@ def _compensation(route: str) -> OffsetRoute:
             raise ValueError(f"route = {route!r}: expected one of {ROUTES}")
 
 
-def _programs(settings: SinumerikSettings) -> list[str]:
+def programs_of(settings: SinumerikSettings) -> list[str]:
     """What the control runs for a route."""
     if settings.compensation.route == "errors":
         return [errors_program(settings, ErrorTerms(SLEW_UM_PER_S, 120.0, BOUND_UM))]
@@ -265,24 +267,32 @@ class ShiftRecord:
     def __init__(self, nck: Nck) -> None:
         self._nck, self._last = nck, _settings_of(nck)
         self.times = [0.0]
-        self.shifts_um = [self._corners()]
-        nck.watched = self._note
+        self.shifts_um = [self.corners()]
+        nck.watched = self.note
 
-    def _corners(self) -> FloatArray:
+    def corners(self) -> FloatArray:
         """(24,) µm"""
         return np.array([self._nck.shift_um(corner) for corner in itertools.product(*_TRAVEL)]).ravel()
 
-    def _note(self, now_s: float) -> None:
+    def note(self, now_s: float) -> None:
+        """Look whether it has changed."""
         state = _settings_of(self._nck)
         if state != self._last:
             self._last = state
             self.times.append(now_s)
-            self.shifts_um.append(self._corners())
+            self.shifts_um.append(self.corners())
 
 
 def _settings_of(nck: Nck) -> tuple[float, ...]:
     """Everything that the shift depends on while the axes stand still."""
-    return (*nck.k0_mm, *nck.slope, *nck.reference_mm, *nck.table_weight, *nck.r[R_OFFSETS : R_OFFSETS + 3])
+    return (
+        float(nck.referenced),
+        *nck.k0_mm,
+        *nck.slope,
+        *nck.reference_mm,
+        *nck.table_weight,
+        *nck.r[R_OFFSETS : R_OFFSETS + 3],
+    )
 
 
 def largest_changes(

@@ -14,9 +14,9 @@ from drivers.nc import NcSnapshot, NotSendable, OperatingMode, ProbingState, Pro
 from gateway.config.extended import validate
 from gateway.config.model import GatewayConfig
 from gateway.model.commands import Disarmed, Pause
+from gateway.model.compensation import Offsets, Write
 from gateway.nc.link import NcLink
 from gateway.nc.settings import Earlier, Identity, LinkSettings, Listeners
-from gateway.nc.slew import Offsets, Write
 from talc.frame import Decision, Phase, Why
 from tests.benches.stepped_clock import SteppedClock
 

@@ -11,13 +11,13 @@ from pathlib import Path
 import numpy as np
 
 from drivers.nc import WatchdogTerms
-from drivers.sinumerik import SinumerikSettings
 from drivers.sinumerik.control import Sinumerik
+from drivers.sinumerik.settings import SinumerikSettings
 from gateway.config.extended import validate
+from gateway.model.compensation import Write
 from gateway.nc.link import NcLink
 from gateway.nc.probing.cycle import Outcome
 from gateway.nc.settings import Earlier, Identity, LinkSettings, Listeners
-from gateway.nc.slew import Write
 from gateway.runtime.problems import Notice
 from simulators.nc import Activity, CycleSettings, DayPart, EmulatedControl, LoadCase, MachineState, MeanLoads, User
 from talc.frame import Decision, Phase

@@ -8,7 +8,7 @@ from cryptography import x509
 from cryptography.hazmat.primitives.serialization import Encoding
 from cryptography.x509.oid import ExtendedKeyUsageOID
 
-from drivers.sinumerik import SinumerikSettings
+from drivers.sinumerik.settings import SinumerikSettings
 
 TIMEOUT_S = 60.0
 """A busy computer may need this long for another program's answer."""

@@ -8,7 +8,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from drivers.agent import AgentSettings
+from drivers.agent.settings import AgentSettings
 from tests.benches.linuxcnc_module import module_at
 from tests.benches.stream_server import stream_server
 

@@ -4,7 +4,9 @@ import asyncio
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 
-from drivers.modbus import Block, ModbusRtuBus, ModbusRtuSettings
+from drivers.modbus.numbers import Block
+from drivers.modbus.rtu import ModbusRtuBus
+from drivers.modbus.settings import ModbusRtuSettings
 from simulators.devices.modbus_servers import crc16
 from simulators.devices.pty_port import PtyPort
 

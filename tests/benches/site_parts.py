@@ -16,9 +16,9 @@ import numpy as np
 import zenoh
 
 from drivers.base import Quality, SystemClock
-from gateway.acquisition.sample import Sample
 from gateway.config.telemetry import Telemetry
 from gateway.model.events import DecisionMade, EventReported, FrameMade, GatewayEvent, ReadingsTaken
+from gateway.model.sample import Sample
 from gateway.runtime.clocks import RealClock
 from gateway.service.stored_answers import rows_of
 from gateway.storage.store import Store, boot_id

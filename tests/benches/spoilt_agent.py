@@ -4,7 +4,7 @@ import random
 from contextlib import suppress
 from pathlib import Path
 
-from drivers.agent import AgentControl
+from drivers.agent.control import AgentControl
 from drivers.base import DriverError, NoAnswer, SystemClock
 from drivers.nc import NineErrors, WatchdogTerms
 from tests.benches.cut_wire import wire_to

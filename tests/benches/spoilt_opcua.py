@@ -8,8 +8,8 @@ from typing import Any
 
 from drivers.base import DriverError, SystemClock
 from drivers.nc import WatchdogTerms
-from drivers.sinumerik import SinumerikSettings
 from drivers.sinumerik.control import Sinumerik
+from drivers.sinumerik.settings import SinumerikSettings
 from tests.benches.cut_wire import wire_to
 from tests.benches.emulated_bench import sinumerik_bench
 

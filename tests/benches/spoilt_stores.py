@@ -17,9 +17,9 @@ import click
 import numpy as np
 
 from drivers.base import Quality
-from gateway.acquisition.sample import Sample
 from gateway.control.restart.earlier import Past, past_in
 from gateway.model.events import DecisionMade, EventReported, FrameMade, MeasurementEnded, ReadingsTaken, Sink
+from gateway.model.sample import Sample
 from gateway.nc.probing.cycle import Outcome
 from gateway.storage.faults import StoreError
 from gateway.storage.history import History

@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from drivers.base import Quality, SystemClock
-from gateway.acquisition.sample import Sample
 from gateway.model.events import DecisionMade, FrameMade, ReadingsTaken
+from gateway.model.sample import Sample
 from gateway.storage.store import Store
 from talc.frame import Decision, Frame, Phase
 

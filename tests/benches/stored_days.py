@@ -6,10 +6,9 @@ from pathlib import Path
 import numpy as np
 
 from gateway.control.restart.earlier import past_in
+from gateway.model.compensation import Source, Step, Write
 from gateway.model.events import CompensationStepped, DecisionMade, EventReported, FrameMade, MeasurementEnded
 from gateway.nc.probing.cycle import Outcome
-from gateway.nc.slew import Step, Write
-from gateway.nc.states import Source
 from gateway.storage.store import Store
 from talc.frame import Event, EventKind, Frame, Measurement, Why
 from tests.benches.service_file import two_temperatures

@@ -10,9 +10,9 @@ import numpy as np
 from pyarrow import dataset
 
 from drivers.base import Quality
-from gateway.acquisition.sample import Sample
 from gateway.listeners.collect.collector import Collector, SiteKept
 from gateway.model.events import DecisionMade, EventReported, FrameMade, MeasurementEnded, ReadingsTaken, ReasonsGiven
+from gateway.model.sample import Sample
 from gateway.nc.probing.cycle import Outcome
 from gateway.service.stored_answers import rows_of
 from gateway.storage.store import Store

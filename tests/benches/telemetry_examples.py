@@ -6,14 +6,13 @@ from datetime import UTC, datetime
 import numpy as np
 
 from drivers.base import Quality
-from gateway.acquisition.sample import Sample
 from gateway.config.extended import validate
 from gateway.config.model import GatewayConfig
+from gateway.model.compensation import Source, Step, Write
+from gateway.model.sample import Sample
+from gateway.model.standing import Standing
 from gateway.nc.probing.cycle import End, Outcome
 from gateway.nc.probing.schedule import Outlook
-from gateway.nc.probing.standing import Standing
-from gateway.nc.slew import Step, Write
-from gateway.nc.states import Source
 from talc.explanation import ErrorReason, Reasons
 from talc.forecast import Forecast, Misses
 from talc.frame import Decision, Event, EventKind, Frame, Measurement, Phase, Why

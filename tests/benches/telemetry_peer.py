@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from drivers.base import Clock, Quality, SystemClock
-from gateway.acquisition.sample import Sample
 from gateway.config.telemetry import Telemetry as Settings
 from gateway.model.events import EventReported
+from gateway.model.sample import Sample
 from gateway.telemetry.publisher import TelemetryPublisher
 from talc.frame import Decision, Event, EventKind, Phase
 from tests.benches.waits import LIMIT_S, wait_until

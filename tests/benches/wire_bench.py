@@ -7,13 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
-from drivers.sinumerik import SinumerikSettings
 from drivers.sinumerik.control import Sinumerik
+from drivers.sinumerik.settings import SinumerikSettings
 from gateway.config.extended import validate
 from gateway.config.model import GatewayConfig
+from gateway.model.compensation import Offsets, Write
 from gateway.nc.link import NcLink
 from gateway.nc.settings import Earlier, Identity, LinkSettings, Listeners
-from gateway.nc.slew import Offsets, Write
 from simulators.nc import Activity, CycleSettings, DayPart, EmulatedControl, LoadCase, MeanLoads
 from simulators.nc.watchdog import Logged
 from tests.benches.still_machine import StillMachine

@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 
 from drivers.base import Quality, Reading
 from gateway.acquisition.board import Board
-from gateway.acquisition.sample import samples
+from gateway.config.applied import ConfigurationApplied
 from gateway.config.file import load
 from gateway.config.model import GatewayConfig
 from gateway.control.explaining import Explanations
@@ -40,17 +40,9 @@ from gateway.control.planned_loads import PlannedLoads
 from gateway.control.restart.earlier import past_in
 from gateway.control.restart.snapshots import SnapshotKeeper
 from gateway.control.sensor_watch import SensorWatch
-from gateway.model.events import (
-    CompensationStepped,
-    ConfigurationApplied,
-    DecisionMade,
-    EventReported,
-    FrameMade,
-    ReadingsTaken,
-    in_order,
-)
-from gateway.nc.slew import Step, Write
-from gateway.nc.states import Source
+from gateway.model.compensation import Source, Step, Write
+from gateway.model.events import CompensationStepped, DecisionMade, EventReported, FrameMade, ReadingsTaken, in_order
+from gateway.model.sample import samples
 from gateway.service.health import HealthWatch
 from gateway.service.memory import give_back_large_blocks
 from gateway.service.metrics import GatewayFigures

@@ -7,9 +7,9 @@ import pytest
 
 from drivers.base import Refused
 from drivers.nc import WatchdogTerms
-from drivers.sinumerik import SinumerikSettings
 from drivers.sinumerik.control import Sinumerik
-from simulators.nc.watchdog import R_BEAT, R_OWNER, R_RAMP, R_SILENCE
+from drivers.sinumerik.settings import SinumerikSettings
+from simulators.nc.watchdog import R_BEAT, R_ECHO, R_OWNER, R_RAMP, R_SILENCE, R_WATCH
 from tests.benches.emulated_bench import OpcUaBench, sinumerik_bench
 
 pytestmark = pytest.mark.simulated_time
@@ -149,6 +149,24 @@ async def test_a_control_without_the_watchdog_is_never_alive() -> None:
         bench.control.nck.watchdog.beat = not_installed  # type: ignore[method-assign]
         await bench.nc.claim(7, WATCH)
         assert await beat_at(bench, 1.0, 2.0, 3.0) == [False, False, False]
+
+
+@pytest.mark.parametrize("echo", [0.0, 1.0, 2.0, 3.0])
+async def test_what_the_control_keeps_without_power_is_no_sign_of_a_watchdog(echo: float) -> None:
+    """Whatever R94 and R68 were, and although R96 still says that it is alive."""
+    async with sinumerik_bench() as bench:
+        await bench.nc.claim(7, WATCH)
+        assert await beat_at(bench, 1.0) == [True]
+        nck = bench.control.nck
+        nck.power_on(2.0, started=False)
+        assert nck.r[R_WATCH] == 1.0
+        nck.r[R_ECHO] = nck.r[R_BEAT] - 2.0 + echo
+        assert await beat_at(bench, 3.0, 4.0, 5.0) == [False, False, False]
+        await bench.nc.claim(7, WATCH)
+        assert await beat_at(bench, 6.0, 7.0) == [False, False]
+        nck.power_on(8.0)
+        await bench.nc.claim(7, WATCH)
+        assert await beat_at(bench, 9.0) == [True]
 
 
 @pytest.mark.parametrize(("silence_s", "ramp"), [(0.0, 1.0), (float("nan"), 1.0), (1.0, -1.0), (1.0, float("inf"))])

@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 
 from drivers.base import NoAnswer
 from drivers.byte_stream import TcpStream
-from drivers.modbus import ModbusTcpBus, ModbusTcpSettings
+from drivers.modbus.bus import ModbusTcpBus
+from drivers.modbus.settings import ModbusTcpSettings
 from drivers.patience import Patience
 from simulators.devices import SlcanAdapter
 from simulators.devices.loopback import Connection, LoopbackServer

@@ -8,7 +8,8 @@ from pydantic import ValidationError
 
 from drivers.base import SetupError, SystemClock
 from drivers.build import make_device
-from drivers.modbus import ModbusProfile, NumberFormat
+from drivers.modbus.numbers import NumberFormat
+from drivers.modbus.profile import ModbusProfile
 from drivers.profiles import load_profile, profile_names
 from drivers.readings import total
 from simulators.devices.scenario import Scenario

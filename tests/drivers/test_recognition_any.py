@@ -13,18 +13,18 @@ from hypothesis import strategies as st
 
 from drivers.base import BadAnswer, ConnectError, DriverError, NoAnswer, Refused, SystemClock
 from drivers.build import make_device
-from drivers.canopen import CanObject, CanOpenBus, CanOpenSettings, Cia404Profile
-from drivers.micro_epsilon import MeEthernetBus, MeEthernetSettings, MeRs485Bus, MeRs485Settings
-from drivers.micro_epsilon.ethernet import MeBlock
-from drivers.modbus import (
-    Block,
-    ModbusBus,
-    ModbusProfile,
-    ModbusRtuBus,
-    ModbusRtuSettings,
-    ModbusTcpBus,
-    ModbusTcpSettings,
-)
+from drivers.canopen.bus import CanOpenBus
+from drivers.canopen.place import CanObject
+from drivers.canopen.profile import Cia404Profile
+from drivers.canopen.settings import CanOpenSettings
+from drivers.micro_epsilon.ethernet import MeBlock, MeEthernetBus
+from drivers.micro_epsilon.rs485 import MeRs485Bus
+from drivers.micro_epsilon.settings import MeEthernetSettings, MeRs485Settings
+from drivers.modbus.bus import ModbusBus, ModbusTcpBus
+from drivers.modbus.numbers import Block
+from drivers.modbus.profile import ModbusProfile
+from drivers.modbus.rtu import ModbusRtuBus
+from drivers.modbus.settings import ModbusRtuSettings, ModbusTcpSettings
 from drivers.profiles import load_profile, profile_names
 from drivers.recognition import (
     Recognition,
@@ -190,6 +190,7 @@ class Node(CanOpenBus):
         return int.from_bytes(said[:4], "little")
 
 
+@pytest.mark.slow
 def test_any_objects_of_a_node() -> None:
     seen = {"cia404": 0, "": 0, "silent": 0, "error": 0}
 

@@ -2,24 +2,71 @@
 
 import asyncio
 import os
+import shutil
 from collections.abc import AsyncIterator, Iterator
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, contextmanager
 from pathlib import Path
 
 import pytest
 
 from drivers.base import ConnectError, NoAnswer, SystemClock
 from drivers.build import make_device
-from drivers.modbus import Block, ModbusBus
+from drivers.modbus.bus import ModbusBus
+from drivers.modbus.numbers import Block
 from simulators.devices import MeSensor, RtuLine
 from simulators.devices.me_sensor import MeLine
 from simulators.devices.modbus_servers import crc16
 from simulators.devices.voltage_input import VoltageInput
 from tests.benches.buses import make_bus
+from tests.benches.foreign_server import RestartableServer
 from tests.benches.free_port import free_port
-from tests.benches.ser2net import Ser2net, ser2net
 from tests.benches.stream_server import stream_server
 from tests.benches.waits import until
+
+# ser2net, Debian's device server, for tests with marker `peer`: it puts one serial port on the network.
+
+
+_CONFIG = """%YAML 1.1
+---
+connection: &line
+  accepter: {accepter},tcp,127.0.0.1,{port}
+  connector: serialdev,{device},1200n81,local
+  options:
+    kickolduser: {newest_wins}
+"""
+
+
+class Ser2net(RestartableServer):
+    """A device server on loopback; it can be stopped and started again on its port.
+
+    Parameters
+    ----------
+    folder: for its files
+    device: the serial port, opened at 1200 baud unless the client says otherwise
+    scheme: `rfc2217`, or `socket` for raw TCP
+    newest_wins: a new client takes the port from the one before; otherwise it is refused
+    """
+
+    def __init__(self, folder: Path, device: str, scheme: str, *, newest_wins: bool = True) -> None:
+        program = shutil.which("ser2net", path="/usr/sbin:/usr/bin")
+        assert program is not None, "ser2net is missing: install Debian's ser2net"
+        port = free_port()
+        config = folder / "ser2net.yaml"
+        accepter = "telnet(rfc2217)" if scheme == "rfc2217" else ""
+        wins = str(newest_wins).lower()
+        text = _CONFIG.format(accepter=accepter, port=port, device=device, newest_wins=wins)
+        config.write_text(text.replace(" ,tcp", " tcp"))
+        super().__init__([program, "-n", "-u", "-d", "-c", str(config)], port, folder / "ser2net.log")
+        self.url = f"{scheme}://127.0.0.1:{port}"
+
+
+@contextmanager
+def ser2net(folder: Path, device: str, scheme: str, *, newest_wins: bool = True) -> Iterator[Ser2net]:
+    """A server that runs."""
+    server = Ser2net(folder, device, scheme, newest_wins=newest_wins)
+    with server.running():
+        yield server
+
 
 TIMEOUT_S = 60.0
 """A busy computer may need this long for another program's answer."""
@@ -143,6 +190,7 @@ async def test_a_port_where_nobody_listens_is_named() -> None:
         await bus.connect()
 
 
+@pytest.mark.slow
 async def test_another_server_than_one_of_rfc_2217_is_refused() -> None:
     """All at once, because each takes pyserial's three seconds."""
 

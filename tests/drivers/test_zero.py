@@ -11,7 +11,7 @@ import pytest
 
 from drivers.base import Bus, Driver, SystemClock
 from drivers.build import make_device
-from drivers.can import CanDbcProfile
+from drivers.can.dbc_profile import CanDbcProfile
 from drivers.profile import LinearValue
 from drivers.profiles import load_profile
 from simulators.devices import Cia404Node, MeSensor, SlcanAdapter, TcpHost

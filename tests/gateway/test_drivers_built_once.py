@@ -11,8 +11,10 @@ from pathlib import Path
 import pytest
 
 from drivers.base import SetupError
-from drivers.canopen import CanOpenBus, Cia404Device
-from drivers.modbus import ModbusDevice, ModbusRtuBus
+from drivers.canopen.bus import CanOpenBus
+from drivers.canopen.cia404 import Cia404Device
+from drivers.modbus.device import ModbusDevice
+from drivers.modbus.rtu import ModbusRtuBus
 from gateway.acquisition.acquisition import Acquisition
 from gateway.acquisition.build import lines_of
 from gateway.acquisition.once import read_once

@@ -54,11 +54,13 @@ def loaded_by(command: Sequence[str], asked: str = "") -> set[str]:
     return set(said.splitlines()[-1].split())
 
 
+@pytest.mark.slow
 def test_a_gateway_without_opc_ua_loads_none_of_the_heavy_libraries() -> None:
     heavy = {"scipy", "osqp", "matplotlib", "jinja2", "cantools", "numpy.random"} | PLANT
     assert loaded("import gateway.cli.main, gateway.service.run").isdisjoint(heavy)
 
 
+@pytest.mark.slow
 def test_the_page_loads_no_bus_and_no_learner() -> None:
     port = free_port()
     modules = loaded_by(["web", "--connect", f"tcp/127.0.0.1:{port}", "--listen", "127.0.0.1:0"], "/")
@@ -66,6 +68,7 @@ def test_the_page_loads_no_bus_and_no_learner() -> None:
     assert not modules & (NEVER_BESIDE | PLANT | {"gateway.config.model"})
 
 
+@pytest.mark.slow
 def test_the_page_of_a_configuration_loads_no_bus_and_no_learner() -> None:
     config = Path(__file__).parent / "config" / "cases" / "valid" / "gateway.toml"
     modules = loaded_by(["web", str(config), "--listen", "127.0.0.1:0"], "/")
@@ -106,6 +109,7 @@ def test_reading_and_checking_a_configuration_loads_no_bus() -> None:
     assert not modules & (NEVER_BESIDE | PLANT | {"asyncio"})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "needed", "foreign"),
     [
@@ -135,15 +139,25 @@ def test_a_bus_loads_the_libraries_of_its_own_kind(kind: str, needed: str, forei
     assert not modules & foreign
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("code", "needed"),
     [
-        ("from drivers.opcua import OpcUaBusSettings, OpcUaBus, OpcUaDevice, OpcUaServer, node_name", set()),
-        ("from drivers.opcua import valid_certificate, check_key, application_uri", {"cryptography"}),
-        ("from drivers.opcua import OpcUaSession", {"asyncua", "cryptography"}),
-        ("from drivers.mqtt import MqttBusSettings, MqttBus, MqttDevice, MqttServer, number_in", set()),
-        ("from drivers.mqtt import MqttConnection", {"paho"}),
-        ("from drivers.sinumerik import SinumerikControl, SinumerikSettings, make_sinumerik", set()),
+        (
+            "import drivers.opcua.bus, drivers.opcua.device, drivers.opcua.nodes, drivers.opcua.settings",
+            set(),
+        ),
+        ("import drivers.opcua.certificates", {"cryptography"}),
+        ("import drivers.opcua.session", {"asyncua", "cryptography"}),
+        (
+            "import drivers.mqtt.bus, drivers.mqtt.device, drivers.mqtt.profile, drivers.mqtt.settings",
+            set(),
+        ),
+        ("import drivers.mqtt.connection", {"paho"}),
+        (
+            "import drivers.sinumerik.make, drivers.sinumerik.settings",
+            set(),
+        ),
         ("from gateway.listeners.outlets.mqtt import MqttOutlet, MqttOutletSettings", set()),
         ("from gateway.listeners.umati.settings import ShownMachine, check_serving, load_serving", set()),
         ("from gateway.listeners.umati.server import MachineToolServer", {"asyncua", "cryptography"}),

@@ -13,8 +13,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drivers.sinumerik import ErrorTerms, OffsetRoute, SinumerikSettings, errors_program, make_sinumerik
-from drivers.sinumerik.settings import PAIRS
+from drivers.sinumerik.make import make_sinumerik
+from drivers.sinumerik.programs import ErrorTerms, errors_program
+from drivers.sinumerik.settings import PAIRS, OffsetRoute, SinumerikSettings
 from gateway.config.extended import validate
 from gateway.nc.link import NcLink
 from gateway.nc.settings import Earlier, Identity, LinkSettings, Listeners

@@ -4,7 +4,6 @@
 """
 
 import asyncio
-import logging
 import re
 import subprocess
 import sys
@@ -19,9 +18,9 @@ from gateway.model.events import EventReported, GatewayEvent, SensorsJudged
 from talc.frame import EventKind, Frame
 from talc.settings import SensorCheckSettings
 from tests.benches.plant_days import NAMES, plant_days
-from tests.benches.simulated_time import held_time, jump_wall_clock, simulated_time
+from tests.benches.simulated_time import held_time, simulated_time
 from tests.benches.small_run import START
-from tests.benches.soak import RightClock, SoakPlan, fast_forward, soaked, table
+from tests.benches.soak import RightClock, fast_forward
 from tests.benches.soak_judged import SURPRISE, Alarm, SoakFault, asked_again, false_alarms, reported
 
 WORDS = {
@@ -41,29 +40,13 @@ def ended(at_s: float, text: str = "device rtd1: answers again") -> Alarm:
 
 
 @pytest.mark.slow
-def test_days_of_faults_and_restarts() -> None:
+def test_hours_of_faults_and_restarts() -> None:
     """In a separate process, so that what other tests keep open is not counted."""
-    told = ["--days", "3", "--seed", "3", "--pause", "2400", "--run", "10800"]
+    told = ["--days", "0.25", "--seed", "3", "--pause", "1800", "--run", "5400"]
     command = [sys.executable, "-m", "tests.benches.soak", *told, "--begin", str(int(START))]
     ran = subprocess.run(command, cwd=Path(__file__).parents[2], capture_output=True, text=True)
     assert ran.returncode == 0, ran.stdout + ran.stderr
     print(ran.stdout)
-
-
-@pytest.mark.slow
-def test_a_leak_of_memory_fails_a_soak(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    caplog.set_level(logging.CRITICAL)  # pytest keeps every record
-    kept: list[bytes] = []
-    with fast_forward():
-        jump_wall_clock(int(START - time.time()))
-        plan = SoakPlan(days=0.1, seed=3, pause_s=1200.0, run_s=1200.0)
-        found = asyncio.run(soaked(tmp_path, plan, told=lambda _: kept.append(b"\1" * 10_000_000)))
-    assert len(kept) > 5
-    assert [leak.partition(":")[0] for leak in found.leaks] == [
-        "memory, MB, at the end of the runs",
-        "memory, MB, between the runs",
-    ], table(found)
-    assert not found.good
 
 
 def test_held_time_does_not_pass_while_another_process_works() -> None:
@@ -82,6 +65,7 @@ def test_held_time_does_not_pass_while_another_process_works() -> None:
         assert asyncio.run(waited_s()) < 1.0
 
 
+@pytest.mark.slow
 def test_a_soak_waits_for_the_process_that_learns_the_sensors() -> None:
     """Else a simulated hour passes in a second, and the gateway says that the process did not end within it."""
     events: list[GatewayEvent] = []

@@ -81,6 +81,7 @@ def test_wrong_shapes_are_named() -> None:
         solve(np.zeros((5, 3)), SIX, radius_m=RADIUS, height_m=HEIGHT, sigma_um=1.0)
 
 
+@pytest.mark.slow
 def test_a_report_says_what_poses_determine_and_how_well() -> None:
     flat = np.deg2rad(np.array([[0.0, c] for c in (0, 90, 180, 270)]))
     few = report_poses(flat, 0.2, 0.08, 1.0)

@@ -65,6 +65,7 @@ def wild(seed: int, pieces: list[Piece], large: float) -> Array:
     return values
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "training",
     [

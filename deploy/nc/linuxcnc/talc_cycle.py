@@ -4,11 +4,15 @@ Times are arguments. The pins are the handshake with talc_safe_point.ngc, see ta
 """
 
 import math
-from typing import Any, Protocol
+from typing import Any
 
+import hal
 import linuxcnc
+from talc_offsets import Pins
+from talc_path import POSES, ProbingPath
 from talc_server import Refusal
 
+OFF, BY_OTHERS = "the machine is off or not homed", "somebody else moved the machine or changed its modes"
 STATES = {1: "accepted", 2: "running", 3: "done", 4: "refused", 5: "failed"}
 FINAL = ("done", "refused", "failed")
 REASONS = {
@@ -17,52 +21,50 @@ REASONS = {
     3: "the kinematics are not the identity",
     4: "withdrawn",
     6: "a touch found no sphere",
+    20: "a touch where none may be",
+    21: BY_OTHERS,
 }
-OFF, NO_PROBE = "the machine is off or not homed", "the touch probe is not in the tool table"
-POSES = 6
 START_LIMIT_S, IDLE_LIMIT_S = 10.0, 0.5
 
 
-class Pins(Protocol):
-    """The HAL component's pins by name."""
-
-    def __getitem__(self, name: str) -> Any: ...
-
-    def __setitem__(self, name: str, value: Any) -> None: ...
-
-
 class Cycle:
-    """The gateway's request and its progress.
+    """The gateway's request and its progress."""
 
-    unfit: why the probing program cannot run on this machine at all; empty: it can.
-    """
-
-    def __init__(self, pins: Pins, probe_tool: int, unfit: str) -> None:
-        self._pins, self._probe_tool, self._unfit = pins, probe_tool, unfit
-        self._number, self._state, self._reason = 0, "idle", ""
+    def __init__(self, pins: Pins, path: ProbingPath) -> None:
+        self._pins, self._path = pins, path
+        self._number, self._state, self._reason, self._void = 0, "idle", "", ""
+        self._dry_run_mm = 0.0
         self._expires_s = math.inf
         self._since_idle_s: float | None = None
         self._mode_before: int | None = None
         self._started_s: float | None = None
-        self._begun = False
+        self._begun, self._rests, self._ended = False, True, True
+        self._began_in: tuple[int, str] | None = None
+        """Mode, and in MDI the block, in which the control has taken the request."""
 
     @property
     def under_way(self) -> bool:
         return self._state in ("accepted", "running")
 
-    def request(self, now: float, number: int, valid_for_s: float) -> None:
-        """Ask. Refused while another request waits or runs."""
+    def request(self, now: float, number: int, valid_for_s: float, dry_run_mm: float) -> None:
+        """Ask. Refused while another request waits or runs. dry_run_mm: 0, or the height of a dry run."""
+        least_mm = self._path.least_dry_run_mm()
+        if 0 < dry_run_mm < least_mm:
+            raise Refusal(f"dry_run_mm = {dry_run_mm:g}: expected 0, or at least {least_mm:g} mm, over the sphere")
         if number == self._number:
             raise Refusal(f"request number {number} was the last one: its old result could be taken for a new one")
         if self.under_way:
             raise Refusal(f"cycle {self._number} is under way")
         if self._state == "requested":
             raise Refusal(f"request {self._number} waits for the control's next safe point")
-        self._number, self._state, self._reason = number, "requested", ""
+        if 0 != self._number == self._pins["answers"] and not self._ended:
+            raise Refusal(f"the program of cycle {self._number} has not ended yet")
+        self._number, self._state, self._reason, self._void = number, "requested", "", ""
         self._expires_s = now + valid_for_s if valid_for_s > 0 else math.inf
-        self._started_s, self._since_idle_s, self._begun = None, None, False
+        self._started_s, self._since_idle_s, self._began_in = None, None, None
+        self._begun = self._ended = False
+        self._dry_run_mm = self._pins["dry-run"] = dry_run_mm
         self._pins["withdrawn"] = 0.0
-        self._pins["request"] = float(number)
 
     def withdraw(self, number: int) -> None:
         """Withdraw a waiting request; a running cycle checks this before each pose and touch."""
@@ -83,53 +85,83 @@ class Cycle:
 
     def obstacle(self, nc: Any) -> str:
         """Why a cycle cannot begin in the present state; empty: it can, in a part program at its next safe point."""
-        if nc.task_state != linuxcnc.STATE_ON or not all(nc.homed[: nc.joints]):
-            return OFF
-        if self._unfit:
-            return self._unfit
-        if all(tool.id != self._probe_tool for tool in nc.tool_table):
-            return NO_PROBE  # LinuxCNC would end the part program that wants to change it in
+        if why := self._impossible(nc, 0.0):
+            return why
         if nc.interp_state != linuxcnc.INTERP_IDLE:
             return ""
         if not self._pins["may-start"]:
             return "no program runs, and the pin talc.may-start is FALSE"
         return "the machine is being moved by hand" if _moves(nc) else ""
 
+    def _impossible(self, nc: Any, dry_run_mm: float) -> str:
+        return OFF if not _is_ready(nc) else self._path.obstacle(nc, dry_run_mm)
+
     def step(self, now: float, nc: Any, command: Any) -> None:
         """Check program and control. nc: a fresh linuxcnc.stat, or None when LinuxCNC does not answer."""
-        if self._number and self._pins["answers"] == self._number and self._state != "idle":
-            self._follow(now, nc)
+        self._rests = nc is not None and _idle(nc)
+        if self._number and self._pins["answers"] == self._number and self._state not in ("idle", *FINAL):
+            self._follow(now, nc, command)
         elif self._state == "requested":
             self._wait(now, nc, command)
-        if nc is not None and self._mode_before is not None and self._state in FINAL and _idle(nc):
-            command.mode(self._mode_before)
+        # A request may have been refused here at the moment at which the program has taken it.
+        self._ended = self._ended or (self._state in FINAL and (self._rests or self._told() in FINAL))
+        if nc is not None and self._mode_before is not None and self._state in FINAL and self._rests:
+            if nc.task_mode == linuxcnc.MODE_MDI:  # otherwise somebody has chosen another one
+                command.mode(self._mode_before)
             self._mode_before = None
 
-    def _follow(self, now: float, nc: Any) -> None:
-        """The program has taken the request: its state counts, unless it was stopped."""
-        told = STATES.get(round(self._pins["state"]), "accepted")
+    def _follow(self, now: float, nc: Any, command: Any) -> None:
+        """The program has taken the request: its state counts, unless it was stopped or was not alone."""
+        if nc is not None:
+            self._watch(nc, command)
+        told = self._told()
         if told == "done" and self._pins["result-of"] != self._number:
             told = "running"  # its pins are not all written yet
         if told in FINAL:
-            self._end(told, REASONS.get(round(self._pins["reason"]), f"reason {self._pins['reason']:g}"))
-            return
-        if self._state in FINAL:
+            reason = round(self._pins["reason"])
+            void = "" if told == "refused" else self._void
+            self._end("failed" if void else told, void or REASONS.get(reason, f"reason {reason}"))
             return
         self._state = told
-        if nc is None or not _idle(nc):
+        if nc is None or not self._rests:
             self._since_idle_s = None
         elif self._since_idle_s is None:
             self._since_idle_s = now
         elif now - self._since_idle_s > IDLE_LIMIT_S:
-            self._end("failed", "the program was stopped")
+            self._end("failed", self._void or "the program was stopped")
+
+    def _told(self) -> str:
+        return STATES.get(round(self._pins["state"]), "accepted")
+
+    def _watch(self, nc: Any, command: Any) -> None:
+        """Void the result if LinuxCNC does something that the cycle has not commanded.
+
+        The program sees position and modes itself, see talc_check.ngc. It then goes up, as it does when told so here.
+        """
+        now_in = nc.task_mode, nc.command if nc.task_mode == linuxcnc.MODE_MDI else ""
+        if self._began_in is None:
+            self._began_in = now_in
+        if self._void:
+            return
+        mode, block = self._began_in
+        if not _is_ready(nc):
+            self._void = OFF  # LinuxCNC has stopped the program
+        elif nc.task_mode != mode:
+            self._void = "somebody changed the operating mode"
+            command.abort()  # in MANUAL the program would neither go on nor end
+        elif nc.queued_mdi_commands or now_in[1] not in ("", block) or hal.get_value("motion.switchkins-type"):
+            self._void = BY_OTHERS
+            self._pins["withdrawn"] = -float(self._number)
 
     def _wait(self, now: float, nc: Any, command: Any) -> None:
         if nc is None:
             return
+        if why := self._impossible(nc, self._dry_run_mm):
+            self._refuse(why)
+            return
+        self._pins["request"] = float(self._number)
         obstacle = self.obstacle(nc)
-        if obstacle in (OFF, NO_PROBE, self._unfit) and obstacle:
-            self._refuse(obstacle)
-        elif now >= self._expires_s:
+        if now >= self._expires_s:
             self._refuse("no safe point before the request expired")
         elif self._started_s is not None:
             self._start(now, nc, command, obstacle)
@@ -155,8 +187,12 @@ class Cycle:
         self._pins["request"] = 0.0
 
 
+def _is_ready(nc: Any) -> bool:
+    return nc.task_state == linuxcnc.STATE_ON and all(nc.homed[: nc.joints])
+
+
 def _idle(nc: Any) -> bool:
-    return nc.interp_state == linuxcnc.INTERP_IDLE and nc.state != linuxcnc.RCS_EXEC
+    return nc.interp_state == linuxcnc.INTERP_IDLE and nc.state != linuxcnc.RCS_EXEC and not nc.queued_mdi_commands
 
 
 def _moves(nc: Any) -> bool:

@@ -1,8 +1,8 @@
 component talc_errors "Offsets of X, Y, Z from nine thermal errors and from where the tool is";
 description """
 Evaluates the kinematics of a machine XYZAC in every servo period; see talc_errors.h. The nine errors are slewed, the
-offsets are bounded. Without a beat for `silence` seconds the errors go to zero at `ramp`. Nothing is in force before
-homing, and `homing_inhibit` keeps LinuxCNC from homing while something is: it would be swallowed.""";
+offsets are bounded. Without a beat for `silence` seconds the errors go to zero at `ramp`, and what was wanted until then
+counts no more when beats come again. Nothing is in force before homing, and `homing_inhibit` keeps LinuxCNC from homing while something is: it would be swallowed.""";
 license "Apache-2.0";
 option singleton yes;
 
@@ -48,6 +48,8 @@ pin in bit aside "the offsets go to zero, as before homing";
 pin in bit by_hand "nobody sends beats: what is wanted is set by hand";
 pin in bit beat "toggles with every beat";
 pin in bit free "nobody has claimed the control";
+pin in s32 of_lapse = -1 "the count of `lapse` for which the wanted errors are meant; otherwise what is in force stays";
+pin out s32 lapse "how many times the watchdog has ended a claim, or a release has";
 pin in float silence "s";
 pin in float ramp "um/s, 0 holds";
 pin out bit beat_seen;
@@ -80,8 +82,12 @@ FUNCTION(_) {
     in.dt = period * 1e-9;
     unheard = beat != past ? 0.0 : unheard + in.dt;
     past = beat_seen = beat;
-    watching = !free && unheard < silence;
-    for (int i = 0; i < TALC_ERRORS; i++) in.wanted[i] = watching || by_hand ? wanted[i] : 0.0;
+    const int watched = !free && unheard < silence;
+    if (watching && !watched) lapse++;
+    watching = watched;
+    const int meant = by_hand || of_lapse == lapse;
+    for (int i = 0; i < TALC_ERRORS; i++)
+        in.wanted[i] = !(watching || by_hand) ? 0.0 : meant ? wanted[i] : state.errors[i];
     for (int i = 0; i < 3; i++) in.bound[i] = bounds[i] >= 0 && bounds[i] < bound_um ? bounds[i] : bound_um;
     in.limit = bound_um;
     in.tool[0] = tool_x * mm;

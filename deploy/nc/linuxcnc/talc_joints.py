@@ -62,17 +62,6 @@ class MachineJoints:
         x, y, z = (self._reach(axis, zero) for axis, zero in zip("XYZ", self.pivot, strict=True))
         self.reach = x, math.hypot(y, z)
         """Farthest point of the travel from where A and C meet: along X, and across it; mm."""
-        self.cannot_probe = self._cannot_probe()
-        """Why the probing program cannot run on this machine; empty: it can."""
-
-    def _cannot_probe(self) -> str:
-        if self.mm != 1.0:
-            return f"[TRAJ] LINEAR_UNITS = {self.unit}: the probing program works in mm only"
-        height, ball, safe = (self.number(name, 0.0) for name in ("SPHERE_HEIGHT", "BALL", "SAFE_Z"))
-        swing = math.hypot(self.radius, height) + ball
-        if safe > swing:
-            return ""
-        return f"[TALC] SAFE_Z = {safe:g}: the sphere swings up to {swing:.1f} mm over the pivot"
 
     @property
     def bound_um(self) -> float:

@@ -4,7 +4,7 @@ from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 
-from drivers.agent import Capability, Greeting
+from drivers.agent.greeting import Capability, Greeting
 from gateway.commissioning.agent_test.connection import AgentUnderTest
 
 

@@ -3,7 +3,7 @@
 from collections.abc import AsyncIterator, Collection
 from typing import Any
 
-from drivers.agent import Greeting, greeting_of
+from drivers.agent.greeting import Greeting, greeting_of
 from drivers.base import DriverError
 from gateway.commissioning.agent_test.clause import Clause, ClauseOutcome, ClauseResult, Moves, Trial
 from gateway.commissioning.agent_test.connection import AgentUnderTest, Broken, Told, Unreachable, connected

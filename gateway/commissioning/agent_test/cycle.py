@@ -5,7 +5,7 @@ import secrets
 from collections.abc import Container
 from contextlib import suppress
 
-from drivers.agent import Capability
+from drivers.agent.greeting import Capability
 from drivers.nc import LARGEST_NUMBER, REQUEST_VALID_FOR_S, ProbingState
 from gateway.commissioning.agent_test.clause import Clauses, Moves, Trial
 from gateway.commissioning.agent_test.connection import (

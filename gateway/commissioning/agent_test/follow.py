@@ -5,7 +5,7 @@ from collections.abc import Awaitable, Callable
 
 import numpy as np
 
-from drivers.agent import Capability
+from drivers.agent.greeting import Capability
 from gateway.commissioning.agent_test.clause import Clauses, Moves, Trial
 from gateway.commissioning.agent_test.connection import BareConnection, Broken, excerpt
 from gateway.commissioning.agent_test.offsets import (

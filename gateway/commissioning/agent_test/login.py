@@ -4,7 +4,7 @@ import asyncio
 import json
 from contextlib import AsyncExitStack, suppress
 
-from drivers.agent import PROTOCOL_VERSION, Capability, greeting_of
+from drivers.agent.greeting import PROTOCOL_VERSION, Capability, greeting_of
 from drivers.base import DriverError
 from drivers.nc import AXES, FARTHEST_MM, LINEAR_AXES, OperatingMode, ProgramState
 from drivers.signature import SHORTEST_KEY

@@ -6,7 +6,7 @@ import secrets
 from collections.abc import AsyncIterator, Awaitable
 from contextlib import asynccontextmanager, suppress
 
-from drivers.agent import Capability
+from drivers.agent.greeting import Capability
 from drivers.nc import LARGEST_NUMBER
 from gateway.commissioning.agent_test.clause import Clauses, Moves, Trial
 from gateway.commissioning.agent_test.connection import (

@@ -1,6 +1,6 @@
 """Clauses of the values that an agent reports, and of the clients that only read them."""
 
-from drivers.agent import Capability
+from drivers.agent.greeting import Capability
 from gateway.commissioning.agent_test.clause import Clauses, Trial
 from gateway.commissioning.agent_test.connection import Broken, Told, connected, excerpt, logged_in
 

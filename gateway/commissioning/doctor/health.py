@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from drivers.can import CanInterfaceSettings
+from drivers.can.settings import CanInterfaceSettings
 from gateway.acquisition.reports import NO_OTHER_MASTER, OTHER_MASTER
 from gateway.commissioning.doctor.credential_files import spoilt_file, unread_files
 from gateway.commissioning.doctor.kernel_files import kernel_text

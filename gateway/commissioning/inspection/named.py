@@ -10,9 +10,11 @@ import click
 from rich.table import Table
 
 from drivers.base import Refused
-from drivers.canopen import CanObject, CanOpenBus
+from drivers.canopen.bus import CanOpenBus
+from drivers.canopen.place import CanObject
 from drivers.number_types import BYTE_FORMATS, ByteNumber
-from drivers.opcua import NodeName, NodeValue, OpcUaBus
+from drivers.opcua.bus import OpcUaBus
+from drivers.opcua.nodes import NodeName, NodeValue
 from gateway.acquisition.text import number_text
 from gateway.commissioning.inspection.registers import now_text, write_draft
 from gateway.commissioning.scan.drafts import BYTE_KINDS, node_draft, object_draft

@@ -10,17 +10,10 @@ from rich.table import Table
 
 from drivers.base import SetupError
 from drivers.bus_settings import Parity
-from drivers.modbus import (
-    ModbusBus,
-    ModbusRtuBus,
-    ModbusRtuSettings,
-    ModbusRtuTcpBus,
-    ModbusRtuTcpSettings,
-    ModbusTcpBus,
-    ModbusTcpSettings,
-    NumberFormat,
-    NumberType,
-)
+from drivers.modbus.bus import ModbusBus, ModbusTcpBus
+from drivers.modbus.numbers import NumberFormat, NumberType
+from drivers.modbus.rtu import ModbusRtuBus, ModbusRtuTcpBus
+from drivers.modbus.settings import ModbusRtuSettings, ModbusRtuTcpSettings, ModbusTcpSettings
 from drivers.problems import read_settings
 from drivers.profiles import load_profile
 from gateway.acquisition.text import number_text

@@ -9,7 +9,7 @@ from pathlib import Path
 import click
 from rich.table import Table
 
-from drivers.mqtt import MqttBus, TopicMessage
+from drivers.mqtt.bus import MqttBus, TopicMessage
 from gateway.acquisition.text import number_text
 from gateway.commissioning.inspection.registers import now_text, write_draft
 from gateway.commissioning.scan.found import open_bus

@@ -3,7 +3,8 @@
 from collections.abc import Collection, Sequence
 
 from drivers.base import BadAnswer, Busy, ConnectError, NoAnswer, Refused
-from drivers.modbus import Block, ModbusBus
+from drivers.modbus.bus import ModbusBus
+from drivers.modbus.numbers import Block
 from gateway.runtime.boundary import contained
 
 UNUSUAL_UNITS = (113, 114, 115)

@@ -5,8 +5,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from drivers.base import BadAnswer, NoAnswer
-from drivers.can import CanSurvey, Heard, Stopped
-from drivers.canopen import CanOpenBus, CanOpenSettings
+from drivers.can.survey import CanSurvey, Heard, Stopped
+from drivers.canopen.bus import CanOpenBus
+from drivers.canopen.settings import CanOpenSettings
 from drivers.recognition import Recognition, recognise_canopen
 from gateway.commissioning.scan.found import Found, Place, ScanProgress, ScanReport, open_bus, read_inputs
 from gateway.runtime.boundary import UnexpectedError, contained

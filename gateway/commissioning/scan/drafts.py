@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 
-from drivers.canopen import CanObject
+from drivers.canopen.place import CanObject
 from drivers.number_types import ByteNumber
 from gateway.commissioning.scan.fragment import CONFIRM
 from gateway.config.wires import toml_value

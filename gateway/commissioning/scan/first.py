@@ -8,9 +8,10 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, Field
 
 from drivers.bus_settings import Baud
-from drivers.canopen import CanOpenSettings
-from drivers.mtconnect import AgentUrl, MachineOfAgent, SuggestedItems
-from drivers.opcua import ServerUrl
+from drivers.canopen.settings import CanOpenSettings
+from drivers.mtconnect.settings import AgentUrl, MachineOfAgent
+from drivers.mtconnect.suggest import SuggestedItems
+from drivers.opcua.settings import ServerUrl
 from drivers.problems import read_settings
 from drivers.section import HostName, NotEmpty, Section
 from gateway.commissioning.scan.found import Place

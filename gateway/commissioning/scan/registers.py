@@ -4,7 +4,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from drivers.base import BadAnswer, Busy, NoAnswer, Refused
-from drivers.modbus import Block, ModbusBus, NumberFormat, Order, as_in_manuals
+from drivers.modbus.bus import ModbusBus
+from drivers.modbus.numbers import Block, NumberFormat, Order, as_in_manuals
 from gateway.commissioning.scan.fragment import CONFIRM
 from gateway.config.wires import toml_value
 

@@ -11,7 +11,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 from drivers.bus_settings import Parity
-from drivers.can import Stopped
+from drivers.can.survey import Stopped
 from drivers.recognition import describe
 from gateway.commissioning.scan.found import ScanProgress, ScanReport
 from gateway.commissioning.scan.fragment import check_addable, merged

@@ -7,9 +7,12 @@ from pathlib import Path
 
 from drivers.base import BadAnswer, ConnectError, DriverError, NoAnswer
 from drivers.bus_settings import Parity
-from drivers.can import Stopped
-from drivers.micro_epsilon import MeRs485Bus, MeRs485Settings
-from drivers.modbus import Block, ModbusRtuBus, ModbusRtuSettings
+from drivers.can.survey import Stopped
+from drivers.micro_epsilon.rs485 import MeRs485Bus
+from drivers.micro_epsilon.settings import MeRs485Settings
+from drivers.modbus.numbers import Block
+from drivers.modbus.rtu import ModbusRtuBus
+from drivers.modbus.settings import ModbusRtuSettings
 from drivers.problems import read_settings
 from drivers.recognition import Recognition, recognise_me_rs485, recognise_modbus
 from gateway.commissioning.scan.alike import told_apart

@@ -6,9 +6,13 @@ from typing import TypeVar
 
 from drivers.base import BadAnswer, ConnectError, NoAnswer, Refused
 from drivers.bus_settings import HostSettings
-from drivers.can import Stopped
-from drivers.micro_epsilon import MeEthernetBus, MeEthernetSettings
-from drivers.modbus import Block, ModbusBus, ModbusRtuTcpBus, ModbusRtuTcpSettings, ModbusTcpBus, ModbusTcpSettings
+from drivers.can.survey import Stopped
+from drivers.micro_epsilon.ethernet import MeEthernetBus
+from drivers.micro_epsilon.settings import MeEthernetSettings
+from drivers.modbus.bus import ModbusBus, ModbusTcpBus
+from drivers.modbus.numbers import Block
+from drivers.modbus.rtu import ModbusRtuTcpBus
+from drivers.modbus.settings import ModbusRtuTcpSettings, ModbusTcpSettings
 from drivers.problems import read_settings
 from drivers.recognition import Recognition, recognise_me_ethernet, recognise_modbus
 from drivers.section import host_name

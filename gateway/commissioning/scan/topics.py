@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from datetime import datetime, timedelta
 from typing import get_args
 
-from drivers.mqtt import TimeUnit, TopicMessage, instant_in, number_in
+from drivers.mqtt.bus import TopicMessage
+from drivers.mqtt.profile import TimeUnit, instant_in, number_in
 from gateway.commissioning.scan.drafts import draft_text
 from gateway.config.wires import toml_value
 

@@ -19,7 +19,7 @@ from gateway.control.restart.rebuild import (
 )
 from gateway.control.sensor_watch import SeenBefore
 from gateway.model.commands import Disarmed, Pause
-from gateway.runtime.ages import StepTime
+from gateway.model.step_time import StepTime
 from gateway.storage.configurations import stored_config
 from gateway.storage.faults import DamagedError, StoreError
 from gateway.storage.history import History

@@ -6,14 +6,14 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from pydantic import Field
 
 from drivers.base import DriverError
-from drivers.mqtt import MqttServer
+from drivers.mqtt.settings import MqttServer
 from drivers.section import matching
 from gateway.listeners.outlets.home_assistant import discoveries
 from gateway.listeners.outlets.outlet import OutletError, OutletMessage, OutletSettings
 from gateway.telemetry import keys
 
 if TYPE_CHECKING:
-    from drivers.mqtt import MqttConnection
+    from drivers.mqtt.connection import MqttConnection
 
 _LEVELS = matching(r"[^+#/\x00]+(/[^+#/\x00]+)*", "levels separated by /, without + and #")
 Topic = Annotated[str, Field(max_length=1000), _LEVELS]
@@ -48,7 +48,7 @@ class MqttOutlet:
     def __init__(self, settings: MqttOutletSettings) -> None:
         """Raises SetupError for files that cannot be used."""
         # Importing paho costs memory: only where it is wanted.
-        from drivers.mqtt import MqttConnection, Publication
+        from drivers.mqtt.connection import MqttConnection, Publication
 
         self._settings = settings
         self._make, self._publication = MqttConnection, Publication

@@ -14,7 +14,7 @@ from asyncua.common.connection import TransportLimits
 from asyncua.server.server import Server
 from asyncua.ua.uaerrors import UaError
 
-from drivers.opcua import application_uri, check_key, valid_certificate
+from drivers.opcua.certificates import application_uri, check_key, valid_certificate
 from drivers.section import host_and_port
 from gateway.listeners.umati.model import URIS, machine_nodes
 from gateway.listeners.umati.readers import Readers

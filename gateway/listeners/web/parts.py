@@ -9,8 +9,9 @@ from statistics import median
 from drivers.base import Quality
 from gateway.listeners.web.said import told
 from gateway.listeners.web.sentences import Amount, Atom, SaidRow, Sentence, ToldName, Word, at, name, um
-from gateway.nc.probing.standing import Standing
-from gateway.nc.states import NcState, Source
+from gateway.model.compensation import Source
+from gateway.model.control_state import NcState
+from gateway.model.standing import Standing
 from gateway.telemetry.messages import (
     MeasurementMessage,
     ProbingStanding,

@@ -9,7 +9,7 @@ from drivers.base import Quality
 from gateway.listeners.web.catalogue import texts
 from gateway.listeners.web.sentences import Amount, Atom, Sentence, ToldName, Word, name
 from gateway.model.commands import CommandName
-from gateway.nc.probing.standing import Standing
+from gateway.model.standing import Standing
 from talc.frame import Phase, Why
 from talc.names import THERMAL_ERRORS
 

@@ -21,8 +21,8 @@ import numpy as np
 
 from drivers.nc import NcSnapshot, OperatingMode, ProgramState
 from gateway.config.sections import Probing
+from gateway.model.standing import Standing
 from gateway.nc.probing.cycle import End
-from gateway.nc.probing.standing import Standing
 from talc.frame import Decision, Event, EventKind, Why
 from talc.indicators import TWO_SIDED_95
 

@@ -8,7 +8,7 @@ from typing import assert_never
 
 import msgspec
 
-from gateway.nc.states import Source
+from gateway.model.compensation import Source
 from gateway.telemetry.messages import (
     CompensationMessage,
     DecisionMessage,

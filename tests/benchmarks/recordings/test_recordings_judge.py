@@ -11,11 +11,53 @@ from benchmarks.recordings.judge import apply_method, coverage, judge_course, ro
 from benchmarks.recordings.learner import Learning
 from benchmarks.recordings.methods import Given, HoldLast, Method, MethodCourse, Nothing, Ridge, given_of
 from benchmarks.recordings.models import Models, papers, slots
-from benchmarks.recordings.policy import Point, Sweep, savings
+from benchmarks.recordings.policy import Deciding, Point, Sweep, savings
 from benchmarks.recordings.series import Series
 from talc.frame import BoolArray, FloatArray
 from talc.settings import TrainingSettings
-from tests.benches.peeking import Peeked, check_asked, check_causal
+
+# Detects methods of the recordings' benchmark that use measurements which they were not given.
+
+
+_MOVED = 1000.0
+"""How far measurements are shifted to detect methods that used them too early: standard uncertainties."""
+
+
+class Peeked(Exception):
+    """A method's estimate is based on a measurement that had not been made yet."""
+
+
+def check_causal(method: Method, given: Given, seeds: Sequence[int] = (0,)) -> None:
+    """Raise Peeked if changing the measurements from some row on changes an estimate up to that row.
+
+    seeds: one row for each
+    """
+    rows = np.flatnonzero(given.used)
+    if len(rows) < 3:
+        return
+    courses = method.courses(given)
+    for seed in seeds:
+        row = int(np.random.default_rng([seed, 23]).choice(rows[len(rows) // 2 :]))
+        other = given.measured.copy()
+        other[row:] += _MOVED * given.sigma
+        for course, moved in zip(courses, method.courses(replace(given, measured=other)), strict=True):
+            here = slice(None, row + 1)
+            # Before the row even the stated uncertainty must not know of it.
+            if not (
+                np.array_equal(course.estimate[here], moved.estimate[here], equal_nan=True)
+                and np.array_equal(course.sigma[here], moved.sigma[here], equal_nan=True)
+            ):
+                raise Peeked(f"{method.name}: an estimate up to row {row} changes with the measurement of row {row}")
+
+
+def check_asked(method: Deciding, given: Given, limit: float) -> None:
+    """Raise Peeked if measurements that the method did not make change its estimates."""
+    course, used = method.decide(given, limit)
+    other = np.where(used[:, None], given.measured, given.measured + _MOVED * given.sigma)
+    moved, moved_used = method.decide(replace(given, measured=other), limit)
+    same = np.array_equal(course.estimate, moved.estimate, equal_nan=True) and np.array_equal(used, moved_used)
+    if not same:
+        raise Peeked(f"{method.name}: its estimates change with measurements that it did not ask for")
 
 
 def series_of(
@@ -178,6 +220,7 @@ def test_a_method_that_peeks_is_caught(method: Method) -> None:
         check_causal(method, given)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "method", [Nothing(), HoldLast(), Ridge(), *papers(gaps=False), Learning()], ids=lambda m: m.name
 )

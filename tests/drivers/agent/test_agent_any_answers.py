@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.agent import AgentControl
+from drivers.agent.control import AgentControl
 from drivers.base import BadAnswer, SystemClock
 from drivers.nc import NineErrors, NotSendable
 from tests.benches.fake_agent import Agent, agent_and_driver, serving
@@ -22,6 +22,7 @@ CHANGED = st.builds(lambda name, value: STATUS | {name: value}, st.sampled_from(
 DONE = st.builds(lambda centres, spread: {"state": "done", "centres": centres, "spread": spread}, ANY, ANY)
 
 
+@pytest.mark.slow
 def test_any_signed_values_raise_nothing_but_driver_errors(tmp_path: Path) -> None:
     agent = Agent()
     with asyncio.Runner() as runner:

@@ -11,8 +11,8 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from drivers.agent import AgentControl
 from drivers.agent.connection import AgentConnection
+from drivers.agent.control import AgentControl
 from drivers.base import BadAnswer, ConnectError, DriverError, NoAnswer, Refused, WrongDevice
 from drivers.nc import WatchdogTerms
 from tests.benches.fake_agent import CHALLENGE, Agent, agent_and_connection, agent_and_driver, serving

@@ -5,7 +5,8 @@ from typing import Any
 
 import pytest
 
-from drivers.agent import AgentControl, AgentSettings
+from drivers.agent.control import AgentControl
+from drivers.agent.settings import AgentSettings
 from drivers.base import BadAnswer, DriverError, Refused, SetupError, SystemClock, WrongDevice
 from drivers.nc import LinearOffsets, NotSendable, WatchdogTerms
 from drivers.problems import settings_of

@@ -15,7 +15,7 @@ from drivers.can.bus import CanBus
 from drivers.can.interface import slcan_frame
 from drivers.can.settings import CanSettings
 from drivers.can.wanted import WantedFrame
-from drivers.canopen import CanOpenBus
+from drivers.canopen.bus import CanOpenBus
 from simulators.devices import Cia404Node
 from simulators.devices.multicast_bus import MulticastBus
 from simulators.devices.slcan_adapter import CanFrame

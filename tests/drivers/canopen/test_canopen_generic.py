@@ -12,7 +12,7 @@ from canopen.objectdictionary import datatypes
 
 from drivers.base import Driver, Refused, SetupError, SystemClock, WrongDevice
 from drivers.build import make_device
-from drivers.canopen import CanOpenProfile
+from drivers.canopen.objects import CanOpenProfile
 from drivers.profiles import load_profile, user_profile
 from simulators.devices import Cia404Node, SlcanAdapter
 from tests.benches.buses import make_bus

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from drivers.agent import AgentControl
+from drivers.agent.control import AgentControl
 from drivers.base import ConnectError, Refused, SetupError, SystemClock
-from drivers.linuxcnc import LinuxCncSettings
+from drivers.linuxcnc.settings import LinuxCncSettings
 from drivers.nc import OperatingMode, ProgramState, WatchdogTerms
 from tests.benches.linuxcnc_bench import AgentBench, claimed, running, until
 
@@ -261,6 +261,44 @@ async def test_a_claim_after_a_release_that_the_real_time_thread_has_not_seen_ho
         await bench.operator.ask("thaw", "rtapi_app")
         await bench.pass_time(2.0)
         assert await nc.read_compensation() == pytest.approx(there, abs=1e-3)
+
+
+async def test_what_an_earlier_claim_wanted_never_comes_back_in_whatever_order_real_time_sees_a_new_one(
+    tmp_path: Path,
+) -> None:
+    """As when the agent is interrupted in the middle of a claim: only the silence has become longer."""
+    async with running(tmp_path, {"SLEW": 1.0}) as bench:
+        await claimed(bench, WatchdogTerms(60.0, 1000.0))
+        await bench.nc.write_compensation((2.0, 0.0, -1.0))
+
+        async def in_force() -> float:
+            return await bench.pin("talc-x-in-force") * 1e3
+
+        async def written() -> bool:
+            return await in_force() == pytest.approx(2.0, abs=1e-6)
+
+        async with bench.beating(7):
+            await until(written)
+        await bench.nc.claim(7, WatchdogTerms(0.5, 1000.0))
+
+        async def gone() -> bool:
+            return await in_force() == 0.0
+
+        await until(gone)
+        await bench.operator.ask("hal", "unlinkp", "talc-errors.silence")
+        await bench.operator.ask("hal", "setp", "talc-errors.silence", "60")
+
+        async def watching() -> bool:
+            return bool(await bench.operator.ask("hal", "getp", "talc-errors.watching") == "TRUE")
+
+        await until(watching)
+        await bench.pass_time(0.1)  # at this slew, 100 µm
+        assert await in_force() == 0.0
+        await claimed(bench, WatchdogTerms(60.0, 1000.0))
+        await bench.pass_time(0.1)
+        assert await in_force() == 0.0
+        await bench.nc.write_compensation((2.0, 0.0, -1.0))
+        await until(written)
 
 
 async def test_a_wrong_key_and_a_closed_port_are_reported(bench: AgentBench, tmp_path: Path) -> None:

@@ -83,11 +83,16 @@ async def test_offsets_stand_still_from_the_first_touch_to_the_last_and_nothing_
 
 
 async def test_the_watchdog_takes_the_offsets_to_zero_in_the_middle_of_a_cycle_too(tmp_path: Path) -> None:
-    async with running(tmp_path, {"SLEW": 1.0}) as bench:
+    async with running(tmp_path, {"SLEW": 1.0}, tools=TOOLS) as bench:
         await claimed(bench, WatchdogTerms(60.0, 1000.0))
         await bench.nc.write_compensation((40.0, -10.0, 0.0))
         await bench.nc.claim(7, WatchdogTerms(5.0, 1000.0))
         await bench.nc.request_probing(5)
+
+        async def requested() -> bool:
+            return await bench.pin("talc-request") == 5.0
+
+        await until(requested)
         await bench.operator.ask("freeze", "talc_agent.py")
         # As the program says. The request is still the last that the agent sent, and no more beats come.
         await bench.operator.ask("mdi", "M68 E41 Q2")

@@ -98,14 +98,6 @@ def test_the_reach_is_that_of_the_longest_tool_s_tip_from_where_a_and_c_meet(tal
     assert machine_of(talc_joints, inches).reach[0] == pytest.approx(300 * INCH_MM)
 
 
-@pytest.mark.parametrize(("safe", "may"), [("157.3", True), ("157.2", False), ("nan", False), ("", False)])
-def test_it_probes_only_where_the_table_turns_below_the_probe(safe: str, may: bool, talc_joints: Any) -> None:
-    sphere = {"TALC__SPHERE_RADIUS": "120", "TALC__SPHERE_HEIGHT": "80", "TALC__BALL": "13"}  # hypot + 13: 157.22
-    said = machine_of(talc_joints, ini(**sphere, TALC__SAFE_Z=safe)).cannot_probe
-    assert (said == "") is may
-    assert may or said.startswith("[TALC] SAFE_Z = ")
-
-
 @pytest.mark.parametrize(
     ("fields", "says"),
     [

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from drivers.agent import AgentControl
+from drivers.agent.control import AgentControl
 from drivers.base import Refused, SystemClock
-from drivers.linuxcnc import LinuxCncSettings
+from drivers.linuxcnc.settings import LinuxCncSettings
 from drivers.nc import ProbingState, RequestStatus
 from simulators.linuxcnc.machine import HURRY, MANUAL
 from tests.benches.linuxcnc_bench import ANSWER_S, AgentBench, running, until, until_mark

@@ -11,7 +11,7 @@ import pytest
 
 from drivers.agent.connection import AgentConnection
 from drivers.base import ConnectError, Refused
-from drivers.linuxcnc import LinuxCncSettings
+from drivers.linuxcnc.settings import LinuxCncSettings
 from tests.benches.linuxcnc_module import linuxcnc_module
 
 pytestmark = pytest.mark.simulated_time

@@ -9,7 +9,7 @@ import pytest
 
 from drivers.base import Clock, ConnectError, Driver, Quality, Reading, SystemClock
 from drivers.build import make_device
-from drivers.mqtt import MqttBus
+from drivers.mqtt.bus import MqttBus
 from drivers.section import LONGEST_ANSWER_S
 from tests.benches.buses import make_bus
 from tests.benches.mosquitto import LIMIT_S, Mosquitto, mosquitto

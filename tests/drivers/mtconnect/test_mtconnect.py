@@ -13,8 +13,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.base import BadAnswer, ConnectError, DriverError, NoAnswer, Refused, SetupError, SystemClock, WrongDevice
-from drivers.mtconnect import MtConnectSettings, make_mtconnect
 from drivers.mtconnect.items import number
+from drivers.mtconnect.make import make_mtconnect
+from drivers.mtconnect.settings import MtConnectSettings
 from drivers.nc import NumericalControl, OperatingMode, ProgramState, WatchdogTerms
 from drivers.problems import settings_of
 from tests.benches.mtconnect_agent import mtconnect_agent

@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from drivers.base import BadAnswer, ConnectError
-from drivers.mtconnect import SuggestedItems, suggest_mtconnect
-from drivers.mtconnect.suggest import suggested_items
+from drivers.mtconnect.make import suggest_mtconnect
+from drivers.mtconnect.suggest import SuggestedItems, suggested_items
 from tests.benches.mtconnect_agent import mtconnect_agent
 
 pytestmark = pytest.mark.filterwarnings("ignore:datetime:DeprecationWarning")

@@ -31,7 +31,7 @@ from drivers.base import (
     WrongDevice,
 )
 from drivers.build import make_device
-from drivers.opcua import OpcUaBus
+from drivers.opcua.bus import OpcUaBus
 from drivers.opcua.nodes import node_name
 from tests.benches.buses import make_bus
 from tests.benches.driver_reads import told
@@ -85,6 +85,7 @@ async def device_at(
         await bus.close()
 
 
+@pytest.mark.slow
 async def test_values_statuses_and_nodes_that_are_not_there(tmp_path: Path) -> None:
     server = Drives()
     await server.start()

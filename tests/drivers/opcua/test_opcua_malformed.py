@@ -9,8 +9,8 @@ from asyncua.client.client import Client
 from asyncua.client.ua_client import UaClient
 
 from drivers.base import BadAnswer, DriverError, SystemClock
-from drivers.sinumerik import SinumerikSettings
 from drivers.sinumerik.control import Sinumerik
+from drivers.sinumerik.settings import SinumerikSettings
 from tests.benches.emulated_bench import sinumerik_bench
 from tests.benches.spoilt_opcua import ask_spoilt
 

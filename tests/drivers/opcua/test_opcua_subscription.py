@@ -10,8 +10,8 @@ from asyncua.ua.status_codes import StatusCodes
 
 from drivers.base import DriverError, SystemClock
 from drivers.nc import NcSnapshot, OperatingMode
-from drivers.sinumerik import SinumerikSettings
 from drivers.sinumerik.control import Sinumerik
+from drivers.sinumerik.settings import SinumerikSettings
 from gateway.runtime.clocks import RealClock
 from simulators.nc import Activity, DayPart, EmulatedControl, LoadCase, MeanLoads
 from simulators.nc.nck import AUTO, JOG

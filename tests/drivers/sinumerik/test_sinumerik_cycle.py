@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.sinumerik import ErrorTerms, OffsetRoute, SinumerikSettings, errors_program
 from drivers.sinumerik.control import PROBING_REASONS
-from drivers.sinumerik.settings import Handshake
+from drivers.sinumerik.programs import ErrorTerms, errors_program
+from drivers.sinumerik.settings import Handshake, OffsetRoute, SinumerikSettings
 from tests.benches import nc_starts
 from tests.benches.nc_cases import CASES, jogged_at, jogged_within, reset_at, stuck_at
 from tests.benches.nc_deleted import missed_by, statements

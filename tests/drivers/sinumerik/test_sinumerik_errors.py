@@ -11,8 +11,8 @@ from pydantic import ValidationError
 
 from drivers.base import SetupError
 from drivers.problems import settings_of
-from drivers.sinumerik import ErrorTerms, OffsetRoute, SinumerikSettings, errors_program
-from drivers.sinumerik.settings import Handshake, Paths
+from drivers.sinumerik.programs import ErrorTerms, errors_program
+from drivers.sinumerik.settings import Handshake, OffsetRoute, Paths, SinumerikSettings
 from simulators.nc.synchronised import ProgramAlarm
 from talc import kinematics
 from talc.frame import FloatArray

@@ -2,14 +2,17 @@
 
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from typing import Any
 
 import numpy as np
 import pytest
 
 from drivers.base import BadAnswer, Refused
 from drivers.nc import FollowsErrors, NineErrors, NotSendable, ProbingState, WatchdogTerms
-from drivers.sinumerik import make_sinumerik
 from drivers.sinumerik.errors import SinumerikWithErrors
+from drivers.sinumerik.make import make_sinumerik
+from drivers.sinumerik.programs import errors_program
+from drivers.sinumerik.settings import Paths
 from simulators.nc import Activity, CycleSettings, DayPart, EmulatedControl, LoadCase, MeanLoads
 from tests.benches.emulated_bench import Rigid
 from tests.benches.error_program import (
@@ -20,6 +23,7 @@ from tests.benches.error_program import (
     RADIUS_MM,
     SLEW_UM_PER_S,
     STATE,
+    TERMS,
     WANTED,
     WARM,
     program,
@@ -31,18 +35,18 @@ pytestmark = pytest.mark.simulated_time
 
 WATCH = WatchdogTerms(4.0, SLEW_UM_PER_S)
 SENT = NineErrors(tuple(WARM), RADIUS_MM, BOUND_UM)
-OF_PROGRAM = 99
+OF_PROGRAM, TOOL = 99, 135
 
 
 @asynccontextmanager
 async def control(
-    *programs: str, r_count: int = R_COUNT
+    *programs: str, r_count: int = R_COUNT, **changes: Any
 ) -> AsyncIterator[tuple[EmulatedControl, SinumerikWithErrors, ManualClock]]:
     clock = ManualClock()
     day = LoadCase([DayPart(0.0, 1e9, Activity.ROUGHING, MeanLoads())], operation_s=40.0)
     cycle = CycleSettings(noise_um=0.0)
     emulated = EmulatedControl(Rigid(), clock, day, cycle=cycle, programs=programs, r_count=r_count)
-    nc = SinumerikWithErrors(settings(await emulated.start()), clock)
+    nc = SinumerikWithErrors(settings(await emulated.start()).model_copy(update=changes), clock)
     try:
         yield emulated, nc, clock
     finally:
@@ -148,6 +152,37 @@ async def test_a_program_for_other_data_is_refused_by_name() -> None:
         emulated.nck.r[OF_PROGRAM], emulated.nck.r[125] = 2.0, 0.0
         with pytest.raises(BadAnswer, match="a term of 0 or less"):
             await nc.connect()
+
+
+async def test_without_its_program_a_gantry_gets_no_offset() -> None:
+    gantry = settings().compensation.model_copy(update={"synchronised": {"X": "X2"}})
+    async with control(compensation=gantry) as (_, nc, _):
+        with pytest.raises(Refused, match="the axes of a gantry would not get the same offset"):
+            await nc.connect()
+
+
+async def test_the_length_of_the_tool_in_use_shifts_the_positions_and_reaches_the_program() -> None:
+    read: dict[str, Any] = {"nodes": Paths(tool_length="/Channel/State/actToolLength1[u1]"), "origin_tool_mm": 80.0}
+    program_with_tool = errors_program(settings().model_copy(update=read), TERMS)
+    async with control(program(), **read) as (_, nc, _):
+        with pytest.raises(Refused, match="takes tools longer by 0 mm, the configuration by 300"):
+            await nc.connect()
+    async with control(program_with_tool, **read) as (emulated, nc, clock):
+        await nc.connect()
+        await nc.claim(7, WATCH)
+        clock.move_to(1.0)
+        assert await nc.heartbeat(7)
+        heights = []
+        for length in (80.0, 180.0, 0.0, 50.0):
+            emulated.nck.tool_length_mm = length
+            heights.append((await nc.snapshot()).positions["Z"])
+            await nc.write_errors(SENT)
+        assert np.array(heights) - heights[0] == pytest.approx([0.0, -100.0, -100.0, 30.0]), "D0 counts as no change"
+        assert emulated.nck.r[TOOL] == -30.0
+        for wrong in (400.0, float("nan")):
+            emulated.nck.tool_length_mm = wrong
+            with pytest.raises(BadAnswer, match="actToolLength1"):
+                await nc.snapshot()
 
 
 @pytest.mark.slow

@@ -6,8 +6,8 @@ from contextlib import asynccontextmanager
 import pytest
 
 from drivers.base import Refused, WrongDevice
-from drivers.sinumerik import make_sinumerik
 from drivers.sinumerik.control import Sinumerik
+from drivers.sinumerik.make import make_sinumerik
 from drivers.sinumerik.settings import Handshake, LeaseParameters, OffsetRoute, SinumerikSettings
 from simulators.nc import Activity, DayPart, EmulatedControl, LoadCase, MeanLoads
 from tests.benches.emulated_bench import Rigid

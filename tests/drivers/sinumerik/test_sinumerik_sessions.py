@@ -13,7 +13,7 @@ import pytest
 from drivers.base import Bus, Driver, NoAnswer, Quality, SystemClock
 from drivers.build import make_device
 from drivers.nc import WatchdogTerms
-from drivers.opcua import OpcUaSession
+from drivers.opcua.session import OpcUaSession
 from drivers.sinumerik.control import Sinumerik
 from drivers.sinumerik.settings import SinumerikSettings
 from gateway.runtime.clocks import RealClock

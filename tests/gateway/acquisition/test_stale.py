@@ -9,10 +9,10 @@ import pytest
 from drivers.base import Quality, Reading
 from gateway.acquisition.acquisition import Acquisition
 from gateway.acquisition.board import Board
-from gateway.acquisition.sample import Sample
 from gateway.config.file import parse
 from gateway.control.restart.earlier import Past
 from gateway.model.events import GatewayEvent, ReadingsTaken
+from gateway.model.sample import Sample
 from gateway.runtime.clocks import RealClock
 from gateway.service.service import Service
 from simulators.devices import Adam6015, TcpHost

@@ -12,9 +12,9 @@ import pytest
 from pyarrow import parquet
 
 from drivers.base import Quality
-from gateway.acquisition.sample import Sample
 from gateway.config.file import parse
 from gateway.model.commands import Command, CommandName, CommandOutcome
+from gateway.model.compensation import Source, Step, Write
 from gateway.model.events import (
     CommandGiven,
     CompensationStepped,
@@ -24,9 +24,8 @@ from gateway.model.events import (
     MeasurementEnded,
     ReadingsTaken,
 )
+from gateway.model.sample import Sample
 from gateway.nc.probing.cycle import Outcome
-from gateway.nc.slew import Step, Write
-from gateway.nc.states import Source
 from gateway.storage.history import History
 from gateway.storage.store import Store
 from talc.control import Controller

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner, Result
 
-from drivers.sinumerik import ErrorTerms, errors_program
+from drivers.sinumerik.programs import ErrorTerms, errors_program
 from gateway.cli.main import main
 from gateway.config.controls import SinumerikNc
 from gateway.config.file import load
@@ -49,7 +49,7 @@ def files(folder: Path, text: str) -> Result:
 def test_the_program_contains_the_machine_s_data(tmp_path: Path) -> None:
     done = files(tmp_path, CONFIG)
     assert done.exit_code == 0, done.output
-    assert "TALC_ERRORS.SPF: 38 synchronised actions" in done.output
+    assert "TALC_ERRORS.SPF: 40 synchronised actions" in done.output
     written = (tmp_path / "TALC_ERRORS.SPF").read_bytes()
     assert written.count(b"\r\n") == written.count(b"\n"), "as the control's editor has it"
     config = load(tmp_path / "gateway.toml")
@@ -59,8 +59,8 @@ def test_the_program_contains_the_machine_s_data(tmp_path: Path) -> None:
     )
     text = written.decode("ascii").replace("\r\n", "\n")
     assert text == expected
-    assert "$$SA_TEMP_COMP_ABS_VALUE[Y1] = 0.001 * $AC_PARAM[22]" in text, "its sign"
-    assert "$$SA_TEMP_COMP_ABS_VALUE[X1] = 0 - 0.001 * $AC_PARAM[21]" in text
+    assert "$$SA_TEMP_COMP_ABS_VALUE[Y1] = $AC_PARAM[22]" in text, "its sign"
+    assert "$$SA_TEMP_COMP_ABS_VALUE[X1] = 0 - $AC_PARAM[21]" in text
     assert "($AA_IM[Z1] + 50.0)" in text
     assert (
         "R[123] = 2.0 R[124] = 150.0 R[125] = 40.0 R[126] = 50.0 R[127] = 60.0 R[128] = 300.0 R[129] = 424.3819" in text

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner, Result
 
-from drivers.agent import AgentControl
+from drivers.agent.control import AgentControl
 from drivers.base import Refused
 from drivers.nc import NcSnapshot
 from gateway.cli.main import main

@@ -20,15 +20,36 @@ from drivers.base import Quality, SystemClock
 from drivers.build import make_device
 from gateway.acquisition.acquisition import Acquisition
 from gateway.acquisition.line import Line
-from gateway.acquisition.sample import Sample
 from gateway.commissioning.probe_watch import DeviceFigures, ProbeView
+from gateway.model.sample import Sample
 from simulators.devices import Adam6015, TcpHost
 from simulators.devices.source import SensorFault
 from tests.benches.buses import make_bus
 from tests.benches.command import talc_gateway
-from tests.benches.counted_source import CountedSource
 from tests.benches.scripted_bus import ScriptedBus, ScriptedDevice, ScriptedPlant
 from tests.benches.stepped_clock import SteppedClock
+
+# A source of values that counts how often its device was read, so that a test can wait for that.
+
+
+class CountedSource:
+    """The same values at each read."""
+
+    def __init__(self, values: Sequence[float]) -> None:
+        self._values, self._count, self._news = list(values), 0, asyncio.Event()
+
+    def __call__(self) -> Sequence[float]:
+        self._count += 1
+        self._news.set()
+        return self._values
+
+    async def reads(self, count: int) -> None:
+        """Wait until there were this many reads since the call."""
+        wanted = self._count + count
+        while self._count < wanted:
+            self._news.clear()
+            await self._news.wait()
+
 
 NOW = datetime(2026, 1, 5, tzinfo=UTC)
 
@@ -175,6 +196,7 @@ column = 1
 """
 
 
+@pytest.mark.slow
 async def test_lines_show_values_and_problems_where_there_is_no_terminal(tmp_path: Path) -> None:
     file = tmp_path / "gateway.toml"
     source = CountedSource([20.0, 30.0, *[0.0] * 5])

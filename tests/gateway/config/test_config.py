@@ -281,6 +281,7 @@ def _places(data: object, here: tuple[str | int, ...] = ()) -> list[tuple[str | 
     return found
 
 
+@pytest.mark.slow
 @settings(max_examples=200)
 @given(st.data())
 def test_whatever_stands_in_the_file_it_is_a_configuration_or_a_list_of_lines(data: st.DataObject) -> None:

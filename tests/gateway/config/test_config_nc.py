@@ -10,8 +10,7 @@ from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.hazmat.primitives.asymmetric import ec, rsa
 from cryptography.x509.oid import NameOID
 
-from drivers.sinumerik import OffsetRoute, SinumerikSettings, StateNode
-from drivers.sinumerik.settings import Handshake, LeaseParameters
+from drivers.sinumerik.settings import Handshake, LeaseParameters, OffsetRoute, SinumerikSettings, StateNode
 from gateway.config.controls import LinuxCncNc, SinumerikNc
 from gateway.config.file import parse
 from gateway.config.model import GatewayConfig

@@ -7,10 +7,9 @@ from typing import Any
 import pytest
 from pydantic import BaseModel
 
-from drivers.agent import AgentSettings
-from drivers.mqtt import MqttServer
-from drivers.opcua import OpcUaServer
-from drivers.opcua.settings import with_port
+from drivers.agent.settings import AgentSettings
+from drivers.mqtt.settings import MqttServer
+from drivers.opcua.settings import OpcUaServer, with_port
 from drivers.sinumerik.settings import Handshake
 from gateway.config.buses import SECTIONS
 from gateway.config.controls import AgentNc, LinuxCncNc, MtConnectNc, Nc, SinumerikNc

@@ -5,8 +5,8 @@ from collections.abc import Mapping
 import pytest
 from pydantic import BaseModel, ValidationError
 
-from drivers.mqtt import MqttBusSettings
-from drivers.opcua import OpcUaBusSettings
+from drivers.mqtt.settings import MqttBusSettings
+from drivers.opcua.settings import OpcUaBusSettings
 from gateway.config.controls import SinumerikNc
 from gateway.config.telemetry import Telemetry
 from gateway.listeners.outlets.influxdb import InfluxDbSettings

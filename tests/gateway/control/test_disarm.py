@@ -8,8 +8,8 @@ from drivers.nc import ProbingState, RequestStatus
 from gateway.acquisition.reload import ReloadError
 from gateway.config.file import parse
 from gateway.model.commands import Command, CommandName, Disarmed
+from gateway.model.compensation import Source
 from gateway.model.events import CommandGiven
-from gateway.nc.states import Source
 from gateway.storage.mending import Known, mend
 from gateway.storage.store import Store
 from talc.frame import EventKind

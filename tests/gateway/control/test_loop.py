@@ -17,10 +17,10 @@ from gateway.control.grid import GridSampler, Schedule
 from gateway.control.loop import GridLoop
 from gateway.control.measuring import Measuring
 from gateway.control.trainer import Trainings
+from gateway.model.compensation import Source
 from gateway.model.events import CompensationStepped, DecisionMade, ForecastMade, FrameMade, ModelsAdopted, ReasonsGiven
+from gateway.model.standing import Standing
 from gateway.nc.probing.schedule import ProbingSchedule, schedule_of
-from gateway.nc.probing.standing import Standing
-from gateway.nc.states import Source
 from gateway.service.service import Service
 from gateway.storage.store import Store
 from talc.control import Controller

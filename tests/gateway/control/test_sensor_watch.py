@@ -78,6 +78,7 @@ async def run(watching: SensorWatch, x: NDArray[np.float64], first_k: int) -> No
             await watching.look()
 
 
+@pytest.mark.slow
 async def test_an_exchange_is_reported_once_and_so_is_its_end(caplog: pytest.LogCaptureFixture) -> None:
     ear, teacher, x = Ear(), SensorTeacher(), days()
     watching = watch(ear, teacher)
@@ -237,6 +238,7 @@ async def test_runs_by_itself_and_learns_in_another_process() -> None:
     assert len(ear.judgements[-1][0].smallest_offset_K) == len(NAMES)
 
 
+@pytest.mark.slow
 async def test_a_bearing_that_runs_hot_is_reported_where_the_speed_is_known() -> None:
     speed, friction = hot_bearing.work(0, 10), np.ones(10 * hot_bearing.DAY)
     friction[8 * hot_bearing.DAY :] = 1.6

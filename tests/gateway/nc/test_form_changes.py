@@ -7,9 +7,9 @@ import pytest
 
 from drivers.base import NoAnswer
 from drivers.nc import LinearOffsets, NineErrors
+from gateway.model.compensation import Write
 from gateway.nc.link import NcLink
 from gateway.nc.settings import Earlier, Identity, LinkSettings, Listeners
-from gateway.nc.slew import Write
 from tests.benches.nc_link_bench import ScriptedControl, config, decision
 from tests.benches.stepped_clock import SteppedClock
 

@@ -16,11 +16,10 @@ import pytest
 from drivers.base import NoAnswer
 from drivers.nc import Triple
 from gateway.config.sections import Compensation
+from gateway.model.compensation import Source, Write
 from gateway.nc.lease import Lease
 from gateway.nc.routes import form_of
 from gateway.nc.settings import Identity
-from gateway.nc.slew import Write
-from gateway.nc.states import Source
 from gateway.nc.writer import OffsetWriter
 from gateway.runtime.problems import Notice, Problems
 from tests.benches.nc_link_bench import LinkBench, ScriptedControl, decision

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from drivers.nc import NcSnapshot, ProbingState, RequestStatus
+from gateway.model.compensation import Source
 from gateway.nc.probing.cycle import End
-from gateway.nc.states import Source
 from talc.frame import Why
 from tests.benches.nc_link_bench import LinkBench, decision
 

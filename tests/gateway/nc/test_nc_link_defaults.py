@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from gateway.nc.states import Source
+from gateway.model.compensation import Source
 from tests.benches.nc_link_bench import LinkBench, answer_wrongly, decision
 
 

@@ -5,7 +5,8 @@ import asyncio
 import numpy as np
 import pytest
 
-from gateway.nc.states import RIGHTS, STATES, Condition, LinkState, Reply, Right, Source, after
+from gateway.model.compensation import Source
+from gateway.nc.states import RIGHTS, STATES, Condition, LinkState, Reply, Right, after
 from tests.benches.nc_link_bench import LinkBench, decision
 
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from drivers.nc import ProbingState
-from drivers.sinumerik import SinumerikSettings
 from drivers.sinumerik.control import Sinumerik
+from drivers.sinumerik.settings import SinumerikSettings
 from gateway.nc.probing.cycle import End
 from simulators.nc import ReasonCode
 from simulators.nc.nck import R_REQUEST, R_RESULTS, R_WITHDRAW
@@ -197,6 +197,7 @@ async def test_a_result_that_is_not_a_number_or_is_sent_twice_is_one_answer_at_m
     assert again.number == good.number + 1
 
 
+@pytest.mark.slow
 async def test_a_sphere_that_is_loose_makes_no_measurement() -> None:
     async with bench(mode="monitor") as at:
         outcomes = []

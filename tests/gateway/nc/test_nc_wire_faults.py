@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 from drivers.nc import ProbingState
+from gateway.model.compensation import Source
 from gateway.nc.probing.cycle import End
-from gateway.nc.states import Source
 from simulators.nc import ReasonCode, User
 from simulators.nc.variables import AccessRight
 from talc.frame import Why
@@ -94,6 +94,7 @@ async def test_a_server_that_restarts_leaves_no_step_behind_and_its_cycle_is_no_
             assert at.written_meanwhile() == []
 
 
+@pytest.mark.slow
 async def test_positions_that_freeze_while_the_axes_report_speed_are_used_no_longer() -> None:
     async with bench() as at:
         at.link.follow(wants(10.0))

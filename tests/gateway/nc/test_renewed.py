@@ -12,7 +12,7 @@ import pytest
 
 from drivers.nc import ProbingState, RequestStatus
 from gateway.model.commands import Disarmed, Pause
-from gateway.nc.states import Source
+from gateway.model.compensation import Source
 from talc.frame import FloatArray, Why
 from tests.benches.nc_link_bench import LinkBench, decision
 from tests.benches.stepped_clock import EPOCH

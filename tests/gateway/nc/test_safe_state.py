@@ -12,7 +12,7 @@ import pytest
 
 from gateway.acquisition.reload import ReloadError, bus_changes
 from gateway.config.sections import Compensation, Probing
-from gateway.nc.states import Source
+from gateway.model.compensation import Source
 from simulators.nc.watchdog import R_OWNER, Logged
 from talc.frame import Decision
 from tests.benches.nc_link_bench import config as nc_config

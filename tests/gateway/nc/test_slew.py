@@ -7,8 +7,8 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
+from gateway.model.compensation import Source
 from gateway.nc.slew import Slew
-from gateway.nc.states import Source
 
 
 def slew(**changes: object) -> Slew:

@@ -10,7 +10,7 @@ import pytest
 
 from drivers.base import Quality
 from gateway.config.sections import Compensation
-from gateway.nc.states import Source
+from gateway.model.compensation import Source
 from gateway.nc.target import Target
 from gateway.nc.unmodelled import LastMeasured
 from talc.frame import Measurement

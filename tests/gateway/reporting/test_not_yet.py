@@ -11,11 +11,11 @@ import pytest
 from click.testing import CliRunner
 
 from drivers.base import Quality
-from gateway.acquisition.sample import Sample
 from gateway.cli.main import main
 from gateway.config.model import GatewayConfig
 from gateway.control.restart.earlier import past_in
 from gateway.model.events import DecisionMade, FrameMade, MeasurementEnded, ReadingsTaken
+from gateway.model.sample import Sample
 from gateway.nc.probing.cycle import End, Outcome
 from gateway.service.report_data import own_zone
 from gateway.storage.store import Store

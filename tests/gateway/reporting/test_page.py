@@ -205,6 +205,7 @@ def test_the_inputs_that_moved_an_error_most_are_named_and_drawn(page: str) -> N
     assert "speed</text>" not in page, "it moved nothing"
 
 
+@pytest.mark.slow
 def test_the_legend_explains_what_is_there_alone(page: str) -> None:
     run = small_run()
     marks = (

@@ -14,7 +14,6 @@ import numpy as np
 import pytest
 
 from drivers.base import Quality
-from gateway.acquisition.sample import Sample
 from gateway.config.file import parse
 from gateway.config.model import GatewayConfig
 from gateway.config.sections import Probing
@@ -26,8 +25,10 @@ from gateway.control.restart.earlier import Past, past_of
 from gateway.control.restart.rebuild import controller_of
 from gateway.control.trainer import Trainings
 from gateway.model.events import DecisionMade, FrameMade, ReadingsTaken
+from gateway.model.sample import Sample
+from gateway.model.step_time import StepTime
 from gateway.nc.probing.schedule import schedule_of
-from gateway.runtime.ages import Ages, StepTime
+from gateway.runtime.ages import Ages
 from gateway.runtime.problems import Notice
 from gateway.service.clock_watch import ClockWatch
 from gateway.storage.history import History

@@ -7,8 +7,8 @@ from drivers.nc import OperatingMode, ProbingState, ProgramState, RequestStatus
 from gateway.config.file import parse
 from gateway.control.replay.stored import replay
 from gateway.model.commands import UNPROVED, Command, CommandName, Pause
+from gateway.model.compensation import Source
 from gateway.model.events import CommandGiven
-from gateway.nc.states import Source
 from gateway.storage.history import History
 from gateway.storage.mending import Known, begin_again, mend
 from gateway.storage.store import Store

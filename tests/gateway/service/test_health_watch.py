@@ -9,11 +9,12 @@ import pytest
 
 from drivers.base import Quality, Reading
 from gateway.acquisition.board import Board
+from gateway.config.applied import ConfigurationApplied
 from gateway.config.file import parse
 from gateway.control.restart.earlier import Past
-from gateway.model.events import ConfigurationApplied, DecisionMade, HealthChecked, OutlookChanged, StoreHealth
+from gateway.model.events import DecisionMade, HealthChecked, OutlookChanged, StoreHealth
+from gateway.model.standing import Standing
 from gateway.nc.probing.schedule import Outlook
-from gateway.nc.probing.standing import Standing
 from gateway.runtime.time_service import clock_synchronised
 from gateway.service.health import HealthWatch
 from gateway.service.service import Service

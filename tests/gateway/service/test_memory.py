@@ -5,6 +5,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 from tests.benches.service_file import TEXT
 
 LIMIT_S = 120.0
@@ -16,6 +18,7 @@ runpy.run_module("gateway", run_name="__main__")
 """
 
 
+@pytest.mark.slow
 def test_garbage_collections_spare_what_the_service_has_loaded(tmp_path: Path) -> None:
     file = tmp_path / "gateway.toml"
     file.write_text(TEXT + "[telemetry]\nenabled = false\n", encoding="utf-8")

@@ -15,14 +15,14 @@ from prometheus_client import CollectorRegistry, Metric, generate_latest
 from prometheus_client.parser import text_string_to_metric_families
 
 from drivers.base import Quality
-from gateway.acquisition.sample import Sample
+from gateway.config.applied import ConfigurationApplied
 from gateway.config.file import parse
 from gateway.config.metrics import Metrics
 from gateway.config.problems import ConfigError
 from gateway.config.telemetry import TelemetryTls
+from gateway.model.control_state import NcState
 from gateway.model.events import (
     CompensationStepped,
-    ConfigurationApplied,
     DecisionMade,
     EventReported,
     Health,
@@ -31,7 +31,7 @@ from gateway.model.events import (
     ReadingsTaken,
     StoreHealth,
 )
-from gateway.nc.states import NcState
+from gateway.model.sample import Sample
 from gateway.service.metrics import GatewayFigures, MetricsError, MetricsServer
 from gateway.service.serving import serve
 from tests.benches import telemetry_examples as example

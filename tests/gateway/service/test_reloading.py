@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from gateway.acquisition.reload import BusChanges, PreparedReload, ReloadError
+from gateway.config.applied import ConfigurationApplied
 from gateway.config.file import load
-from gateway.model.events import ConfigurationApplied
 from gateway.service.reloading import Reloading
 from gateway.service.service import Service
 from talc.frame import EventKind
@@ -151,6 +151,7 @@ run(main(Path(sys.argv[1]), sys.argv[2] == "signal"))
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("how", ["signal", "command"])
 def test_the_library_of_a_bus_that_is_the_first_of_its_kind_is_not_imported_in_the_event_loop(
     how: str, tmp_path: Path

@@ -37,6 +37,7 @@ def receive(manager: socket.socket, until: str) -> list[list[str]]:
     return found
 
 
+@pytest.mark.slow
 def test_the_service_tells_systemd_when_it_is_ready_alive_and_stopping(tmp_path: Path, manager: socket.socket) -> None:
     file = tmp_path / "gateway.toml"
     file.write_text(TEXT + QUIET, encoding="utf-8")

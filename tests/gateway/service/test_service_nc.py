@@ -138,6 +138,7 @@ async def test_when_stopped_it_takes_the_offsets_back_and_releases_the_control(t
         bench.assert_never_stepped()
 
 
+@pytest.mark.slow
 async def test_between_two_grid_steps_the_offsets_follow_the_spindle(tmp_path: Path) -> None:
     """The learner knows that EZ0A is 2 µm per 1000 1/min; the spindle starts 20 s after a step."""
     async with wire_bench(tmp_path) as bench:
@@ -183,6 +184,7 @@ async def test_each_run_is_another_owner_and_takes_over_from_the_one_before_it_o
         assert len(set(owners) - {0.0}) == 4
 
 
+@pytest.mark.slow
 async def test_a_restart_goes_on_with_the_reference_and_the_numbers(tmp_path: Path) -> None:
     async with wire_bench(tmp_path, CYCLE_S) as bench:
         nck = bench.control.nck
@@ -259,6 +261,7 @@ async def test_without_a_stored_number_no_cycle_is_requested(tmp_path: Path) -> 
         assert bench.control.nck.cycle.answer.number == 0
 
 
+@pytest.mark.slow
 async def test_while_a_number_is_not_stored_yet_the_offsets_are_kept_and_the_cycle_waits(tmp_path: Path) -> None:
     free = asyncio.Event()
 

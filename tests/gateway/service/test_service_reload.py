@@ -5,10 +5,10 @@ import asyncio
 import pytest
 
 from gateway.acquisition.reload import ReloadError
+from gateway.config.applied import ConfigurationApplied
 from gateway.config.file import parse
 from gateway.config.model import GatewayConfig
 from gateway.control.restart.earlier import Past
-from gateway.model.events import ConfigurationApplied
 from gateway.service.service import Service
 from talc.control import Controller
 from tests.benches.kept_events import KeptEvents

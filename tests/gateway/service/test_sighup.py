@@ -8,6 +8,8 @@ import sys
 import time
 from pathlib import Path
 
+import pytest
+
 from gateway.config.file import load
 from gateway.storage.history import History
 from tests.benches.database import applied
@@ -30,6 +32,7 @@ def wait_for(process: subprocess.Popen[bytes], text: str, seen: bytearray) -> No
             seen += more
 
 
+@pytest.mark.slow
 def test_a_good_file_is_applied_and_a_bad_one_changes_nothing(tmp_path: Path) -> None:
     file, seen = tmp_path / "gateway.toml", bytearray()
     file.write_text(TEXT)

@@ -11,19 +11,13 @@ import pytest
 from click.testing import CliRunner
 
 from drivers.base import Quality
-from gateway.acquisition.sample import Sample
 from gateway.cli.main import main
+from gateway.config.applied import ConfigurationApplied
 from gateway.config.file import load
 from gateway.config.model import GatewayConfig
 from gateway.model.commands import Command, CommandName, CommandOutcome
-from gateway.model.events import (
-    CommandGiven,
-    ConfigurationApplied,
-    DecisionMade,
-    EventReported,
-    FrameMade,
-    ReadingsTaken,
-)
+from gateway.model.events import CommandGiven, DecisionMade, EventReported, FrameMade, ReadingsTaken
+from gateway.model.sample import Sample
 from gateway.nc.problems import CONNECTED_AGAIN, NOT_CONNECTED
 from gateway.service.status import file_system_of, is_locked, status_of
 from gateway.storage.store import Store

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from drivers.base import Quality
-from gateway.acquisition.sample import Sample
 from gateway.model.events import ReadingsTaken
 from gateway.model.reading_blocks import ReadingBlock, pack, unpack
+from gateway.model.sample import Sample
 from gateway.storage.block_pages import blocks_page
 from gateway.storage.pages import readings_page
 from gateway.storage.readings import QUALITIES, Pruning, Retention

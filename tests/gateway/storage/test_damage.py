@@ -10,7 +10,7 @@ import pytest
 
 from gateway.control.restart.earlier import past_in
 from gateway.model.events import DecisionMade, FrameMade
-from gateway.runtime.ages import StepTime
+from gateway.model.step_time import StepTime
 from gateway.storage.damage import damage_found
 from gateway.storage.history import History
 from gateway.storage.store import Store

@@ -91,6 +91,7 @@ def _refused(path: Path, answers: "multiprocessing.Queue[str]") -> None:
         answers.put(str(error))
 
 
+@pytest.mark.slow
 def test_deleting_everything_that_is_there_does_not_delete_the_lock(tmp_path: Path) -> None:
     path = tmp_path / "g.sqlite"
     with store_at(path) as store:

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from drivers.base import Quality
-from gateway.acquisition.sample import Sample
 from gateway.model.events import ReadingsTaken
+from gateway.model.sample import Sample
 from gateway.storage.store import Store
 from tests.benches.simulated_time import steps_of_time
 from tests.benches.stepped_clock import EPOCH, SteppedClock

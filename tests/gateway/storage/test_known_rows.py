@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from drivers.base import DriverError
+from gateway.config.applied import ConfigurationApplied
 from gateway.model.commands import Command, CommandName, CommandOutcome
 from gateway.model.events import (
     CommandGiven,
-    ConfigurationApplied,
     DecisionMade,
     FrameMade,
     GatewayEvent,

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from drivers.base import Quality
-from gateway.acquisition.sample import Sample
 from gateway.model.events import ReadingsTaken
+from gateway.model.sample import Sample
 from gateway.storage.mean_pages import means_page
 from gateway.storage.readings import Pruning, Retention
 from gateway.storage.schema import connect

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from drivers.base import Quality
-from gateway.acquisition.sample import Sample
 from gateway.model.events import ReadingsTaken
+from gateway.model.sample import Sample
 from gateway.storage.faults import StoreError
 from gateway.storage.pages import ReadingsPage, readings_page
 from gateway.storage.readings import Pruning, Retention

@@ -10,11 +10,10 @@ import numpy as np
 import pytest
 
 from drivers.base import Quality
-from gateway.acquisition.sample import Sample
 from gateway.config.sections import Storage
+from gateway.model.compensation import Source, Step, Write
 from gateway.model.events import CompensationStepped, DecisionMade, FrameMade, ReadingsTaken
-from gateway.nc.slew import Step, Write
-from gateway.nc.states import Source
+from gateway.model.sample import Sample
 from gateway.storage.history import History
 from gateway.storage.readings import Channels, Pruning, Retention
 from gateway.storage.schema import connect, make_schema

@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 
 from drivers.base import Quality
-from gateway.acquisition.sample import Sample
 from gateway.config.file import parse
 from gateway.model.commands import Command, CommandName, CommandOutcome
 from gateway.model.events import (
@@ -24,6 +23,7 @@ from gateway.model.events import (
     ReadingsTaken,
     ReasonsGiven,
 )
+from gateway.model.sample import Sample
 from gateway.nc.probing.cycle import Outcome
 from gateway.storage.epochs import NUMBERS, Position
 from gateway.storage.faults import StoreError

@@ -16,20 +16,19 @@ import numpy as np
 import pytest
 
 from drivers.base import Quality
-from gateway.acquisition.sample import Sample
+from gateway.config.applied import ConfigurationApplied
+from gateway.model.compensation import Source, Step, Write
 from gateway.model.events import (
     CompensationStepped,
-    ConfigurationApplied,
     DecisionMade,
     FrameMade,
     MeasurementEnded,
     ModelsAdopted,
     ReadingsTaken,
 )
+from gateway.model.sample import Sample
 from gateway.nc.probing.cycle import End, Outcome
 from gateway.nc.settings import Identity
-from gateway.nc.slew import Step, Write
-from gateway.nc.states import Source
 from gateway.storage.faults import StoreError
 from gateway.storage.history import History
 from gateway.storage.store import Store, boot_id

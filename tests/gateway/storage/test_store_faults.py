@@ -13,8 +13,8 @@ from typing import Any
 import pytest
 
 from drivers.base import Quality
-from gateway.acquisition.sample import Sample
 from gateway.model.events import DecisionMade, FrameMade, ProbingRequested, ReadingsTaken
+from gateway.model.sample import Sample
 from gateway.storage.faults import StoreError
 from gateway.storage.history import History
 from gateway.storage.schema import make_schema

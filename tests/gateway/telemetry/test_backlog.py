@@ -97,6 +97,7 @@ def largest_mb(process: int) -> float:
     return next(int(line.split()[1]) / 1e3 for line in status.splitlines() if line.startswith("VmHWM"))
 
 
+@pytest.mark.slow
 def test_a_large_query_is_refused_before_it_is_in_memory_and_small_ones_are_answered() -> None:
     port = free_port()
     command = [sys.executable, "-m", "tests.benches.telemetry_process", str(port)]

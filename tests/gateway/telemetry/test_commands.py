@@ -13,8 +13,8 @@ from drivers.base import SystemClock
 from gateway.cli.main import main
 from gateway.config.telemetry import Operator, Telemetry
 from gateway.model.commands import Command, CommandName, CommandOutcome, Pause
+from gateway.model.control_state import NcState
 from gateway.model.events import Health, HealthChecked, StoreHealth
-from gateway.nc.states import NcState
 from gateway.telemetry.client import Machine, MachineError
 from gateway.telemetry.codec import decode_refusal
 from gateway.telemetry.command_signer import CommandSigner

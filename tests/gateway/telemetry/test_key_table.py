@@ -8,9 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from gateway.config.applied import ConfigurationApplied
+from gateway.model.compensation import Source, Step, Write
+from gateway.model.control_state import NcState
 from gateway.model.events import (
     CompensationStepped,
-    ConfigurationApplied,
     DecisionMade,
     EventReported,
     ForecastMade,
@@ -26,11 +28,9 @@ from gateway.model.events import (
     StorageChanged,
     StoreHealth,
 )
+from gateway.model.standing import Standing
 from gateway.nc.probing.cycle import Outcome
 from gateway.nc.probing.schedule import Outlook
-from gateway.nc.probing.standing import Standing
-from gateway.nc.slew import Step, Write
-from gateway.nc.states import NcState, Source
 from gateway.telemetry import keys
 from gateway.telemetry.codec import MESSAGE_TYPES
 from gateway.telemetry.json_schema import schemas

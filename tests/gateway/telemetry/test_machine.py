@@ -16,9 +16,9 @@ from msgspec.structs import replace
 
 from drivers.base import SystemClock
 from gateway.config.telemetry import Telemetry
+from gateway.model.control_state import NcState
 from gateway.model.events import DecisionMade, Health, HealthChecked, ReadingsTaken, StoreHealth
 from gateway.model.reading_blocks import READING_ROW, pack
-from gateway.nc.states import NcState
 from gateway.telemetry.answers import HistoryBlock, HistoryPage
 from gateway.telemetry.client import Machine, MachineError
 from gateway.telemetry.history_queries import HistoryRequest

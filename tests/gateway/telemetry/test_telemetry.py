@@ -14,23 +14,22 @@ import pytest
 import zenoh
 
 from drivers.base import Quality
-from gateway.acquisition.sample import Sample
+from gateway.config.applied import ConfigurationApplied
 from gateway.config.file import parse
 from gateway.config.model import GatewayConfig
 from gateway.listeners.watch.view import ViewState, feeding, render
+from gateway.model.compensation import Source, Step, Write
 from gateway.model.events import (
     CompensationStepped,
-    ConfigurationApplied,
     DecisionMade,
     EventReported,
     FrameMade,
     OutlookChanged,
     ReadingsTaken,
 )
+from gateway.model.sample import Sample
+from gateway.model.standing import Standing
 from gateway.nc.probing.schedule import Outlook
-from gateway.nc.probing.standing import Standing
-from gateway.nc.slew import Step, Write
-from gateway.nc.states import Source
 from gateway.telemetry.session import TelemetryError
 from talc.frame import Event, EventKind, Frame, Why
 from tests.benches.free_port import free_port

@@ -15,8 +15,8 @@ import zenoh
 from drivers.base import SystemClock
 from gateway.config.telemetry import Operator, Telemetry
 from gateway.model.commands import Command, CommandName, CommandOutcome
+from gateway.model.control_state import NcState
 from gateway.model.events import Health, HealthChecked, StoreHealth
-from gateway.nc.states import NcState
 from gateway.telemetry.answers import HistoryPage
 from gateway.telemetry.client import Machine, MachineError
 from gateway.telemetry.command_signer import CommandSigner

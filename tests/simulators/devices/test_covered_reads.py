@@ -2,8 +2,8 @@
 
 import pytest
 
-from drivers.modbus import Block
 from drivers.modbus.frames import find_rtu_answer, rtu_request
+from drivers.modbus.numbers import Block
 from simulators.devices import Passed, stream_script
 from simulators.devices.script import Script
 from tests.benches.rtu_talk import frame, registers

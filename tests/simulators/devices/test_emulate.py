@@ -11,7 +11,7 @@ import pytest
 
 from drivers.base import Quality, Reading, SystemClock
 from drivers.build import make_device
-from drivers.modbus import ModbusBus
+from drivers.modbus.bus import ModbusBus
 from drivers.profiles import load_profile
 from drivers.recognition import recognise_modbus
 from simulators.devices.__main__ import DEVICES, emulate

@@ -5,7 +5,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from drivers.sinumerik import ErrorTerms, OffsetRoute, SinumerikSettings, errors_program
+from drivers.sinumerik.programs import ErrorTerms, errors_program
+from drivers.sinumerik.settings import OffsetRoute, SinumerikSettings
 from simulators.nc import Activity, CycleSettings, DayPart, FollowingTerms, LoadCase, MeanLoads, Nck
 from simulators.nc.nck import R_REQUEST, R_WITHDRAW
 from simulators.nc.nine_errors import R_COUNT_WITH_ERRORS, R_CYCLE, R_ECHO, R_IN_FORCE, R_PROBED, R_TERMS, R_WANTED
@@ -49,6 +50,7 @@ def want(nck: Nck, errors: np.ndarray[tuple[int], np.dtype[np.float64]], now_s: 
         nck.write_r(R_WANTED + i, value, now_s)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ramp_um_per_s", [1.0, 0.0], ids=["zero", "hold"])
 def test_the_emulated_control_does_what_the_program_does(ramp_um_per_s: float) -> None:
     """Targets beyond the bound, a cycle with a gateway, one without, a withdrawn one, a value that is not a number,

@@ -27,6 +27,7 @@ def steady(solid: Solid, watts: tuple[float, float]) -> np.ndarray:
     return np.asarray(splu(csc_matrix(solid.K + solid.H)).solve(solid.S @ np.array(watts)))
 
 
+@pytest.mark.slow
 def test_mass_surface_and_sources_are_the_bodies(coarse: Solid) -> None:
     assert coarse.C.sum() == pytest.approx(7850 * 434 * VOLUME, rel=1e-9)
     assert coarse.H.sum() == pytest.approx(5 * SURFACE, rel=1e-9)
@@ -54,6 +55,7 @@ def test_mirror_symmetry(coarse: Solid) -> None:
     assert abs(rows[1:, order] - rows[1:, back]).max() < 1e-8 * size
 
 
+@pytest.mark.slow
 def test_even_warming_of_the_unstrained_machine_opens_the_gap_by_its_free_growth() -> None:
     growth = assemble(0.3, free=True).D[: len(DRIFTS)].sum(axis=1)
     assert growth == pytest.approx([0, 0, 12e-6 * 0.5 * 1e6], abs=1e-6)  # 0.5 m between workpiece and tool

@@ -62,6 +62,7 @@ def test_an_input_that_makes_the_output_is_chosen_and_its_cluster_dropped() -> N
     assert len({4, 12} & set(structure.inputs)) == 1
 
 
+@pytest.mark.slow
 def test_a_mirrored_series_is_found() -> None:
     s = series(300, seed=5, sensors=12)
     u = (s.inputs - s.inputs.mean(0)) / s.inputs.std(0)

@@ -159,6 +159,7 @@ def test_without_measured_predecessors_the_papers_ways_say_what_they_lack() -> N
     assert "rows: expected at least 2 with all earlier outputs measured" in models.notes[0]
 
 
+@pytest.mark.slow
 def test_threads_and_solver_seeds_change_nothing() -> None:
     s = series(288, seed=6)
     jobs = [job(s, settings=TrainingSettings(seed=seed)) for seed in range(3)]
@@ -253,6 +254,7 @@ def test_static_inputs_stay_and_their_orders_are_renewed(selector: str) -> None:
     assert np.mean(sizes) < 3  # the truth has one coefficient per input, four were allowed
 
 
+@pytest.mark.slow
 def test_no_selector_takes_more_inputs_than_allowed() -> None:
     s = series(288, seed=6)
     s.measured[:, 2:] = np.nan

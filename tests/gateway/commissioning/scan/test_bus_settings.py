@@ -14,8 +14,8 @@ from pydantic import Field
 from drivers.base import SetupError
 from drivers.build import BUS_KINDS
 from drivers.bus_settings import BusSettings
-from drivers.micro_epsilon import MeEthernetSettings
-from drivers.modbus import ModbusTcpSettings
+from drivers.micro_epsilon.settings import MeEthernetSettings
+from drivers.modbus.settings import ModbusTcpSettings
 from drivers.section import LONGEST_ANSWER_S, Section
 from gateway.cli.arguments import field_option
 from gateway.cli.main import main

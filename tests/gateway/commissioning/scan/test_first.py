@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.mtconnect import SuggestedItems
+from drivers.mtconnect.suggest import SuggestedItems
 from drivers.recognition import Recognition
 from gateway.commissioning.scan.first import (
     Answers,

@@ -12,7 +12,7 @@ from pymodbus.pdu import ModbusPDU
 from pymodbus.server import ModbusTcpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
-from drivers.modbus import NumberFormat
+from drivers.modbus.numbers import NumberFormat
 from gateway.cli.main import main
 from gateway.commissioning.scan.registers import SeenWords, read_words
 from simulators.devices import M7015, RtuLine

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner, Result
 
-from drivers.opcua import OpcUaProfile
+from drivers.opcua.profile import OpcUaProfile
 from drivers.profiles import load_profile
 from gateway.cli.main import main
 from simulators.devices import SlcanAdapter

@@ -10,7 +10,8 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner, Result
 
-from drivers.mqtt import MqttProfile, TopicMessage
+from drivers.mqtt.bus import TopicMessage
+from drivers.mqtt.profile import MqttProfile
 from drivers.profiles import load_profile
 from gateway.cli.main import main
 from gateway.commissioning.scan.topics import SeenTopic, bus_period_s, seen_topics, topic_draft

@@ -2,11 +2,11 @@
 
 import pytest
 
-from drivers.agent import AgentBusSettings
+from drivers.agent.settings import AgentBusSettings
 from drivers.base import ConnectError
 from drivers.byte_stream import TcpStream
-from drivers.modbus import ModbusTcpSettings
-from drivers.mqtt import MqttBusSettings
+from drivers.modbus.settings import ModbusTcpSettings
+from drivers.mqtt.settings import MqttBusSettings
 from drivers.section import host_and_port
 from gateway.commissioning.agent_test.connection import AgentUnderTest, Unreachable, connected
 from gateway.commissioning.scan.found import ScanReport

@@ -10,8 +10,8 @@ import can as python_can
 import pytest
 from canopen.sdo.client import SdoClient
 
-from drivers.can import Heard
-from drivers.canopen import CanOpenSettings
+from drivers.can.survey import Heard
+from drivers.canopen.settings import CanOpenSettings
 from gateway.commissioning.scan.can import CanScan, scan_can
 from gateway.commissioning.scan.found import ScanReport
 from gateway.config.file import load
@@ -193,6 +193,7 @@ def test_command_reaches_nodes_over_the_network_of_this_computer(tmp_path: Path)
     assert (device.profile, device.unit, dict(device.options)) == ("cia404", 5, {"vendor": "esd"})
 
 
+@pytest.mark.slow
 async def test_ctrl_c_closes_the_adapter_and_shows_what_was_found() -> None:
     asked = asyncio.Event()
 

@@ -324,6 +324,7 @@ def test_file_that_cannot_be_added_to_is_reported_before_the_scan(tmp_path: Path
     assert file.read_bytes() == content
 
 
+@pytest.mark.slow
 async def test_ctrl_c_shows_what_was_found_and_frees_the_port(tmp_path: Path) -> None:
     answered = asyncio.Event()
 

@@ -71,10 +71,12 @@ def start_in_a_little_memory() -> None:
     print(caught.value)
 
 
+@pytest.mark.slow
 def test_a_day_and_a_restart_leave_the_learners_memory_untouched() -> None:
     assert int(apart("day_and_restart")) < learner_bytes(INPUTS) / 1e6 / 16
 
 
+@pytest.mark.slow
 def test_a_learner_that_does_not_fit_is_reported_in_words() -> None:
     said = apart("start_in_a_little_memory")
     assert said.startswith("the computer has no 0.9 GB of address space for the learner of 300 inputs (use fewer")

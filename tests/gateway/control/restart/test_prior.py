@@ -49,6 +49,7 @@ def left(config: GatewayConfig, days: ThermalSeries, rows: slice) -> float:
     return float(np.sqrt(np.mean(difference**2)))
 
 
+@pytest.mark.slow
 def test_a_fourth_machine_starts_better_with_the_file_of_three(here: Path) -> None:
     told, alone = load(written(here, "told", "kind.json")), load(written(here, "alone"))
     first, later = slice(0, 72), slice(72, None)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.mqtt import MqttConnection, Publication
+from drivers.mqtt.connection import MqttConnection, Publication
 from gateway.listeners.outlets.feed import Feed
 from gateway.listeners.outlets.mqtt import MqttOutlet, MqttOutletSettings
 from gateway.listeners.outlets.outlet import OutletError, OutletMessage

@@ -59,6 +59,7 @@ def test_an_unknown_machine_is_answered_with_those_that_are_alive() -> None:
     assert "no gateway runs under hall" in other.err
 
 
+@pytest.mark.slow
 async def test_the_only_machine_is_followed_without_escape_sequences_of_others() -> None:
     """A device or a control may send any text. The first lines show the readings; then the gateway ends."""
     port = free_port()

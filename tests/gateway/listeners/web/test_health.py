@@ -10,7 +10,7 @@ from gateway.listeners.web.at_tool import WorkPoint
 from gateway.listeners.web.sentences import Amount, SaidRow, ToldName
 from gateway.listeners.web.verdict import Viewpoint, verdict_of
 from gateway.listeners.web.view import view
-from gateway.nc.states import NcState
+from gateway.model.control_state import NcState
 from gateway.telemetry.messages import StatusMessage, StorageStanding
 from tests.benches.heard import HeardMachine
 

@@ -12,8 +12,9 @@ from drivers.base import Quality
 from gateway.listeners.web.app import build_app
 from gateway.listeners.web.catalogue import LANGUAGES, chosen_language, texts
 from gateway.listeners.web.settings import MachineUse, WebSettings
-from gateway.nc.probing.standing import Standing
-from gateway.nc.states import NcState, Source
+from gateway.model.compensation import Source
+from gateway.model.control_state import NcState
+from gateway.model.standing import Standing
 from gateway.telemetry.subscriber.site import SiteSeen
 from talc.frame import EventKind, Phase, Why
 from talc.names import THERMAL_ERRORS

@@ -9,7 +9,7 @@ from gateway.listeners.web.at_tool import WorkPoint, at_the_tool, half_width, mo
 from gateway.listeners.web.sentences import SaidRow, Sentence, ToldName, at
 from gateway.listeners.web.verdict import Colour, Viewpoint, verdict_of
 from gateway.listeners.web.view import listed, shown_course, view
-from gateway.nc.states import Source
+from gateway.model.compensation import Source
 from gateway.telemetry.messages import PauseStanding
 from gateway.telemetry.subscriber.machine import Applied, applied
 from gateway.telemetry.subscriber.site import SiteSeen

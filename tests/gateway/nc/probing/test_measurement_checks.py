@@ -57,6 +57,7 @@ def test_standardised_residuals_have_unit_variance_wherever_they_are() -> None:
     np.testing.assert_allclose(found.std(axis=0), 1.0, atol=0.08)
 
 
+@pytest.mark.slow
 def test_a_clean_cycle_of_a_hot_machine_is_accepted() -> None:
     """Two thousand cycles with the declared noise: not one is rejected by the fit."""
     draw, judge = np.random.default_rng(6), checks()

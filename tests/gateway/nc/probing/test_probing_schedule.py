@@ -8,9 +8,9 @@ import pytest
 
 from drivers.nc import NcSnapshot, OperatingMode, ProgramState
 from gateway.config.sections import Probing
+from gateway.model.standing import Standing
 from gateway.nc.probing.cycle import End
 from gateway.nc.probing.schedule import Bulletin, Moment, Outlook, ProbingSchedule, moment, schedule_of
-from gateway.nc.probing.standing import Standing
 from simulators.nc import Activity, CycleSettings, DayPart, LoadCase, MachineState, MeanLoads, Nck
 from talc.frame import Event, EventKind, Why
 from tests.benches.still_machine import StillMachine

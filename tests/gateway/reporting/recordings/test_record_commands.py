@@ -41,6 +41,7 @@ def test_can_logs_of_other_programs_are_read(name: str, tmp_path: Path) -> None:
     assert [(event.identifier, event.data) for event in events] == FRAMES * 3
 
 
+@pytest.mark.slow
 async def test_plain_can_log_is_played(tmp_path: Path) -> None:
     write_trace(tmp_path / "trace.log")
     arguments = ("play", str(tmp_path / "trace.log"), "--folder", str(tmp_path))
@@ -161,6 +162,7 @@ def test_existing_recording_is_not_overwritten(tmp_path: Path) -> None:
     assert file.read_text(encoding="utf-8") == "what happened last night"
 
 
+@pytest.mark.slow
 async def test_service_keeps_what_passed_across_a_reload(tmp_path: Path) -> None:
     """A wrong unit id is corrected while the gateway runs: each file contains what was configured at that time."""
     config, wire = tmp_path / "gateway.toml", tmp_path / "field.wire"
@@ -227,6 +229,7 @@ def test_a_recording_in_which_nothing_could_be_read_is_not_a_success(tmp_path: P
     assert wire.exists()
 
 
+@pytest.mark.slow
 async def test_a_second_play_of_one_file_leaves_the_first_ones_links(tmp_path: Path) -> None:
     write_trace(tmp_path / "trace.log")
     arguments = ("play", str(tmp_path / "trace.log"))

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.modbus import ModbusProfile
+from drivers.modbus.profile import ModbusProfile
 from drivers.profiles import load_profile
 from gateway.acquisition.wire_log import read_wire_log
 from gateway.config.file import load
@@ -146,6 +146,7 @@ def test_files_of_a_recording_stay_in_their_folder(name: str, text: str, said: s
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 async def test_an_edited_profile_begins_another_file(tmp_path: Path) -> None:
     line = RtuLine({1: M7015(lambda: [20.0] * 6)})
     file = machine(tmp_path, await line.start())

@@ -1,0 +1,110 @@
+"""The probing cycle's path against the machine's travel, without LinuxCNC, by an independent kinematics."""
+
+import configparser
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+
+from simulators.linuxcnc.machine import FILES
+from talc.frame import FloatArray
+from talc.probing import rotation_x, rotation_z
+from tests.benches.linuxcnc_module import linuxcnc_module
+
+PROBE = {"X": 0.5, "Y": -0.25, "Z": 60.0, "A": 0.0, "C": 0.0}
+WIDE = dict.fromkeys("XYZAC", (-1e4, 1e4))
+SPHERE = np.array([120.0, 0.0, 80.0])
+BALL_MM, CLEAR_MM, SAFE_MM, REACH_MM = 13.0, 30.0, 200.0, 3.0
+POSES = [(0, 0), (0, 90), (0, 180), (0, 270), (90, 0), (-90, 0)]
+
+
+@pytest.fixture
+def modules(monkeypatch: pytest.MonkeyPatch) -> Any:
+    monkeypatch.syspath_prepend(str(FILES))
+    return linuxcnc_module("talc_joints"), linuxcnc_module("talc_path")
+
+
+def path(modules: Any, **changed: str) -> Any:
+    """By talc.ini as shipped, with other values in [TALC]."""
+    ini = configparser.RawConfigParser(strict=False)
+    ini.optionxform = str  # type: ignore[assignment,method-assign]
+    ini.read(FILES / "talc.ini")
+    ini["TALC"].update(changed)
+    joints, paths = modules
+    return paths.ProbingPath(joints.MachineJoints(lambda section, name: ini.get(section, name, fallback=None), "mill"))
+
+
+def spindle_at() -> Iterator[tuple[int, FloatArray]]:
+    """Pose, and a place of the spindle's gauge point that the cycle needs there, whatever is measured."""
+    tool = np.array([PROBE[axis] for axis in "XYZ"])
+    for pose, (a, c) in enumerate(POSES, start=1):
+        centre = rotation_x(np.radians(a)) @ rotation_z(np.radians(c)) @ SPHERE
+        for axis in range(3):
+            for side in (-1.0, 1.0) if axis < 2 else (1.0,):
+                beside = centre.copy()
+                beside[axis] += side * (BALL_MM + REACH_MM)
+                above = np.array([*beside[:2], centre[2] + BALL_MM + CLEAR_MM])
+                yield from ((pose, place + tool) for place in (beside, above, np.array([*centre[:2], SAFE_MM])))
+
+
+def test_as_shipped_a_probe_of_up_to_100_mm_finds_room_and_a_longer_one_is_refused(modules: Any) -> None:
+    limits = dict.fromkeys("XYZ", (-300.0, 300.0)) | {"A": (-120.0, 120.0), "C": (-36000.0, 36000.0)}
+    it = path(modules)
+    for length in (60.0, 100.0):
+        assert it.beyond(PROBE | {"Z": length}, limits) == ""
+    assert "Z = 300.1 with the probe in the spindle, beyond the limit 300" in it.beyond(PROBE | {"Z": 100.1}, limits)
+    high = path(modules, SAFE_Z="250")
+    assert "needs Z = 310.0" in high.beyond(PROBE, limits), "it would have ended the part program in its first cycle"
+
+
+def test_every_place_of_every_pose_is_within_the_limits_or_the_cycle_is_refused(modules: Any) -> None:
+    it = path(modules)
+    assert it.beyond(PROBE, WIDE) == ""
+    places = list(spindle_at())
+    assert len(places) == 90
+    for pose, place in places:
+        for axis, at in zip("XYZ", place, strict=True):
+            for limits in ((at + 0.01, 1e4), (-1e4, at - 0.01)):
+                assert it.beyond(PROBE, WIDE | {axis: limits}) != "", (pose, axis, place)
+    # And no wider than a touch may be off: within twice REACH of the outermost places.
+    for i, axis in enumerate("XYZ"):
+        ends = [place[i] for _, place in places]
+        room = {axis: (min(ends) - 2 * REACH_MM, max(ends) + 2 * REACH_MM)}
+        assert it.beyond(PROBE, WIDE | room) == ""
+
+
+@pytest.mark.parametrize(
+    ("limits", "said"),
+    [
+        ({"A": (-120.0, 45.0)}, "pose 5 needs A = 90.0 with the probe in the spindle, beyond the limit 45:"),
+        ({"A": (-30.0, 120.0)}, "pose 6 needs A = -90.0 "),
+        ({"C": (-180.0, 180.0)}, "pose 4 needs C = 270.0 "),
+    ],
+)
+def test_the_table_s_axes_are_compared_too(limits: dict[str, tuple[float, float]], said: str, modules: Any) -> None:
+    assert path(modules).beyond(PROBE, WIDE | limits).startswith(said)
+
+
+def test_the_pivot_the_turns_of_c_and_a_dry_run_s_height_count(modules: Any) -> None:
+    it = path(modules, PIVOT_X="7", PIVOT_Z="-30")
+    room = {"X": (-136.0, 160.0), "Z": (-1e4, 230.1)}
+    assert it.beyond(PROBE, WIDE | room) == ""
+    assert it.beyond(PROBE, WIDE | {"C": (0.0, 360.0)}, turns_deg=360.0).startswith("pose 2 needs C = 450.0")
+    assert it.beyond(PROBE, WIDE | room, dry_run_mm=100.0).startswith("pose 1 needs Z = 256.0")
+    assert it.least_dry_run_mm() == BALL_MM + 2 * REACH_MM
+
+
+@pytest.mark.parametrize(
+    ("changed", "said"),
+    [
+        ({"SAFE_Z": "157.3"}, ""),
+        ({"SAFE_Z": "157.2"}, "[TALC] SAFE_Z = 157.2: the sphere swings up to 157.2 mm over the pivot"),
+        ({"POSE_3_C": ""}, "[TALC] POSE_3_C is missing: the probing program needs it"),
+        ({"FEED": "nan"}, "[TALC] FEED is missing: the probing program needs it"),
+        ({"APPROACH_FEED": "0"}, "[TALC] APPROACH_FEED = 0: expected more than 0"),
+        ({"CLEAR": "-1"}, "[TALC] CLEAR = -1: expected more than 0"),
+    ],
+)
+def test_a_machine_on_which_the_program_cannot_run_says_why(changed: dict[str, str], said: str, modules: Any) -> None:
+    assert path(modules, **changed).unfit == said
