@@ -21,6 +21,7 @@ from drivers.sinumerik.settings import SinumerikSettings
 from gateway.config.sections import Probing
 from gateway.control.grid import GridSampler, Instant
 from gateway.model.standing import Standing
+from gateway.model.text import plain
 from gateway.nc.probing.cycle import End, Probe, probe_of
 from gateway.nc.probing.schedule import excess, schedule_of
 from gateway.nc.routes import ByErrors
@@ -206,7 +207,7 @@ class DemoLoop:
             self._reference = found + np.array(held_um) * 1e-3
         result = self._probe.solve(self._probe.deviations_um(found, self._reference, held_um))
         self._finished = Measurement(result.errors, result.sigma)
-        self._plan.ended(End.MEASURED, "", self._clock.now)
+        self._plan.ended(End.MEASURED, plain(""), self._clock.now)
 
     def _step(self) -> None:
         measurement, self._finished = self._finished, None

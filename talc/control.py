@@ -12,6 +12,7 @@ from talc.frame import (
     BoolArray,
     Decision,
     Event,
+    EventCode,
     EventKind,
     FloatArray,
     Frame,
@@ -202,6 +203,14 @@ def _impossible(measurement: Measurement) -> list[Event]:
     events = []
     for i in np.flatnonzero(np.abs(measurement.errors) > LARGEST_ERROR):
         name = THERMAL_ERRORS[i]
-        text = f"{name}: {measurement.errors[i]:g} {ERROR_UNITS[name]} is impossible and is not used"
-        events.append(Event(EventKind.MEASUREMENT_REJECTED, text, name, limit=LARGEST_ERROR))
+        values = {"error": name, "value": float(measurement.errors[i]), "unit": ERROR_UNITS[name]}
+        events.append(
+            Event(
+                EventKind.MEASUREMENT_REJECTED,
+                error=name,
+                limit=LARGEST_ERROR,
+                code=EventCode.IMPOSSIBLE,
+                values=values,
+            )
+        )
     return events

@@ -3,13 +3,14 @@
 `controller.step(frame) -> decision`; `train(decision.training) -> models`; `controller.adopt(models)`.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from talc.kinds import EventKind, Phase, Why
+from talc.kinds import EventCode, EventKind, Phase, Why
 from talc.settings import TrainingSettings
 
 __all__ = [
@@ -19,6 +20,7 @@ __all__ = [
     "BoolArray",
     "Decision",
     "Event",
+    "EventCode",
     "EventKind",
     "FloatArray",
     "Frame",
@@ -47,10 +49,15 @@ class Event:
     """One thing to report; `error` is set when it concerns one thermal error."""
 
     kind: EventKind
-    text: str
+    text: str = ""
+    """In words, where somebody has put it into words: the controller does not."""
     error: str | None = None
     value: float | None = None
     limit: float | None = None
+    code: str = ""
+    """What it says: an EventCode, or a code of the service; empty: only the text tells."""
+    values: Mapping[str, Any] = field(default_factory=dict, hash=False)
+    """What belongs to the code."""
 
 
 @dataclass(frozen=True, slots=True)

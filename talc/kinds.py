@@ -27,6 +27,47 @@ class Why(StrEnum):
     """A person asked for it. The controller itself never does."""
 
 
+class EventCode(StrEnum):
+    """What an event of the controller says; its values have these names."""
+
+    PHASE_CHANGED = "phase_changed"
+    """phase, next: of Phase."""
+    LEARNT = "learnt"
+    """The learner has learnt from a measurement."""
+    STATE_CORRECTED = "state_corrected"
+    """A measurement has corrected the state of the models."""
+    LIMIT_EXCEEDED = "limit_exceeded"
+    """error, value, unit, limit."""
+    TRAINING_WANTED = "training_wanted"
+    """n: measurements; why: of Why."""
+    MODELS_ADOPTED = "models_adopted"
+    """error, inputs, na: of one new model."""
+    MODEL_WITHOUT_INPUTS = "model_without_inputs"
+    """error, na: of one new model that has only its own past."""
+    NO_MODEL = "no_model"
+    """A training gave no model that can be used."""
+    TRAINING_NOTE = "training_note"
+    """note: a remark of a training."""
+    LAST_VALUE_USED = "last_value_used"
+    """input: has no good value."""
+    VALUE_ESTIMATED = "value_estimated"
+    """input: has no good value, and is estimated from the others."""
+    VALUE_GOOD_AGAIN = "value_good_again"
+    """input."""
+    VALUE_GOOD_BUT_FAR = "value_good_but_far"
+    """input: good, but far from what the others say; it counts from there."""
+    PREDICTION_BOUNDED = "prediction_bounded"
+    """error: far outside the training data."""
+    TRUSTED = "trusted"
+    """error: corrected from now on."""
+    NOT_TRUSTED = "not_trusted"
+    """error: no longer corrected."""
+    IMPOSSIBLE = "impossible"
+    """error, value, unit: measured, and not used."""
+    OUTLIER = "outlier"
+    """error, value, unit: measured; n: how many standard deviations off."""
+
+
 class EventKind(StrEnum):
     """What a decision reports besides its numbers."""
 

@@ -205,6 +205,8 @@ class ModelSet:
     """In the order of THERMAL_ERRORS; None: no usable model for that error."""
     notes: tuple[str, ...] = ()
     """Remarks of the training: inputs not offered, fall-backs, errors without a model."""
+    failed: bool = False
+    """They stand for a training that ended without a result: there is no model, and the former ones stay."""
 
     def __post_init__(self) -> None:
         if len(self.models) != len(THERMAL_ERRORS):
@@ -217,11 +219,14 @@ class ModelSet:
 
     def fingerprint(self) -> str:
         """SHA-256 over the canonical JSON, in hexadecimal: equal exactly when all numbers are equal."""
-        canonical = json.dumps(self.to_dict(), sort_keys=True, separators=(",", ":"), allow_nan=False)
+        canonical = json.dumps(self._numbers(), sort_keys=True, separators=(",", ":"), allow_nan=False)
         return hashlib.sha256(canonical.encode()).hexdigest()
 
     def to_dict(self) -> dict[str, Any]:
         """JSON-able; floats come back bit for bit."""
+        return self._numbers() | ({"failed": True} if self.failed else {})
+
+    def _numbers(self) -> dict[str, Any]:
         return {
             "k": self.k,
             "why": str(self.why),
@@ -233,10 +238,15 @@ class ModelSet:
     @classmethod
     def from_dict(cls, plain: Mapping[str, Any]) -> "ModelSet":
         """The inverse of `to_dict`."""
+        models = tuple(None if m is None else ErrorModel.from_dict(m) for m in plain["models"])
+        notes = tuple(plain["notes"])
+        # Earlier programs did not say so. A training that ends gives a remark on each error without a model.
+        failed = plain.get("failed", len(notes) == 1 and not any(models))
         return cls(
             k=plain["k"],
             why=plain["why"],
             input_names=tuple(plain["input_names"]),
-            models=tuple(None if m is None else ErrorModel.from_dict(m) for m in plain["models"]),
-            notes=tuple(plain["notes"]),
+            models=models,
+            notes=notes,
+            failed=failed,
         )

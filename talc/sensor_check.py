@@ -55,13 +55,6 @@ class Finding:
     alternatives: tuple[str, ...] = ()
     """For an offset: other inputs that would explain it equally well."""
 
-    def text(self) -> str:
-        """The finding in words, for a person."""
-        if self.kind == "swap":
-            return f"{self.inputs[0]} and {self.inputs[1]} may be exchanged: check the wiring"
-        names = " or ".join((*self.inputs, *self.alternatives))
-        return f"{names} is off by {self.offset_K:+.1f} K against the other sensors"
-
 
 @dataclass(frozen=True, slots=True)
 class Judgement:

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from talc.frame import Event
-from talc.kinds import EventKind, Phase
+from talc.kinds import EventCode, EventKind, Phase
 
 
 @dataclass(slots=True)
@@ -17,5 +17,14 @@ class Stage:
     def enter(self, phase: Phase, events: list[Event], measured: int = 0) -> None:
         """Begin a phase, also the same one again; a change is one of the events. measured: what counts already."""
         if phase is not self.phase:
-            events.append(Event(EventKind.PHASE_CHANGED, f"{self.phase.value} -> {phase.value}"))
+            values = {"phase": self.phase.value, "next": phase.value}
+            events.append(Event(EventKind.PHASE_CHANGED, code=EventCode.PHASE_CHANGED, values=values))
         self.phase, self.measured = phase, measured
+
+
+def limit_exceeded(error: str, unit: str, value: float, limit: float) -> Event:
+    """The residual of an error is above its limit; both in its unit."""
+    values = {"error": error, "unit": unit, "value": value, "limit": limit}
+    return Event(
+        EventKind.LIMIT_EXCEEDED, error=error, value=value, limit=limit, code=EventCode.LIMIT_EXCEEDED, values=values
+    )

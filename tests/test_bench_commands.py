@@ -33,13 +33,6 @@ def test_history_day_answers_all_that_was_stored() -> None:
     assert values == {"minutes": 900, "ten minutes": 90, "10 s": 5400, "single readings": 54000}
 
 
-def test_service_memory() -> None:
-    *_, row = said("tests.benches.service_memory", "--days", "0")
-    pss, own, most = numbers(row)
-    assert 30.0 < own <= most
-    assert own < pss < 300.0
-
-
 def test_years_memory_has_learnt_and_stored() -> None:
     *_, first, last = said("tests.benches.years_memory", "--years", "0.02", "--step-s", "3600")
     assert numbers(last)[2:4] == numbers(first)[2:4], "descriptors and threads"
@@ -64,14 +57,6 @@ def test_page_gone_at_once() -> None:
     *_, row = said("tests.benches.page_gone", "2")
     _, gone, longest, *_ = numbers(row)
     assert 0.0 < gone <= longest < 10_000.0
-
-
-@pytest.mark.peer
-def test_publishing_cost() -> None:
-    rows = said("tests.benches.publishing_cost", "4")
-    assert [row.split("  ")[0].split(" and")[0] for row in rows] == ["without telemetry", "publishing", "publishing,"]
-    for row in rows:
-        assert re.search(r"(\d\.\d\d) % of a core, \+?-?\d\.\d\d \(", row), row
 
 
 @pytest.mark.peer

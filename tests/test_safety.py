@@ -291,6 +291,10 @@ BROKEN: dict[str, tuple[str, Break]] = {
         "drivers.sinumerik.control:Sinumerik.request_probing",
         never("taken_back"),
     ),
+    "a_component_that_has_stopped_hears_no_beat_and_nothing_is_written": (
+        "deploy/nc/linuxcnc/talc_offsets.py:Offsets._watched",
+        gives("True"),
+    ),
     "what_the_control_keeps_without_power_is_no_sign_of_a_watchdog": (
         "drivers.sinumerik.lease:SinumerikLease._passes",
         gives("True"),

@@ -11,9 +11,9 @@ from gateway.acquisition.board import Board
 from gateway.acquisition.line import Line
 from gateway.acquisition.runner import BusRunner, Publish
 from gateway.acquisition.stale import StaleWatch
+from gateway.model.notice import Notify
 from gateway.model.sample import Sample
 from gateway.runtime.clocks import ServiceClock
-from gateway.runtime.problems import Notify
 
 
 class Acquisition:

@@ -8,6 +8,8 @@ from contextlib import contextmanager
 
 from drivers.base import Bus, Driver, LimitedBus
 from gateway.acquisition.line import Line
+from gateway.model.codes import NoticeCode
+from gateway.model.text import Text
 from gateway.runtime.boundary import uncancelled
 from gateway.runtime.breaker import Breaker
 
@@ -29,9 +31,9 @@ class PolledBus:
         """Whether the bus can be told when the time for a request ends."""
 
     @property
-    def subject(self) -> str:
+    def subject(self) -> Text:
         """Its name in reports."""
-        return f"bus {self._bus.name}"
+        return Text(NoticeCode.BUS, name=self._bus.name)
 
     @contextmanager
     def limited(self, left_s: float) -> Iterator[None]:

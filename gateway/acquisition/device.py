@@ -8,6 +8,8 @@ from drivers.base import AsksLater, Driver, DriverError, Quality, Reading
 from gateway.acquisition.bus import close
 from gateway.acquisition.line import Line
 from gateway.acquisition.plausibility import Check
+from gateway.model.codes import NoticeCode
+from gateway.model.text import Text
 from gateway.runtime.boundary import uncancelled
 from gateway.runtime.breaker import Breaker
 from gateway.runtime.clocks import ServiceClock
@@ -50,9 +52,9 @@ class PolledDevice:
         self._checks = {name: Check(limits) for name, limits in line.plausible.items() if name in self._units}
 
     @property
-    def subject(self) -> str:
+    def subject(self) -> Text:
         """Its name in reports."""
-        return f"device {self.driver.device}"
+        return Text(NoticeCode.DEVICE, name=self.driver.device)
 
     async def read(self, *, again: bool = False) -> list[Reading]:
         """Its readings, each judged by the limits that the configuration states for its channel.

@@ -3,6 +3,9 @@
 from collections import deque
 from collections.abc import Mapping
 
+from gateway.model.codes import NoticeCode
+from gateway.model.text import Text
+
 _POLLS = 10
 _TOO_MANY = 2
 """Slow polls among the last ten: a single one may be due to a busy computer or to a device that is checked again."""
@@ -42,12 +45,16 @@ class Pace:
         slow_polls = sum(missed > 0 for missed in self._missed)
         self._slow = slow_polls > 0 if self._slow else slow_polls >= _TOO_MANY
 
-    def text(self) -> str:
-        """The problem, and what to do about it."""
+    def text(self, bus: str) -> Text:
+        """The problem of the bus with this name."""
         missed = sum(self._missed)
-        periods = missed + len(self._missed)
-        return (
-            f"{missed} of the last {periods} periods of {self._period_s:g} s were missed: the devices take "
-            f"{self._total_s:.2g} s to answer, {self._longest} alone {self._longest_s:.2g} s "
-            "(raise period_s or the line's speed, read fewer channels, or find out why it is slow)"
+        return Text(
+            NoticeCode.BUS_SLOW,
+            bus=bus,
+            missed=missed,
+            periods=missed + len(self._missed),
+            period_s=self._period_s,
+            total_s=self._total_s,
+            longest=self._longest,
+            longest_s=self._longest_s,
         )

@@ -12,8 +12,8 @@ from gateway.acquisition.build import lines_of
 from gateway.acquisition.wire_log import WireLogWriter
 from gateway.config.model import GatewayConfig
 from gateway.config.packed import packed_toml
+from gateway.model.notice import Notice
 from gateway.runtime.clocks import RealClock
-from gateway.runtime.problems import Notice
 from gateway.runtime.signals import stop_on_signals, until
 from gateway.runtime.terminal import counted, terminal
 

@@ -1,6 +1,6 @@
 """Reload: applies a new configuration to a running gateway by its differences, or not at all."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from drivers.tap import Tap
@@ -8,6 +8,8 @@ from gateway.acquisition.acquisition import Acquisition
 from gateway.acquisition.build import lines_of
 from gateway.acquisition.line import Line
 from gateway.config.model import GatewayConfig
+from gateway.model.codes import NoticeCode
+from gateway.model.text import Text
 from gateway.runtime.clocks import ServiceClock
 
 _NEEDS_RESTART = (
@@ -50,19 +52,24 @@ def bus_changes(old: GatewayConfig, new: GatewayConfig) -> BusChanges:
     if old.prior != new.prior and "[talc]" not in changed:
         changed.append("the file of [talc] prior")
     if changed:
-        raise ReloadError(f"{', '.join(changed)} changed: restart the gateway to apply it")
+        raise ReloadError(Text(NoticeCode.RELOAD_NEEDS_RESTART, sections=tuple(changed)))
     if old.input_names != new.input_names:
         gone, come = set(old.input_names) - set(new.input_names), set(new.input_names) - set(old.input_names)
-        what = "; ".join(
-            f"{word}: {', '.join(sorted(names))}" for word, names in (("gone", gone), ("new", come)) if names
-        )
-        raise ReloadError(f"the model inputs changed ({what or 'their order'}): restart the gateway to learn again")
+        raise ReloadError(Text(NoticeCode.RELOAD_OTHER_INPUTS, changes=_changes(sorted(gone), sorted(come))))
     before, after = _parts(old), _parts(new)
     return BusChanges(
         stopped=tuple(name for name in before if before[name] != after.get(name)),
         started=tuple(name for name in after if after[name] != before.get(name)),
         kept=tuple(name for name in after if after[name] == before.get(name)),
     )
+
+
+def _changes(gone: Sequence[str], new: Sequence[str]) -> Text:
+    if gone and new:
+        return Text(NoticeCode.GONE_AND_NEW, gone=gone, new=new)
+    if gone:
+        return Text(NoticeCode.GONE, gone=gone)
+    return Text(NoticeCode.NEW, new=new) if new else Text(NoticeCode.THEIR_ORDER)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -5,71 +5,67 @@ from collections.abc import Mapping, Sequence
 from drivers.base import DriverError, Reading, SharedLine
 from gateway.acquisition.line import Line
 from gateway.acquisition.pace import Pace
+from gateway.model.codes import NoticeCode
+from gateway.model.text import Text, failure
 from gateway.runtime.problems import Problems
-
-OTHER_MASTER = "another master is on this line"
-"""In the text of the problem."""
-NO_OTHER_MASTER = "no other master is heard any more"
-"""In the text of its end."""
 
 
 class LineReports:
-    """The problems of one line, in words."""
+    """The problems of one line."""
 
     def __init__(self, line: Line, problems: Problems) -> None:
         self._bus, self._limit_s, self._problems = line.bus.name, line.read_limit_s, problems
         self._shared = line.bus if isinstance(line.bus, SharedLine) else None
         self._pace = Pace(line.period_s)
 
-    def failed(self, subject: str, error: Exception, kind: str = "") -> str:
+    def failed(self, subject: Text, error: Exception, kind: str = "") -> str:
         """A bus could not be opened, or a device could not be read; returns why, in words.
 
         kind: identifies the same problem; by default the error's class
         """
         expected = isinstance(error, DriverError | TimeoutError)
         text = self._text(subject, error)
-        self._problems.report(subject, kind or type(error).__name__, text, bug=None if expected else error)
+        self._problems.report(subject, text, kind or type(error).__name__, bug=None if expected else error)
         return text
 
-    def _text(self, subject: str, error: Exception) -> str:
+    def _text(self, subject: Text, error: Exception) -> Text:
         match error:
             case DriverError():
-                return str(error)
+                return failure(error)
             case TimeoutError():
-                return f"{subject}: did not finish within {self._limit_s:g} s"
+                return Text(NoticeCode.NOT_FINISHED, subject=subject, limit_s=self._limit_s)
             case _:
-                return f"{subject}: unexpected {type(error).__name__}: {error}"
+                return Text(NoticeCode.UNEXPECTED, subject=subject, kind=type(error).__name__, error=str(error))
 
-    def opened(self, subject: str) -> None:
+    def opened(self, subject: Text) -> None:
         """The bus is open."""
-        self._problems.clear(subject, f"{subject}: open again")
+        self._problems.clear(subject, Text(NoticeCode.OPENED_AGAIN, subject=subject))
 
-    def answered(self, subject: str, readings: Sequence[Reading]) -> None:
+    def answered(self, subject: Text, readings: Sequence[Reading]) -> None:
         """A device answered; some of its channels may still be bad."""
         if self._problems.none_lately and all(reading.quality.usable for reading in readings):
             return  # as almost always
-        self._problems.clear(subject, f"{subject}: answers again")
+        self._problems.clear(subject, Text(NoticeCode.ANSWERS_AGAIN, subject=subject))
         for reading in readings:
-            channel, quality = f"channel {reading.channel}", reading.quality.value
+            channel = Text(NoticeCode.CHANNEL, name=reading.channel)
             if reading.quality.usable:
-                self._problems.clear(channel, f"{channel}: good again")
+                self._problems.clear(channel, Text(NoticeCode.CHANNEL_GOOD_AGAIN, channel=reading.channel))
             else:
-                why = f": {reading.detail}" if reading.detail else ""
-                self._problems.report(channel, quality, f"{channel}: {quality}{why}")
+                self._problems.report(channel, channel_bad(reading), reading.quality.value)
 
     def polled(self, answered_s: Mapping[str, float], missed: int) -> None:
         """A period has passed: how long each answering device took, s, and how many periods were missed meanwhile."""
-        subject = f"period of bus {self._bus}"
+        subject = Text(NoticeCode.BUS_PERIOD, name=self._bus)
         self._pace.polled(answered_s, missed)
         if self._pace.slow:
-            self._problems.report(subject, "slow", f"bus {self._bus}: {self._pace.text()}")
+            self._problems.report(subject, self._pace.text(self._bus))
         else:
-            self._problems.clear(subject, f"{subject}: the devices answer in time again")
+            self._problems.clear(subject, Text(NoticeCode.BUS_IN_TIME, bus=self._bus))
         if self._shared is not None:
             self._shared_by(self._shared)
 
     def _shared_by(self, line: SharedLine) -> None:
-        subject = f"line of bus {self._bus}"
+        subject = Text(NoticeCode.BUS_LINE, name=self._bus)
         try:
             evidence = line.other_master()
         except MemoryError:
@@ -78,7 +74,14 @@ class LineReports:
             self.failed(subject, error)
             return
         if evidence:
-            advice = "only one may ask; end the other, or connect it to another line"
-            self._problems.report(subject, "shared", f"bus {self._bus}: {OTHER_MASTER}: {evidence} ({advice})")
+            self._problems.report(subject, Text(NoticeCode.OTHER_MASTER, bus=self._bus, evidence=evidence))
         else:
-            self._problems.clear(subject, f"bus {self._bus}: {NO_OTHER_MASTER}")
+            self._problems.clear(subject, Text(NoticeCode.NO_OTHER_MASTER, bus=self._bus))
+
+
+def channel_bad(reading: Reading) -> Text:
+    """Why a channel has no good value."""
+    channel, quality, detail = reading.channel, reading.quality.value, reading.detail
+    if detail:
+        return Text(NoticeCode.CHANNEL_BAD_BECAUSE, channel=channel, quality=quality, detail=detail)
+    return Text(NoticeCode.CHANNEL_BAD, channel=channel, quality=quality)

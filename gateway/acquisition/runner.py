@@ -11,10 +11,11 @@ from gateway.acquisition.bus import PolledBus
 from gateway.acquisition.device import PolledDevice
 from gateway.acquisition.line import Line
 from gateway.acquisition.reports import LineReports
+from gateway.model.notice import Notify
 from gateway.model.sample import Sample, samples
 from gateway.runtime.clocks import ServiceClock
 from gateway.runtime.periodic import Periodic
-from gateway.runtime.problems import Notify, Problems
+from gateway.runtime.problems import Problems
 
 log = logging.getLogger(__name__)
 

@@ -14,6 +14,7 @@ from drivers.nc import ProbingState, RunsDry
 from gateway.config.controls import Nc
 from gateway.config.model import GatewayConfig
 from gateway.model.events import EventReported, ProbingRequested
+from gateway.model.notice import event_of
 from gateway.nc.boundary import contained_control
 from gateway.nc.build import control_of
 from gateway.nc.probing.cycle import NotBegun, Rejected, number_after
@@ -22,7 +23,7 @@ from gateway.nc.probing.geometry import Geometry, geometry_of, recorded
 from gateway.runtime.clocks import RealClock, ServiceClock
 from gateway.storage.history import History
 from gateway.storage.store import Store, boot_id
-from talc.frame import Event, EventKind
+from talc.frame import EventKind
 
 _POLL_S = 0.2
 _STATES = {
@@ -98,7 +99,7 @@ async def dry_run(
         if not done.wrong:
             lowest = min(pose.above_mm for pose in done.poses)
             what = f"{len(done.poses)} poses, at the lowest {lowest:.1f} mm above the sphere's centre"
-            store.record(EventReported(Event(EventKind.OPERATOR, recorded(geometry, what)), None))
+            store.record(EventReported(event_of(EventKind.OPERATOR, recorded(geometry, what)), None))
     return done
 
 

@@ -18,8 +18,8 @@ from gateway.acquisition.build import lines_of
 from gateway.acquisition.line import Line
 from gateway.acquisition.text import reading_text
 from gateway.config.model import GatewayConfig
+from gateway.model.notice import Notice, Notify
 from gateway.runtime.clocks import RealClock, ServiceClock
-from gateway.runtime.problems import Notice, Notify
 from gateway.runtime.signals import stop_on_signals, until
 from gateway.runtime.terminal import duration_text, terminal
 

@@ -12,6 +12,7 @@ from gateway.control.grid import GridSampler, Instant, Schedule
 from gateway.control.measuring import Measuring
 from gateway.control.trainer import Trainings
 from gateway.model.events import DecisionMade, EventReported, FrameMade, Sink
+from gateway.model.notice import worded
 from gateway.model.step_time import StepTime
 from gateway.runtime.ages import Ages
 from gateway.runtime.clocks import ServiceClock
@@ -104,7 +105,7 @@ class GridLoop:
         self._sink(FrameMade(frame, self._moment(instant)))
         self._sink(DecisionMade(decision))
         for event in decision.events:
-            self._sink(EventReported(event, decision.k))
+            self._sink(EventReported(worded(event), decision.k))
         self._measuring.want(decision)
         self._trainings.want(decision.training, frame.k)
         for follow in self._followers:

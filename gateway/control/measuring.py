@@ -5,13 +5,14 @@ import logging
 
 from gateway.config.sections import Probing
 from gateway.model.events import EventReported, MeasurementEnded, OutlookChanged, Sink
+from gateway.model.notice import event_of
 from gateway.model.standing import Standing
 from gateway.nc.link import NcLink
 from gateway.nc.probing.cycle import End, Outcome
 from gateway.nc.probing.schedule import Bulletin, Outlook, ProbingSchedule, excess
 from gateway.runtime.clocks import ServiceClock
 from gateway.runtime.periodic import Periodic
-from talc.frame import Decision, Event, EventKind, Measurement, Why
+from talc.frame import Decision, EventKind, Measurement, Why
 
 log = logging.getLogger(__name__)
 
@@ -110,7 +111,7 @@ class Measuring:
         self._sink(MeasurementEnded(outcome))
         if outcome.end is End.REJECTED:
             log.warning("measurement rejected: %s", outcome.reason)
-            self._sink(EventReported(Event(EventKind.MEASUREMENT_REJECTED, outcome.reason), self._k))
+            self._sink(EventReported(event_of(EventKind.MEASUREMENT_REJECTED, outcome.reason), self._k))
         self._finished = outcome.measurement
         self._tell(self._plan.ended(outcome.end, outcome.reason, self._clock.monotonic()))
 

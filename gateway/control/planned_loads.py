@@ -6,6 +6,8 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Final
 
 from gateway.control.last_rows import LastRows
+from gateway.model.codes import NoticeCode
+from gateway.model.text import Text
 from gateway.runtime.clocks import ServiceClock
 from gateway.runtime.problems import Problems
 from talc.frame import BoolArray, FloatArray, Frame, Frames
@@ -14,6 +16,8 @@ from talc.planned import LoadResponse, learn_response
 from talc.steps import DAY_S, steps_in
 
 log = logging.getLogger(__name__)
+
+_SUBJECT = "planned loads"
 
 _MEMORY_S: Final = 14.0 * DAY_S
 _MOST_ROWS: Final = 40_320
@@ -88,10 +92,9 @@ class PlannedLoads:
         try:
             self._response = await asyncio.to_thread(learn_response, self._names, inputs, valid, loads, self._step_s)
         except Exception as error:  # noqa: BLE001 - advice must not endanger the gateway
-            text = "planned loads: how the inputs follow the loads could not be learnt"
-            self._problems.report("planned loads", type(error).__name__, text, bug=error)
+            self._problems.report(_SUBJECT, Text(NoticeCode.LOADS_NOT_LEARNT), type(error).__name__, bug=error)
         else:
-            self._problems.clear("planned loads", "planned loads: how the inputs follow the loads is learnt again")
+            self._problems.clear(_SUBJECT, Text(NoticeCode.LOADS_LEARNT))
 
     def changes(self, steps: int) -> dict[str, FloatArray | None]:
         """By planned load, (steps, n) by how much the inputs will differ from the last frame's at each later step.

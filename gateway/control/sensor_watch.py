@@ -7,9 +7,12 @@ from collections.abc import Awaitable, Callable, Sequence
 from dataclasses import dataclass
 
 from gateway.control.last_rows import LastRows
-from gateway.model.events import EventReported, SensorsJudged, Sink, problem_event
+from gateway.model.codes import NoticeCode
+from gateway.model.events import EventReported, SensorsJudged, Sink
+from gateway.model.notice import Notice, event_of, finding_text, problem_event
+from gateway.model.text import Text, failure
 from gateway.runtime.clocks import ServiceClock
-from gateway.runtime.problems import Notice, Problems
+from gateway.runtime.problems import Problems
 from gateway.runtime.workers.process import WorkError, apart
 from talc.frame import BoolArray, Event, EventKind, FloatArray, Frame, Frames
 from talc.sensor_check import Finding, judge, rows_needed
@@ -144,18 +147,18 @@ class SensorWatch:
 
         Advice must not endanger the gateway: an error in one part is reported, and the part is tried again when due.
         """
-        await self._attempt("not judged", self._judge)
-        await self._attempt("their model could not be learnt", self._learn_when_due)
+        await self._attempt(NoticeCode.SENSORS_NOT_JUDGED, NoticeCode.SENSORS_JUDGED, self._judge)
+        await self._attempt(NoticeCode.SENSORS_NOT_LEARNT, NoticeCode.SENSORS_LEARNT, self._learn_when_due)
 
-    async def _attempt(self, failing: str, part: Callable[[], Awaitable[bool]]) -> None:
+    async def _attempt(self, failing: NoticeCode, works: NoticeCode, part: Callable[[], Awaitable[bool]]) -> None:
         try:
             if await part():
-                self._problems.clear(failing, f"sensors, resolved: {failing}")
+                self._problems.clear(failing, Text(works))
         except WorkError as error:
-            self._problems.report(failing, str(error), f"sensors: {failing}: {error}")
+            self._problems.report(failing, Text(failing, why=failure(error)), str(error))
         except Exception as error:  # noqa: BLE001 - reported with its traceback
-            text = f"unexpected {type(error).__name__}: {error}"
-            self._problems.report(failing, text, f"sensors: {failing}: {text}", bug=error)
+            text = Text(NoticeCode.UNEXPECTED_ERROR, kind=type(error).__name__, error=str(error))
+            self._problems.report(failing, Text(failing, why=text), text, bug=error)
 
     def _noticed(self, notice: Notice) -> None:
         self._report(problem_event(notice), self._last_k)
@@ -214,13 +217,14 @@ class SensorWatch:
         if self._suspect_since_k is not None and self._quiet >= window and not self._findings:
             self._suspect_since_k = None
             log.warning("sensors: all agree again")
-            self._report(Event(EventKind.SENSORS_AGREE, "the sensors agree with each other again"), k)
+            self._report(event_of(EventKind.SENSORS_AGREE, Text(NoticeCode.SENSORS_AGREE)), k)
 
     def _tell(self, finding: Finding, k: int) -> None:
         self._suspect_since_k = k if self._suspect_since_k is None else self._suspect_since_k
-        log.warning("sensors: %s", finding.text())
+        text = finding_text(finding)
+        log.warning("sensors: %s", text)
         value = None if finding.kind == "swap" else finding.offset_K
-        self._report(Event(EventKind.SENSOR_SUSPECT, finding.text(), value=value), k)
+        self._report(event_of(EventKind.SENSOR_SUSPECT, text, value), k)
 
     async def _learn_when_due(self) -> bool:
         """Whether it was tried."""

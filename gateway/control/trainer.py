@@ -4,7 +4,10 @@ import asyncio
 import logging
 from collections.abc import Awaitable, Callable
 
+from gateway.model.codes import NoticeCode
 from gateway.model.events import EventReported, ModelsAdopted, Sink
+from gateway.model.notice import worded
+from gateway.model.text import Text, failure
 from gateway.runtime.clocks import ServiceClock
 from gateway.runtime.workers.process import apart
 from talc.control import Controller
@@ -15,8 +18,6 @@ from talc.papers.training import train
 
 log = logging.getLogger(__name__)
 
-_FAILED = "the training failed: "
-
 
 async def train_apart(job: TrainingJob) -> ModelSet:
     """The models of a job, trained in a separate process. Raises WorkError."""
@@ -25,14 +26,9 @@ async def train_apart(job: TrainingJob) -> ModelSet:
 
 def models_of_failure(job: TrainingJob, error: Exception) -> ModelSet:
     """An empty model set, adopted instead of a failed training's models: the former ones stay."""
-    note = f"{_FAILED}{error}; the models stay as they were"
+    note = Text(NoticeCode.TRAINING_FAILED, error=failure(error))
     nothing = (None,) * len(THERMAL_ERRORS)
-    return ModelSet(k=job.k, why=job.why.value, input_names=job.input_names, models=nothing, notes=(note,))
-
-
-def has_failed(models: ModelSet) -> bool:
-    """Whether these stand for a training that failed."""
-    return any(note.startswith(_FAILED) for note in models.notes)
+    return ModelSet(k=job.k, why=job.why.value, input_names=job.input_names, models=nothing, notes=(note,), failed=True)
 
 
 class Trainings:
@@ -81,4 +77,4 @@ class Trainings:
             events = self._controller.adopt(models)
         self._sink(ModelsAdopted(models, self._k))
         for event in events:
-            self._sink(EventReported(event, self._k))
+            self._sink(EventReported(worded(event), self._k))

@@ -6,6 +6,9 @@ from datetime import datetime
 from enum import StrEnum
 from typing import Final
 
+from gateway.model.codes import NoticeCode
+from gateway.model.text import Text
+
 UNPROVED: Final = "(unknown)"
 """Instead of an operator's name, which never has a bracket: of a command whose sender did not prove to be one."""
 _MOST_REFUSALS, _WITHIN_S = 10, 3600.0
@@ -43,7 +46,7 @@ class CommandOutcome:
     command: Command
     time: datetime
     accepted: bool
-    text: str
+    text: Text
     """What happens now, or why nothing does."""
 
 
@@ -54,14 +57,14 @@ class Refusals:
         self._stored_s = deque[float](maxlen=_MOST_REFUSALS)
         self._left_out = 0
 
-    def stored(self, why: str, now_s: float) -> str | None:
+    def stored(self, why: Text, now_s: float) -> Text | None:
         """What to store of one that was refused; None: nothing. now_s: monotonic."""
         if len(self._stored_s) == _MOST_REFUSALS and now_s - self._stored_s[0] < _WITHIN_S:
             self._left_out += 1
             return None
         self._stored_s.append(now_s)
         others, self._left_out = self._left_out, 0
-        return f"{why} ({others} more were refused before, and are not stored)" if others else why
+        return Text(NoticeCode.MORE_REFUSED, why=why, n=others) if others else why
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,18 +74,30 @@ class StandingOrder:
     by: str
     since: datetime
 
+    @property
+    def text(self) -> Text:
+        """Who has ordered what, and when."""
+        raise NotImplementedError
+
+    def __str__(self) -> str:
+        return str(self.text)
+
 
 @dataclass(frozen=True, slots=True)
 class Pause(StandingOrder):
     """The compensation is paused."""
 
-    def __str__(self) -> str:
-        return f"paused by {self.by} since {self.since:%Y-%m-%d %H:%M} UTC"
+    @property
+    def text(self) -> Text:
+        """Who has paused it, and when."""
+        return Text(NoticeCode.PAUSED_BY, by=self.by, since=self.since)
 
 
 @dataclass(frozen=True, slots=True)
 class Disarmed(StandingOrder):
     """A person has disarmed the gateway."""
 
-    def __str__(self) -> str:
-        return f"disarmed by {self.by} since {self.since:%Y-%m-%d %H:%M} UTC"
+    @property
+    def text(self) -> Text:
+        """Who has disarmed it, and when."""
+        return Text(NoticeCode.DISARMED_BY, by=self.by, since=self.since)

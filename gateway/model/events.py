@@ -2,18 +2,20 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any, TypeVar
 
 from gateway.model.commands import CommandOutcome, Disarmed, Pause
 from gateway.model.compensation import Write
 from gateway.model.control_state import NcState
+from gateway.model.notice import Notify, problem_event
 from gateway.model.sample import Sample
 from gateway.model.step_time import StepTime
+from gateway.model.text import NOTHING, Text
 from gateway.nc.probing.cycle import Outcome
 from gateway.nc.probing.schedule import Outlook
-from gateway.runtime.problems import Notice
 from talc.explanation import Reasons
 from talc.forecast import Forecast, Misses, PlannedForecast
-from talc.frame import Decision, Event, EventKind, Frame
+from talc.frame import Decision, Event, Frame
 from talc.models import ModelSet
 from talc.sensor_check import Judgement
 
@@ -111,7 +113,7 @@ class SensorsJudged:
 class StoreHealth:
     """The state of storing."""
 
-    problem: str = ""
+    problem: Text = NOTHING
     """Why rows wait in memory or were refused; empty: all is well."""
     failing_s: float = 0.0
     """For how long nothing could be stored, real seconds."""
@@ -121,8 +123,8 @@ class StoreHealth:
     """Rows that were dropped because too many waited: raw readings, steps of the compensation, events; never more."""
     free_mb: float | None = None
     """Free space on the disk; None: unknown."""
-    mended: str = ""
-    """What became of a damaged database, in words; empty: it was whole."""
+    mended: Text = NOTHING
+    """What became of a damaged database; empty: it was whole."""
     oldest_s: float | None = None
     """How long the oldest of the waiting rows has waited, real seconds; None: none waits."""
 
@@ -147,7 +149,7 @@ class Health:
     nc: NcState
     clock_synchronised: bool | None
     """Whether the computer's clock is kept by a time server; None: unknown, or the clock is simulated."""
-    waits_for: tuple[str, ...]
+    waits_for: tuple[Text, ...]
     """What must happen before the gateway learns and corrects fully, one text each."""
     store: StoreHealth
     paused: Pause | None = None
@@ -211,17 +213,34 @@ Sink = Callable[[GatewayEvent], None]
 """Receives every event in order, in the event loop's thread, and returns at once."""
 
 
-def problem_event(notice: Notice) -> Event:
-    """A problem that began or ended, as an event."""
-    return Event(EventKind.PROBLEM_ENDED if notice.ended else EventKind.PROBLEM, notice.text)
+def problems_to(sink: Sink) -> Notify:
+    """What reports each problem, as it begins and as it ends, to a sink."""
+    return lambda notice: sink(EventReported(problem_event(notice), None))
 
 
-def in_order(sinks: Sequence[Sink]) -> Sink:
-    """A sink that passes each event to several others, one after the other."""
-    several = tuple(sinks)
+Kind = TypeVar("Kind")
 
-    def take(event: GatewayEvent) -> None:
-        for sink in several:
-            sink(event)
 
-    return take
+class Events:
+    """Passes each event to those who have subscribed to its type, in the order in which they have subscribed.
+
+    All of them have it before the next event comes, unless one of them publishes another.
+    """
+
+    def __init__(self, *sinks: Sink) -> None:
+        self._subscribers: list[tuple[type, Callable[[Any], None]]] = []
+        self.subscribe_to_all(*sinks)
+
+    def subscribe(self, kind: type[Kind], take: Callable[[Kind], None]) -> None:
+        """From now on `take` gets every event of this type."""
+        self._subscribers.append((kind, take))
+
+    def subscribe_to_all(self, *sinks: Sink) -> None:
+        """From now on these get every event."""
+        self._subscribers += [(object, sink) for sink in sinks]
+
+    def publish(self, event: GatewayEvent) -> None:
+        """A sink: tell everyone who has subscribed to it."""
+        for kind, take in self._subscribers:
+            if isinstance(event, kind):
+                take(event)

@@ -4,6 +4,8 @@ import asyncio
 
 import numpy as np
 
+from gateway.model.codes import NoticeCode
+from gateway.model.text import Text
 from gateway.nc.probing.cycle import InForce, Rejected
 from gateway.nc.probing.uninterrupted import to_its_end
 from gateway.nc.routes import Form, differ, offsets_text
@@ -29,10 +31,8 @@ class HeldOffsets:
         with self._clock.hold():
             now = await to_its_end(self._form.read())
         if differ(now, self.coefficients):
-            raise Rejected(
-                f"the offsets moved while the control probed: {offsets_text(self.coefficients)} µm were in force at "
-                f"the request, {offsets_text(now)} are now"
-            )
+            before = offsets_text(self.coefficients)
+            raise Rejected(Text(NoticeCode.OFFSETS_MOVED, before=before, now=offsets_text(now)))
 
 
 class Hold:

@@ -6,11 +6,13 @@ import math
 from drivers.base import NoAnswer
 from drivers.nc import NumericalControl, WatchdogTerms
 from gateway.config.sections import Compensation
-from gateway.nc.problems import HEARD_AGAIN, NOT_ANSWERED, UNRECEIVED
+from gateway.model.codes import NoticeCode
+from gateway.model.notice import Notice, Notify
+from gateway.model.text import Text
 from gateway.nc.settings import Identity
 from gateway.nc.states import RIGHTS, Reply, Right, after
 from gateway.runtime.clocks import ServiceClock
-from gateway.runtime.problems import Notice, Notify, Problems
+from gateway.runtime.problems import Problems
 
 log = logging.getLogger(__name__)
 
@@ -74,10 +76,10 @@ class Lease:
         self._beat_s = began  # not now: this process may have been suspended since the control received it
         self._right = after(RIGHTS, self._right, Reply.HEARD if heard else Reply.UNHEARD)
         if heard:
-            self._problems.clear(_WATCHDOG, HEARD_AGAIN)
+            self._problems.clear(_WATCHDOG, Text(NoticeCode.NC_WATCHDOG_HEARD))
         elif self._heard_before is not None:  # the first may be too early
-            never = f"{NOT_ANSWERED}: no offset is written. Has its program been started since power-on?"
-            self._problems.report(_WATCHDOG, "unheard", UNRECEIVED if self._heard_before else never)
+            code = NoticeCode.NC_WATCHDOG_UNHEARD if self._heard_before else NoticeCode.NC_WATCHDOG_SILENT
+            self._problems.report(_WATCHDOG, Text(code), "unheard")
         self._heard_before = heard
         return heard
 
@@ -86,16 +88,16 @@ class Lease:
         if self._clock.monotonic() - self._beat_s > self._terms.silence_s / 2:
             raise NoAnswer(f"more than {self._terms.silence_s / 2:g} s since the heartbeat", device="nc")
 
-    def tell(self, text: str) -> None:
+    def tell(self, text: Text) -> None:
         """Report what happened to the offsets; this gateway still writes."""
         log.warning("%s", text)
-        self._notify(Notice("late write to NC", text))
+        self._notify(Notice("late write to NC", text, at_s=self._clock.monotonic()))
 
-    def disarm(self, text: str) -> None:
+    def disarm(self, text: Text) -> None:
         """Stop writing and sending heartbeats: the control's watchdog brings the offsets to their configured state."""
         self._right = after(RIGHTS, self._right, Reply.DISARM)
         log.warning("%s", text)
-        self._notify(Notice("offsets of NC", text))
+        self._notify(Notice("offsets of NC", text, at_s=self._clock.monotonic()))
 
     def lost(self) -> None:
         """The connection is closed; the control keeps the claim until its watchdog finds this gateway silent."""

@@ -11,8 +11,10 @@ from typing import assert_never
 
 from drivers.base import DriverError, Quality
 from drivers.nc import FollowsErrors, ForgetsWrites, NcSnapshot, NumericalControl, RunsDry
+from gateway.model.codes import NoticeCode
 from gateway.model.commands import Disarmed, Pause
 from gateway.model.compensation import Source, Write
+from gateway.model.text import Text
 from gateway.nc.boundary import contained_control
 from gateway.nc.hold import Hold
 from gateway.nc.lease import Lease
@@ -36,6 +38,8 @@ from talc.frame import Decision, FloatArray, Why
 from talc.names import THERMAL_ERRORS
 
 log = logging.getLogger(__name__)
+
+_FORM = "form of NC"
 
 
 class NcLink:
@@ -120,7 +124,7 @@ class NcLink:
         return self._probing.armed and self.disarmed is None
 
     @property
-    def barrier(self) -> str:
+    def barrier(self) -> Text:
         """Why no cycle may be requested before a dry run; empty: nothing stands against it."""
         return barrier(self._probing, proven=self._proven, runs_dry=self._runs_dry)
 
@@ -263,10 +267,9 @@ class NcLink:
         if nc is None or not self._lease.armed:
             return
         if nc.error_reach_mm is None and nc.slopes is None:
-            text = "NC: the control has no program for the nine errors: it gets one shift per period"
-            self._problems.report("form of NC", "shift", text)
+            self._problems.report(_FORM, Text(NoticeCode.NC_ONE_SHIFT))
         else:
-            self._problems.clear("form of NC", "NC: the control follows its axes by itself again")
+            self._problems.clear(_FORM, Text(NoticeCode.NC_FOLLOWS_AGAIN))
 
     async def _beat(self) -> bool:
         """Whether offsets may be written."""
@@ -283,7 +286,7 @@ class NcLink:
     async def _held(self) -> Held:
         held = await self._hold.begin()
         if self._lease.taken_back and held.any:
-            raise NotBegun("compensation is disarmed and its offsets are still ramping to zero")
+            raise NotBegun(Text(NoticeCode.OFFSETS_STILL_RAMPING))
         return held
 
     async def _permit(self, number: int) -> None:
@@ -291,7 +294,7 @@ class NcLink:
         if self._listeners.requested is not None:
             await self._listeners.requested(number)
         if self.disarmed is not None:
-            raise NotBegun(f"the gateway is {self.disarmed}")
+            raise NotBegun(Text(NoticeCode.GATEWAY_IS, order=self.disarmed.text))
         if self.barrier:
             raise NotBegun(self.barrier)
 

@@ -1,5 +1,7 @@
 """Reports a control that answers so slowly that periods are skipped."""
 
+from gateway.model.codes import NoticeCode
+from gateway.model.text import Text
 from gateway.runtime.problems import Problems
 
 _SUBJECT = "pace of NC"
@@ -21,11 +23,6 @@ class NcPace:
         """After each period with a connection; skipped: periods that its work lasted beyond its own."""
         self._slow, self._fast = (self._slow + 1, 0) if skipped else (0, self._fast + 1)
         if self._slow >= _IN_A_ROW:
-            text = (
-                f"NC: a cycle of reading and writing takes longer than [nc] period_s = {self._period:g}: offsets "
-                "follow more slowly than configured. Raise period_s, or let the control report changes "
-                "([nc] subscribe_s)"
-            )
-            self._problems.report(_SUBJECT, "slow", text)
+            self._problems.report(_SUBJECT, Text(NoticeCode.NC_SLOW, period_s=self._period))
         elif self._fast >= _IN_A_ROW:
-            self._problems.clear(_SUBJECT, "NC: cycles are within period_s again")
+            self._problems.clear(_SUBJECT, Text(NoticeCode.NC_IN_TIME))

@@ -1,29 +1,30 @@
-"""Lasting problems of the control: the text that reports each one, and the text that ends it."""
+"""Lasting problems of the control: which are still there, by all that one run has reported."""
 
 from collections.abc import Iterable
+from typing import Final
 
-NOT_CONNECTED, CONNECTED_AGAIN = "NC: not connected: ", "NC: connected again"
-NOT_RECEIVED = "NC: its watchdog did not receive the heartbeat of this gateway"
-NOT_ANSWERED = "NC: its watchdog does not answer the heartbeats"
-UNRECEIVED = (
-    f"{NOT_RECEIVED}: nothing is written until it does, and what is in force may stay. Look at the network, and "
-    "whether TALC's program still runs on the control"
-)
-HEARD_AGAIN = "NC: its watchdog is active again"
-DISARMED = "compensation is disarmed until a restart"
-_BEGINNINGS = {CONNECTED_AGAIN: (NOT_CONNECTED,), HEARD_AGAIN: (NOT_RECEIVED, NOT_ANSWERED)}
-"""By the text that ends it."""
+from gateway.model.codes import NoticeCode
+from gateway.model.text import Text
+
+_DISARMED: Final = (NoticeCode.NC_NOT_SENDABLE, NoticeCode.NC_OTHER_OFFSETS)
+"""These last until a restart."""
+_ENDS: Final = {
+    NoticeCode.NC_NOT_CONNECTED: NoticeCode.NC_CONNECTED_AGAIN,
+    NoticeCode.NC_WATCHDOG_UNHEARD: NoticeCode.NC_WATCHDOG_HEARD,
+    NoticeCode.NC_WATCHDOG_SILENT: NoticeCode.NC_WATCHDOG_HEARD,
+}
+"""What ends each of the others."""
 
 
-def still_wrong(texts: Iterable[str]) -> tuple[str, ...]:
-    """What is still wrong with the control, by all texts that one run has reported."""
-    found: dict[str, str] = {}
+def still_wrong(texts: Iterable[Text]) -> tuple[Text, ...]:
+    """What is still wrong with the control, by all that one run has reported, in its order."""
+    found: dict[NoticeCode | None, Text] = {}
     for text in texts:
-        if text.startswith("NC: ") and DISARMED in text:
-            found[DISARMED] = text
-        for end, beginnings in _BEGINNINGS.items():
-            if text.startswith(beginnings):
+        if any(map(text.says, _DISARMED)):
+            found[None] = text
+        for beginning, end in _ENDS.items():
+            if text.says(beginning):
                 found[end] = text
-            elif text == end:
+            elif text.code == end:
                 found.pop(end, None)
     return tuple(found.values())

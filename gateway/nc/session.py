@@ -5,8 +5,9 @@ from dataclasses import replace
 
 from drivers.base import ConnectError, DriverError, NoAnswer, Quality
 from drivers.nc import NcSnapshot, NumericalControl
+from gateway.model.codes import NoticeCode
+from gateway.model.text import Text, failure
 from gateway.nc.motion import Motion
-from gateway.nc.problems import CONNECTED_AGAIN, NOT_CONNECTED
 from gateway.runtime.boundary import UnexpectedError
 from gateway.runtime.breaker import Breaker
 from gateway.runtime.problems import Problems
@@ -74,13 +75,13 @@ class Session:
         self._breaker.failed(due_s)
         # A cut connection and a silent one are the same problem.
         kind = "line" if isinstance(error, ConnectError | NoAnswer) else type(_root(error)).__name__
-        self._problems.report(_SUBJECT, kind, f"{NOT_CONNECTED}{error}")
+        self._problems.report(_SUBJECT, Text(NoticeCode.NC_NOT_CONNECTED, error=failure(error)), kind)
 
     def works(self) -> None:
         """A whole period passed without an error. A connection alone proves nothing: a request that is refused after
         each connection would otherwise be repeated every period."""
         self._breaker.succeeded()
-        self._problems.clear(_SUBJECT, CONNECTED_AGAIN)
+        self._problems.clear(_SUBJECT, Text(NoticeCode.NC_CONNECTED_AGAIN))
 
     async def close(self) -> None:
         """Never raises DriverError."""
@@ -93,21 +94,18 @@ class Session:
     def _judged(self, snapshot: NcSnapshot) -> NcSnapshot:
         frozen = self._motion.frozen(snapshot)
         if frozen:
-            what = f"NC: {', '.join(frozen)} report a speed and do not move"
-            remedy = "the control's values are frozen and not used: restart the server or agent that reports them"
-            self._problems.report(_AXES, "frozen", f"{what}; {remedy}")
+            self._problems.report(_AXES, Text(NoticeCode.NC_AXES_FROZEN, axes=tuple(frozen)))
         else:
-            self._problems.clear(_AXES, "NC: no axis is frozen any more")
+            self._problems.clear(_AXES, Text(NoticeCode.NC_AXES_MOVE))
         return replace(snapshot, quality=Quality.STALE) if frozen else snapshot
 
     def _tell_not_known(self, snapshot: NcSnapshot) -> None:
         """Once for each set of names: the values may change with each snapshot."""
         if found := snapshot.not_known:
-            listed = ", ".join(f"{name} = {text}" for name, text in found.items())
-            remedy = "correct [nc] if it names the wrong item, else please report the word"
-            self._problems.report(_VALUES, ", ".join(found), f"NC: not known to the gateway: {listed}; {remedy}")
+            listed = tuple(f"{name} = {text}" for name, text in found.items())
+            self._problems.report(_VALUES, Text(NoticeCode.NC_VALUES_UNKNOWN, values=listed), ", ".join(found))
         else:
-            self._problems.clear(_VALUES, "NC: all its values are known to the gateway again")
+            self._problems.clear(_VALUES, Text(NoticeCode.NC_VALUES_KNOWN))
 
 
 def _root(error: DriverError) -> BaseException:

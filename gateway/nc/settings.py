@@ -10,8 +10,8 @@ from gateway.config.model import GatewayConfig
 from gateway.config.sections import Compensation, Probing
 from gateway.model.commands import Disarmed, Pause
 from gateway.model.compensation import Write
+from gateway.model.notice import Notify
 from gateway.nc.probing.foreign import CyclePath
-from gateway.runtime.problems import Notify
 from talc.frame import FloatArray
 
 

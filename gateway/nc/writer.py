@@ -8,9 +8,10 @@ import numpy as np
 from drivers.base import BadAnswer, ConnectError, NoAnswer
 from drivers.nc import NcSnapshot, NotSendable
 from gateway.config.sections import Compensation
+from gateway.model.codes import NoticeCode
 from gateway.model.compensation import Offsets, Source, Step, Write
+from gateway.model.text import Text, failure
 from gateway.nc.lease import Lease
-from gateway.nc.problems import DISARMED
 from gateway.nc.routes import Form, differ, offsets_text, positions
 from gateway.nc.slew import Slew, as_offsets
 from gateway.runtime.clocks import ServiceClock
@@ -188,8 +189,8 @@ class OffsetWriter:
         try:
             await self._form.write(coefficients)
         except NotSendable as error:
-            text = f"NC: {error}; {offsets_text(coefficients)} µm were to be sent"
-            self._lease.disarm(f"{text}; {DISARMED}")
+            offsets = offsets_text(coefficients)
+            self._lease.disarm(Text(NoticeCode.NC_NOT_SENDABLE, error=failure(error), offsets=offsets))
             return False
         except (NoAnswer, ConnectError):
             now_s = self._clock.monotonic()
@@ -212,8 +213,7 @@ class OffsetWriter:
             return True
         if not self._is_late(found, wanted):
             self._lease.disarm(
-                f"NC: wrote offsets {offsets_text(wanted)} µm but {offsets_text(found)} are in force; "
-                f"{DISARMED}. Does another program write them?"
+                Text(NoticeCode.NC_OTHER_OFFSETS, wanted=offsets_text(wanted), found=offsets_text(found))
             )
         return False
 
@@ -229,10 +229,7 @@ class OffsetWriter:
             return False
         self._unanswered = None
         self._continue_from(found)
-        self._lease.tell(
-            f"NC: offsets {offsets_text(found)} µm are in force instead of {offsets_text(wanted)}: a write of this "
-            "gateway's that had no answer arrived late; the ramp continues from there"
-        )
+        self._lease.tell(Text(NoticeCode.NC_LATE_WRITE, found=offsets_text(found), wanted=offsets_text(wanted)))
         return True
 
     def _here(self, snapshot: NcSnapshot) -> FloatArray:

@@ -3,27 +3,17 @@
 import logging
 import traceback
 from collections import deque
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Protocol
+
+from gateway.model.codes import NoticeCode
+from gateway.model.notice import Notice, Notify
+from gateway.model.text import Text
 
 _STEADY_S, _STEADY_PERIODS = 60.0, 10
 """A problem unchanged for this long is steady; one that begins often within it is intermittent."""
 _MOST_KINDS = 10
 """Of one problem, from its beginning to its end: the reason may be a text that is different each time."""
-
-
-@dataclass(frozen=True, slots=True)
-class Notice:
-    """A problem that began or ended. Reported once each."""
-
-    subject: str
-    """What has the problem: `bus rtu1`, `period of bus rtu1`, `device rtd1`, `channel bed_front_left`, `NC`."""
-    text: str
-    ended: bool = False
-
-
-Notify = Callable[[Notice], None]
 
 
 class Monotonic(Protocol):
@@ -99,11 +89,13 @@ class Problems:
         """How long a subject must be unchanged to be steady, s."""
         return self._window_s
 
-    def report(self, subject: str, kind: str, text: str, *, bug: BaseException | None = None) -> None:
+    def report(self, subject: str, text: Text, kind: str = "", *, bug: BaseException | None = None) -> None:
         """The subject has a problem. Call it whenever that is seen: it is reported when it begins or changes its kind.
 
+        kind: identifies the same problem; by default the code of the text does
         bug: an unexpected exception; it is logged, the first time with its traceback
         """
+        kind = kind or text.code
         now_s = self._clock.monotonic()
         history = self._subjects.setdefault(subject, _SubjectHistory())
         if history.failing:
@@ -116,7 +108,7 @@ class Problems:
                 return
             history.kinds.add(kind)
             if len(history.kinds) == _MOST_KINDS:
-                text += "; what else goes wrong is not reported until this has ended"
+                text = Text(NoticeCode.NO_MORE_KINDS, problem=text)
         else:
             history.failing, history.changed_s = True, now_s
             if history.muted:
@@ -127,11 +119,11 @@ class Problems:
                 history.begun_s.popleft()
             history.muted = len(history.begun_s) > self._most
             if history.muted:
-                text += f"; it is intermittent: reported again when it has been steady for {self._window_s:g} s"
+                text = Text(NoticeCode.INTERMITTENT, problem=text, window_s=self._window_s)
         first = self._first_of(bug)
         if first is not None or not self._quiet:
             self._log.warning("%s", text, exc_info=first)
-        self._notify(Notice(subject, text))
+        self._notify(Notice(subject, text, at_s=now_s))
 
     def _first_of(self, bug: BaseException | None) -> BaseException | None:
         """The same, unless one of its kind and place has been logged."""
@@ -145,7 +137,7 @@ class Problems:
         self._traced.add(place)
         return bug
 
-    def clear(self, subject: str, text: str) -> None:
+    def clear(self, subject: str, text: Text) -> None:
         """The subject has no problem. Call it whenever that is seen: the end of a reported problem is reported."""
         history = self._subjects.get(subject)
         if history is None:
@@ -162,4 +154,4 @@ class Problems:
         if ended:
             if not self._quiet:
                 self._log.warning("%s", text)
-            self._notify(Notice(subject, text, ended=True))
+            self._notify(Notice(subject, text, ended=True, at_s=now_s))

@@ -3,12 +3,14 @@
 import logging
 import math
 from collections.abc import Callable
-from datetime import timedelta
 
+from gateway.model.codes import NoticeCode
+from gateway.model.notice import Notify
+from gateway.model.text import Text
 from gateway.runtime.ages import Ages
 from gateway.runtime.clocks import ServiceClock
 from gateway.runtime.periodic import Periodic
-from gateway.runtime.problems import Notify, Problems
+from gateway.runtime.problems import Problems
 
 log = logging.getLogger(__name__)
 
@@ -45,24 +47,16 @@ class ClockWatch:
         if not self._waiting:
             return
         if not self._ages.known:
-            self._problems.report(_CLOCK, "unknown", self._unknown_text())
+            self._problems.report(_CLOCK, self._unknown_text(), "unknown")
             return
         self._waiting = False
         self._known()
         pause_s = self._ages.pause_s
-        told = "" if math.isinf(pause_s) else f"; the last stored step was {_in_words(pause_s)} ago"
-        self._problems.clear(_CLOCK, f"clock: synchronised{told}")
+        right = math.isinf(pause_s)
+        after = Text(NoticeCode.CLOCK_RIGHT) if right else Text(NoticeCode.CLOCK_RIGHT_AFTER, pause_s=pause_s)
+        self._problems.clear(_CLOCK, after)
 
-    def _unknown_text(self) -> str:
-        text = "clock: the computer's clock is not synchronised, so the times that are stored may be wrong"
+    def _unknown_text(self) -> Text:
         if math.isinf(self._ages.pause_s):
-            least = _in_words(self._clock.monotonic())
-            text += (
-                f". The gateway was off for an unknown time, at least {least}: what was measured or known before counts"
-                " as too old until the clock is synchronised or it is measured again"
-            )
-        return f"{text}. Give the computer a time server (docs/install-pi.md)"
-
-
-def _in_words(seconds: float) -> str:
-    return str(timedelta(seconds=round(seconds)))
+            return Text(NoticeCode.CLOCK_AND_PAUSE_UNKNOWN, least_s=self._clock.monotonic())
+        return Text(NoticeCode.CLOCK_UNKNOWN)

@@ -12,25 +12,27 @@ from datetime import datetime
 from typing import assert_never
 
 from gateway.acquisition.reload import ReloadError
+from gateway.model.codes import NoticeCode
 from gateway.model.commands import UNPROVED, Command, CommandName, CommandOutcome, Disarmed, Pause, Refusals
 from gateway.model.events import CommandGiven, EventReported, Sink
+from gateway.model.notice import event_of
 from gateway.model.standing import Standing
+from gateway.model.text import NOTHING, Text, failure, text_of
 from gateway.nc.link import NcLink
 from gateway.nc.probing.schedule import Outlook
 from gateway.runtime.clocks import ServiceClock
 from gateway.storage.faults import StoreError
-from talc.frame import Event, EventKind
+from talc.frame import EventKind
 
 log = logging.getLogger(__name__)
 
 _MOST, _WITHIN_S = 20, 60.0
 """Commands that are taken, so that a program that repeats one does not fill the disk."""
-_NO_CONTROL = "there is no control: [nc] is missing"
 _BY_CAUTION = frozenset({CommandName.PAUSE, CommandName.DISARM})
 """These only take away: they count although nothing can be stored, and however many were given."""
 
 
-AskReload = Callable[[], Awaitable[str]]
+AskReload = Callable[[], Awaitable[Text]]
 """Checks the file again and begins to apply it; returns what happens now. Raises ReloadError."""
 
 
@@ -60,33 +62,33 @@ class CommandTaker:
     ) -> None:
         self._link, self._measure_now, self._clock = link, measure_now, clock
         self._sink, self._on_disk = sink, on_disk
-        self.reload = reload
+        self._reload = reload
         self._turn = asyncio.Lock()
         self._taken_s = deque[float](maxlen=_MOST)
         self._refusals = Refusals()
 
-    async def take(self, command: Command, refused: str = "") -> CommandOutcome:
+    async def take(self, command: Command, refused: Text = NOTHING) -> CommandOutcome:
         """Obey, or refuse. refused: why this person may not give it, or nobody proved to be one; empty: they may."""
         async with self._turn:
             now_s, at = self._clock.monotonic(), self._clock.utc()
             if command.by == UNPROVED:  # must not use up what operators may give; the door lets few of them pass
-                why = refused or "the sender did not prove to be an operator"
+                why = refused or Text(NoticeCode.UNPROVED)
                 outcome = CommandOutcome(command, at, accepted=False, text=why)
                 self._report(outcome)
                 return outcome
             if self._too_many(command, now_s):
-                outcome = CommandOutcome(command, at, accepted=False, text="too many commands; wait a minute")
+                outcome = CommandOutcome(command, at, accepted=False, text=Text(NoticeCode.TOO_MANY_COMMANDS))
                 if (text := self._refusals.stored(outcome.text, now_s)) is not None:
                     self._report(replace(outcome, text=text))
                 return outcome
             self._taken_s.append(now_s)
             if not refused and command.name not in _BY_CAUTION and (why := await self._unstored()):
-                refused = f"it cannot be stored: {why}"
+                refused = Text(NoticeCode.NOT_STORABLE, why=why)
             accepted, text = (False, refused) if refused else await self._obeyed(command, at)
             outcome = CommandOutcome(command, at, accepted, text)
             self._report(outcome)
             if why := await self._unstored():
-                outcome = replace(outcome, text=f"{text}; not stored yet, and a restart would forget it: {why}")
+                outcome = replace(outcome, text=Text(NoticeCode.NOT_STORED_YET, text=text, why=why))
             return outcome
 
     def _too_many(self, command: Command, now_s: float) -> bool:
@@ -96,12 +98,12 @@ class CommandTaker:
         changes = command.name in standing and standing[command.name] is None
         return len(self._taken_s) == _MOST and now_s - self._taken_s[0] < _WITHIN_S and not changes
 
-    async def _obeyed(self, command: Command, at: datetime) -> tuple[bool, str]:
+    async def _obeyed(self, command: Command, at: datetime) -> tuple[bool, Text]:
         """Whether it was obeyed, and what happens now or why nothing does."""
         if command.name is CommandName.RELOAD:
             return await self._reloaded()
         if self._link is None:
-            return False, _NO_CONTROL
+            return False, Text(NoticeCode.NO_CONTROL)
         match command.name:
             case CommandName.MEASURE:
                 return self._measured(self._link)
@@ -116,73 +118,73 @@ class CommandTaker:
             case _:
                 assert_never(command.name)
 
-    async def _reloaded(self) -> tuple[bool, str]:
-        if self.reload is None:
-            return False, "this gateway has no file to read again"
+    async def _reloaded(self) -> tuple[bool, Text]:
+        if self._reload is None:
+            return False, Text(NoticeCode.NO_FILE)
         try:
-            return True, await self.reload()
+            return True, await self._reload()
         except ReloadError as error:
-            return False, f"not reloaded; the previous configuration stays in use: {error}"
+            return False, Text(NoticeCode.NOT_RELOADED, why=text_of(error))
 
-    def _measured(self, link: NcLink) -> tuple[bool, str]:
+    def _measured(self, link: NcLink) -> tuple[bool, Text]:
         if link.disarmed is not None:
-            return False, f"the gateway is {link.disarmed}; `arm` ends that"
+            return False, Text(NoticeCode.ARM_ENDS_THAT, order=link.disarmed.text)
         if not link.may_probe:
-            return False, "probing is not armed; [probing] armed = true, and a restart, arm it"
+            return False, Text(NoticeCode.PROBING_NOT_ARMED)
         outlook = self._measure_now()
         if outlook.standing is Standing.ASKED:
-            return True, "a measurement is under way already"
+            return True, Text(NoticeCode.MEASUREMENT_UNDER_WAY)
         if outlook.standing is Standing.BLOCKED:
-            return True, f"a measurement is requested as soon as nothing blocks it; now: {outlook.reason}"
-        return True, "a measurement is requested before this grid step ends"
+            return True, Text(NoticeCode.MEASUREMENT_WHEN_FREE, reason=outlook.reason)
+        return True, Text(NoticeCode.MEASUREMENT_IN_STEP)
 
-    def _paused(self, link: NcLink, pause: Pause) -> tuple[bool, str]:
+    def _paused(self, link: NcLink, pause: Pause) -> tuple[bool, Text]:
         if link.paused is not None:
-            return True, f"the compensation was {link.paused} already"
+            return True, Text(NoticeCode.PAUSED_ALREADY, order=link.paused.text)
         link.pause(pause)
-        return True, "the offsets go to their declared state, [compensation] when_stale, and stay there until resumed"
+        return True, Text(NoticeCode.PAUSED_NOW)
 
-    def _resumed(self, link: NcLink) -> tuple[bool, str]:
+    def _resumed(self, link: NcLink) -> tuple[bool, Text]:
         pause = link.paused
         if pause is None:
-            return True, "the compensation was not paused"
+            return True, Text(NoticeCode.NOT_PAUSED)
         link.pause(None)
-        return True, f"the compensation continues; it was {pause}{self._still(link)}"
+        return True, self._still(link, Text(NoticeCode.RESUMED, order=pause.text))
 
-    def _disarmed(self, link: NcLink, order: Disarmed) -> tuple[bool, str]:
+    def _disarmed(self, link: NcLink, order: Disarmed) -> tuple[bool, Text]:
         if link.disarmed is not None:
-            return True, f"the gateway was {link.disarmed} already"
+            return True, Text(NoticeCode.DISARMED_ALREADY, order=link.disarmed.text)
         link.disarm(order)
-        return True, "the offsets go to zero and stay there until somebody arms the gateway; no cycle is requested"
+        return True, Text(NoticeCode.DISARMED_NOW)
 
-    def _armed(self, link: NcLink) -> tuple[bool, str]:
+    def _armed(self, link: NcLink) -> tuple[bool, Text]:
         order = link.disarmed
         if order is None:
-            return True, f"the gateway was not disarmed{self._still(link)}"
+            return True, self._still(link, Text(NoticeCode.NOT_DISARMED))
         link.disarm(None)
-        probing = "" if link.may_probe else "; nothing is measured, because probing is not armed"
-        return True, f"armed again as the configuration says; it was {order}{self._still(link)}{probing}"
+        text = self._still(link, Text(NoticeCode.ARMED_AGAIN, order=order.text))
+        return True, text if link.may_probe else Text(NoticeCode.AND_NOT_MEASURED, text=text)
 
-    def _still(self, link: NcLink) -> str:
-        """Why nothing is corrected all the same."""
+    def _still(self, link: NcLink, text: Text) -> Text:
+        """The text, and why nothing is corrected all the same."""
         if not link.armed:
-            return "; nothing is written, because the compensation is not armed or disarmed itself"
+            return Text(NoticeCode.AND_NOTHING_WRITTEN, text=text)
         if link.disarmed is not None:
-            return f"; nothing is corrected, because the gateway is {link.disarmed}"
-        return "" if link.paused is None else f"; nothing is corrected, because the compensation is {link.paused}"
+            return Text(NoticeCode.AND_DISARMED, text=text, order=link.disarmed.text)
+        return text if link.paused is None else Text(NoticeCode.AND_PAUSED, text=text, order=link.paused.text)
 
     def _report(self, outcome: CommandOutcome) -> None:
         command = outcome.command
-        word = "accepted" if outcome.accepted else "refused"
-        text = f"{command.by}: {command.name.value} {word}: {outcome.text}"
+        code = NoticeCode.COMMAND_ACCEPTED if outcome.accepted else NoticeCode.COMMAND_REFUSED
+        text = Text(code, by=command.by, command=command.name.value, text=outcome.text)
         log.warning("%s", text)
         self._sink(CommandGiven(outcome))
-        self._sink(EventReported(Event(EventKind.COMMAND, text), None))
+        self._sink(EventReported(event_of(EventKind.COMMAND, text), None))
 
-    async def _unstored(self) -> str:
+    async def _unstored(self) -> Text:
         """Why what was reported so far may still be lost; empty: it cannot be."""
         try:
             await self._on_disk()
         except StoreError as error:
-            return str(error)
-        return ""
+            return failure(error)
+        return NOTHING

@@ -5,9 +5,12 @@ from datetime import UTC, datetime
 
 from drivers.base import Quality, Reading
 from gateway.acquisition.board import Board
+from gateway.acquisition.reports import channel_bad
+from gateway.model.codes import NoticeCode
 from gateway.model.control_state import NcState
-from gateway.model.events import DecisionMade, GatewayEvent, Health, HealthChecked, OutlookChanged, Sink, StoreHealth
+from gateway.model.events import DecisionMade, Health, HealthChecked, OutlookChanged, Sink, StoreHealth
 from gateway.model.standing import Standing
+from gateway.model.text import Text
 from gateway.nc.link import NcLink
 from gateway.nc.probing.schedule import Outlook
 from gateway.runtime.clocks import ServiceClock
@@ -25,7 +28,7 @@ class HealthWatch:
     ----------
     step_s: the grid step, s
     board: the latest readings
-    link: returns the connection to the control; None: none is configured
+    link: the connection to the control; None: none is configured
     store: its health
     synchronised: whether a time server keeps the clock; None: unknown
     sink: receives HealthChecked
@@ -35,7 +38,7 @@ class HealthWatch:
         self,
         step_s: float,
         board: Board,
-        link: Callable[[], NcLink | None],
+        link: NcLink | None,
         clock: ServiceClock,
         store: Callable[[], StoreHealth],
         synchronised: Callable[[], bool | None],
@@ -48,15 +51,13 @@ class HealthWatch:
         self._outlook = Outlook(Standing.NOT_WANTED, None)
         self._decided = False
 
-    def take(self, event: GatewayEvent) -> None:
-        """A gateway.model.events.Sink: remembers whether something was decided and what a measurement waits for."""
-        match event:
-            case DecisionMade():
-                self._decided = True
-            case OutlookChanged(outlook):
-                self._outlook = outlook
-            case _:
-                pass
+    def decided(self, _: DecisionMade) -> None:
+        """Something was decided: the first step has ended."""
+        self._decided = True
+
+    def outlook_changed(self, changed: OutlookChanged) -> None:
+        """Remembers what a measurement waits for."""
+        self._outlook = changed.outlook
 
     async def run(self) -> None:
         """Run until cancelled."""
@@ -78,7 +79,7 @@ class HealthWatch:
         latest = {channel: found[channel].reading if channel in found else None for channel in self._board.channels}
         bad = {channel: reading for channel, reading in latest.items() if reading is None or not _good(reading)}
         nc, store, synchronised = self._nc(), self._store(), self._synchronised()
-        link = self._link()
+        link = self._link
         paused, disarmed = (None, None) if link is None else (link.paused, link.disarmed)
         return Health(
             uptime_s=now_s - self._began_s,
@@ -87,14 +88,14 @@ class HealthWatch:
             nc=nc,
             clock_synchronised=synchronised,
             waits_for=(
-                *((f"somebody to arm the gateway: {disarmed}",) if disarmed is not None else ()),
-                *((f"somebody to resume the compensation: {paused}",) if paused is not None else ()),
+                *((Text(NoticeCode.WAITS_ARM, order=disarmed.text),) if disarmed is not None else ()),
+                *((Text(NoticeCode.WAITS_RESUME, order=paused.text),) if paused is not None else ()),
                 *self._first_step(),
                 *_channels(bad),
                 *_WAITS_FOR_NC.get(nc, ()),
                 *_measurement(self._outlook),
-                *((f"storage: {store.problem}",) if store.problem else ()),
-                *(("the time: no time server keeps this computer's clock",) if synchronised is False else ()),
+                *((Text(NoticeCode.WAITS_STORAGE, problem=store.problem),) if store.problem else ()),
+                *((Text(NoticeCode.WAITS_TIME_SERVER),) if synchronised is False else ()),
             ),
             store=store,
             paused=paused,
@@ -102,7 +103,7 @@ class HealthWatch:
         )
 
     def _nc(self) -> NcState:
-        link = self._link()
+        link = self._link
         if link is None:
             return NcState.NONE
         present = link.present
@@ -114,17 +115,17 @@ class HealthWatch:
             return NcState.NOT_READY
         return NcState.PROBING if present.probing else NcState.READY
 
-    def _first_step(self) -> tuple[str, ...]:
+    def _first_step(self) -> tuple[Text, ...]:
         if self._decided:
             return ()
         ends = datetime.fromtimestamp((self._clock.utc().timestamp() // self._step_s + 1) * self._step_s, UTC)
-        return (f"the first decision: the grid step ends at {ends:%H:%M:%S} UTC",)
+        return (Text(NoticeCode.WAITS_FIRST_STEP, ends=ends),)
 
 
 _WAITS_FOR_NC = {
-    NcState.AWAY: ("the control: it cannot be reached",),
-    NcState.STALE: ("the control: its axes report a speed and do not move",),
-    NcState.NOT_READY: ("the control: it is not ready",),
+    NcState.AWAY: (Text(NoticeCode.WAITS_NC_AWAY),),
+    NcState.STALE: (Text(NoticeCode.WAITS_NC_STILL),),
+    NcState.NOT_READY: (Text(NoticeCode.WAITS_NC_NOT_READY),),
 }
 
 
@@ -132,24 +133,32 @@ def _good(reading: Reading) -> bool:
     return reading.quality.usable
 
 
-def _channels(bad: dict[str, Reading | None]) -> tuple[str, ...]:
-    texts = []
-    for channel, reading in list(bad.items())[:_MOST_CHANNELS]:
-        if reading is None:
-            texts.append(f"channel {channel}: no reading yet")
-        else:
-            detail = f": {reading.detail}" if reading.detail else ""
-            texts.append(f"channel {channel}: {reading.quality.value}{detail}")
+def _channels(bad: dict[str, Reading | None]) -> tuple[Text, ...]:
+    texts = [
+        Text(NoticeCode.NO_READING_YET, channel=channel) if reading is None else channel_bad(reading)
+        for channel, reading in list(bad.items())[:_MOST_CHANNELS]
+    ]
     more = len(bad) - len(texts)
-    return (*texts, *((f"{more} more channels",) if more else ()))
+    return (*texts, *((Text(NoticeCode.MORE_CHANNELS, n=more),) if more else ()))
 
 
-def _measurement(outlook: Outlook) -> tuple[str, ...]:
+def _measurement(outlook: Outlook) -> tuple[Text, ...]:
     texts = []
-    if outlook.standing is not Standing.NOT_WANTED:
-        why = "" if outlook.why is None else f" ({outlook.why.value})"
-        reason = f": {outlook.reason}" if outlook.reason else ""
-        texts.append(f"a measurement{why}: {outlook.standing.value}{reason}")
+    standing = outlook.standing
+    if standing is not Standing.NOT_WANTED:
+        if outlook.why is None:
+            texts.append(Text(NoticeCode.WAITS_ASKED, standing=standing.value))
+        elif outlook.reason:
+            texts.append(
+                Text(
+                    NoticeCode.WAITS_MEASUREMENT_BECAUSE,
+                    why=outlook.why.value,
+                    standing=standing.value,
+                    reason=outlook.reason,
+                )
+            )
+        else:
+            texts.append(Text(NoticeCode.WAITS_MEASUREMENT, why=outlook.why.value, standing=standing.value))
     if outlook.operator:
-        texts.append(f"an operator: {outlook.operator}")
+        texts.append(Text(NoticeCode.WAITS_OPERATOR, message=outlook.operator))
     return tuple(texts)

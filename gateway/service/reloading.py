@@ -8,6 +8,8 @@ from drivers.base import DriverError
 from gateway.acquisition.reload import PreparedReload, ReloadError
 from gateway.config.file import load
 from gateway.config.problems import ConfigError
+from gateway.model.codes import NoticeCode
+from gateway.model.text import Text, plain
 from gateway.service.service import Service
 
 log = logging.getLogger(__name__)
@@ -36,31 +38,31 @@ class Reloading:
         self._signals += 1
         self._asked.set()
 
-    async def ask(self, service: Service) -> str:
+    async def ask(self, service: Service) -> Text:
         """A gateway.service.command_taker.AskReload: check the file, and begin to apply it."""
         if self._asked.is_set() or self._checking or self._applying:
-            raise ReloadError("another reload is under way; give the command again")
+            raise ReloadError(Text(NoticeCode.RELOAD_UNDER_WAY))
         signals, self._checking = self._signals, True
         try:
             prepared = await self._prepared(service)
         except (ConfigError, DriverError) as error:
-            raise ReloadError(str(error)[:_LONGEST_TEXT]) from error
+            raise ReloadError(plain(str(error)[:_LONGEST_TEXT])) from error
         except ReloadError:
             raise
         except Exception as error:
             log.exception("not reloaded; the previous configuration stays in use")
-            raise ReloadError(f"unexpected {type(error).__name__}; please report what the log says") from error
+            raise ReloadError(Text(NoticeCode.RELOAD_UNEXPECTED, kind=type(error).__name__)) from error
         finally:
             self._checking = False
         if self._signals != signals:  # the file may have been another one by then
-            raise ReloadError("another reload came meanwhile; give the command again")
+            raise ReloadError(Text(NoticeCode.RELOAD_CAME_BETWEEN))
         self._next = prepared
         self._asked.set()
-        fingerprint = f"{self._path.name}, fingerprint {prepared.new.fingerprint()[:16]}"
+        file, fingerprint = self._path.name, prepared.new.fingerprint()[:16]
         exchanged = sorted({*prepared.change.stopped, *prepared.change.started})
         if not exchanged:
-            return f"{fingerprint} is in use; no bus has changed"
-        return f"{fingerprint} is being applied; its buses {', '.join(exchanged)} are exchanged, the others go on"
+            return Text(NoticeCode.RELOAD_SAME, file=file, fingerprint=fingerprint)
+        return Text(NoticeCode.RELOAD_APPLIED, file=file, fingerprint=fingerprint, buses=exchanged)
 
     async def run(self, service: Service) -> None:
         """Reload whenever it is asked for, until cancelled."""
@@ -72,10 +74,10 @@ class Reloading:
                 change = await service.reload(commanded or await self._prepared(service))
             except (ConfigError, DriverError, ReloadError) as error:
                 log.error("not reloaded; the previous configuration stays in use: %s", error)
-                self._tell(service, commanded, str(error))
+                self._tell(service, commanded, plain(str(error)[:_LONGEST_TEXT]))
             except Exception as error:
                 log.exception("not reloaded; the previous configuration stays in use")
-                self._tell(service, commanded, f"unexpected {type(error).__name__}")
+                self._tell(service, commanded, Text(NoticeCode.RELOAD_UNEXPECTED, kind=type(error).__name__))
             else:
                 exchanged = ", ".join(change.started) or "none"
                 log.warning(
@@ -87,7 +89,7 @@ class Reloading:
         """Raises ConfigError, SetupError, ReloadError."""
         return await service.prepare(await asyncio.to_thread(load, self._path))
 
-    def _tell(self, service: Service, commanded: PreparedReload | None, why: str) -> None:
+    def _tell(self, service: Service, commanded: PreparedReload | None, why: Text) -> None:
         """Who gave the command was told that it is being applied."""
         if commanded is not None:
-            service.tell(f"not reloaded; the previous configuration stays in use: {why[:_LONGEST_TEXT]}")
+            service.tell(Text(NoticeCode.NOT_RELOADED, why=why))

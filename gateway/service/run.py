@@ -63,7 +63,6 @@ def run_service(config: GatewayConfig, path: Path, record: Path | None = None, r
 
         def started(service: Service) -> None:
             freeze_gc()
-            service.take_reloads(lambda: reloading.ask(service))
             beside.append(asyncio.create_task(reloading.run(service), name="reload"))
             beside.append(asyncio.create_task(_tell_end(manager, stop, lambda: running), name="end"))
             if manager.watchdog_s is not None:
@@ -74,7 +73,16 @@ def run_service(config: GatewayConfig, path: Path, record: Path | None = None, r
         try:
             with _wire_log(config, record, record_mb) as wire_log:
                 more = [applied]
-                await serve(config, clock, stop, simulated=False, more=more, started=started, wire_log=wire_log)
+                await serve(
+                    config,
+                    clock,
+                    stop,
+                    simulated=False,
+                    more=more,
+                    started=started,
+                    wire_log=wire_log,
+                    reload=reloading.ask,
+                )
         finally:
             for task in beside:
                 task.cancel()

@@ -2,14 +2,17 @@
 
 import asyncio
 import logging
-from collections.abc import Awaitable, Callable, Mapping, Sequence
+from collections.abc import Awaitable, Callable, Mapping
 from contextlib import AsyncExitStack
+from functools import partial
+from typing import NamedTuple
 
 from drivers.tap import Tap
 from gateway.acquisition.acquisition import Acquisition
 from gateway.acquisition.board import Board
 from gateway.acquisition.build import lines_of
 from gateway.acquisition.line import Line
+from gateway.acquisition.quantities import Quantities
 from gateway.acquisition.reload import BusChanges, PreparedReload, ReloadError, apply, prepare
 from gateway.config.applied import ConfigurationApplied
 from gateway.config.model import GatewayConfig
@@ -21,18 +24,22 @@ from gateway.control.planned_loads import PlannedLoads
 from gateway.control.restart.earlier import Past
 from gateway.control.sensor_watch import SensorWatch
 from gateway.control.trainer import Trainings
+from gateway.model.codes import NoticeCode
 from gateway.model.commands import Command, CommandOutcome
 from gateway.model.events import (
     CompensationStepped,
+    DecisionMade,
     EventReported,
+    Events,
+    OutlookChanged,
     ProbingRequested,
     ReadingsTaken,
     Sink,
     StoreHealth,
-    in_order,
-    problem_event,
+    problems_to,
 )
-from gateway.model.sample import Sample
+from gateway.model.notice import event_of
+from gateway.model.text import NOTHING, Text, failure
 from gateway.nc.build import control_of
 from gateway.nc.link import NcLink
 from gateway.nc.probing.cycle import NotBegun, number_after
@@ -40,22 +47,28 @@ from gateway.nc.probing.schedule import schedule_of
 from gateway.nc.settings import Earlier, Identity, LinkSettings, Listeners
 from gateway.runtime.ages import Ages
 from gateway.runtime.clocks import ServiceClock
-from gateway.runtime.problems import Notice
 from gateway.service.clock_watch import ClockWatch
-from gateway.service.command_taker import AskReload, CommandTaker
+from gateway.service.command_taker import CommandTaker
 from gateway.service.health import HealthWatch
 from gateway.service.store_watch import StoreWatch
 from gateway.storage.faults import StoreError
-from talc.frame import Decision, Event, EventKind, FloatArray, Frame, TrainingJob, Why
+from talc.frame import EventKind
 
 log = logging.getLogger(__name__)
 
-_LOOKS_PER_STEP, _SHORTEST_LOOK_S = 60, 1.0
+_LOOKS_PER_STEP = 60
 """How often the store's health is looked at: each 5 s with a grid of 5 min."""
+_SHORTEST_LOOK_S = 1.0
+"""With a short grid step not more often than this."""
 
-_TEMPERATURE = "degC"
-_LOADS = frozenset({"1/min", "mm/s", "m/s", "%", "W", "kW", "A", "Nm"})
-"""Units of what heats a machine: speeds, shares of a rated load, powers, currents, torques."""
+
+class Part(NamedTuple):
+    """A named task of the service, which runs until it is cancelled."""
+
+    name: str
+    run: Callable[[], Awaitable[None]]
+    stop: Callable[[], Awaitable[None]] | None = None
+    """Called after every part has ended and the buses are closed; None: nothing is left to do."""
 
 
 async def _nothing_to_wait_for() -> None:
@@ -76,6 +89,7 @@ class Service:
     identity: under which the control is claimed
     synchronised: whether a time server keeps the clock; None: unknown
     on_disk: returns when what the sink received so far can no longer be lost, or raises StoreError
+    reload: reads the configuration again because a command says so; None: there is no file to read
     """
 
     def __init__(
@@ -89,46 +103,108 @@ class Service:
         identity: Identity | None = None,
         synchronised: Callable[[], bool | None] = lambda: None,
         on_disk: Callable[[], Awaitable[None]] = _nothing_to_wait_for,
+        reload: Callable[["Service"], Awaitable[Text]] | None = None,
     ) -> None:
-        self._config, self._clock, self._past = config, clock, past
-        self._tap, self._health, self._identity = tap, health, identity or Identity()
-        self._on_disk = on_disk
-        self._sampler = GridSampler(config.input_names, config.grid.step_s)
-        self._ages = Ages(clock, config.grid.step_s, past.moment, past.pauses)
-        lead_s = 0.0 if past.moment is None else past.moment.lead_s
-        self._schedule = Schedule(config.grid.step_s, past.last_k, lead_s)
-        self._channels = {channel.name for channel in config.channels}
+        self._config, self._clock, self._tap = config, clock, tap
+        self._acquisition: Acquisition | None = None
+        names, step_s = config.input_names, config.grid.step_s
         self.board = Board({c.name: c.period_s for c in config.channels})
-        self._health_watch = HealthWatch(
-            config.grid.step_s, self.board, lambda: self.link, clock, health, synchronised, sink
-        )
-        self._sink = in_order((sink, self._health_watch.take))
+        sampler = GridSampler(names, step_s)
+        self._events = events = Events()
+        events.subscribe(ReadingsTaken, lambda taken: sampler.add(taken.readings))
+        events.subscribe_to_all(sink)
+        publish, self._notify = events.publish, problems_to(events.publish)
+        ages = Ages(clock, step_s, past.moment, past.pauses)
         self._lines: tuple[Line, ...] = lines_of(config, clock, tap)
-        self.link = self._make_link()
-        self._sensors = SensorWatch(
-            config.input_names,
+
+        def stored() -> bool:
+            """Whether the compensation may go on as far as the store is concerned."""
+            storage = self._config.storage
+            return storage.compensate_unstored or health().failing_s <= storage.unstored_after_s
+
+        async def requested(number: int) -> None:
+            publish(ProbingRequested(number))
+            try:
+                await on_disk()
+            except StoreError as error:  # after a restart the number would be used again
+                raise NotBegun(Text(NoticeCode.NUMBER_NOT_STORED, error=failure(error))) from error
+
+        self.link: NcLink | None = None
+        if config.nc is not None:
+            self.link = NcLink(
+                control_of(config.nc, config, clock),
+                clock,
+                LinkSettings.of(config, identity or Identity()),
+                _earlier(past, ages, clock),
+                Listeners(
+                    sampler.add_states, lambda write: publish(CompensationStepped(write)), self._notify, requested
+                ),
+                stored=stored,
+            )
+        link = self.link
+        self._health = HealthWatch(step_s, self.board, link, clock, health, synchronised, publish)
+        events.subscribe(DecisionMade, self._health.decided)
+        events.subscribe(OutlookChanged, self._health.outlook_changed)
+        quantities = Quantities({channel.name for channel in config.channels}, self.board, clock)
+        sensors = SensorWatch(
+            names,
             config.sensor_check,
-            config.grid.step_s,
-            self._is_temperature,
-            sink,
+            step_s,
+            quantities.is_temperature,
+            publish,
             clock,
             past.seen,
-            is_load=self._is_load,
+            is_load=quantities.is_load,
         )
-        self._planned = PlannedLoads(
-            config.input_names,
-            config.grid.step_s,
+        planned = PlannedLoads(
+            names,
+            step_s,
             {planned.name: planned.loads for planned in config.planned_loads},
-            self._is_load,
+            quantities.is_load,
             clock,
             None if past.seen is None else past.seen.frames,
         )
-        self._acquisition: Acquisition | None = None
-        self._clock_watch = ClockWatch(self._ages, clock, self._noticed, self._remember)
+
+        def remember() -> None:
+            """From now on the clock is known to be right, and with it the age of what the earlier run left."""
+            if link is not None:
+                link.remembered(_measured_s(past, ages), _missing_s(past, ages))
+
+        self._clock_watch = ClockWatch(ages, clock, self._notify, remember)
         job, wanted = past.pending
-        self._measuring = self._make_measuring(wanted)
-        self._grid = self._loop(job)
-        self._commands = CommandTaker(self.link, self._measuring.order, clock, self._sink, on_disk)
+        measuring = Measuring(link, schedule_of(config.probing), config.probing, clock, publish, wanted)
+        explanations = Explanations(past.controller, step_s, clock, publish, planned.changes)
+        grid = GridLoop(
+            past.controller,
+            sampler,
+            Schedule(step_s, past.last_k, 0.0 if past.moment is None else past.moment.lead_s),
+            clock,
+            publish,
+            measuring,
+            Trainings(past.controller, clock, publish, job),
+            ages,
+            [
+                *(() if link is None else (lambda _, decision: link.follow(decision),)),
+                lambda frame, _: sensors.frame(frame),
+                lambda frame, _: planned.frame(frame),
+                explanations.follow,
+            ],
+            *(() if link is None else (link.renew,)),
+        )
+        period_s = max(_SHORTEST_LOOK_S, step_s / _LOOKS_PER_STEP)
+        store_watch = StoreWatch(health, config.storage, clock, period_s, self._notify, publish)
+        self._commands = CommandTaker(
+            link, measuring.order, clock, publish, on_disk, None if reload is None else partial(reload, self)
+        )
+        self._parts = (
+            Part("grid", grid.run),
+            Part("sensors", sensors.run),
+            Part("planned loads", planned.run),
+            Part("storage", store_watch.run),
+            Part("health", self._health.run),
+            Part("clock", self._clock_watch.run),
+            *(() if link is None else (Part("nc", link.run, link.stop),)),
+        )
 
     @property
     def fingerprint(self) -> str:
@@ -162,160 +238,68 @@ class Service:
             prepared = await self.prepare(prepared.new)
         acquisition = self._acquisition
         if acquisition is None:
-            raise ReloadError("the service is not running")
+            raise ReloadError(Text(NoticeCode.RELOAD_NOT_RUNNING))
         change = await apply(acquisition, prepared)
         self._config = prepared.new
-        self._sink(ConfigurationApplied(prepared.new))
+        self._events.publish(ConfigurationApplied(prepared.new))
         log.info(
             "configuration %s runs; buses exchanged: %s", self.fingerprint[:16], ", ".join(change.started) or "none"
         )
         return change
 
-    async def obey(self, command: Command, refused: str = "") -> CommandOutcome:
+    async def obey(self, command: Command, refused: Text = NOTHING) -> CommandOutcome:
         """Obey a command, or refuse it; see CommandTaker. Raises OSError while the service does not run."""
         if self._acquisition is None:
             raise OSError("the gateway is starting or stopping; give the command again")
         outcome = await self._commands.take(command, refused)
-        self._health_watch.report()
+        self._health.report()
         return outcome
 
-    def take_reloads(self, reload: AskReload) -> None:
-        """Set what reads the configuration again when a command says so."""
-        self._commands.reload = reload
-
-    def tell(self, text: str) -> None:
+    def tell(self, text: Text) -> None:
         """Report an event for people."""
-        self._sink(EventReported(Event(EventKind.OPERATOR, text), None))
+        self._events.publish(EventReported(event_of(EventKind.OPERATOR, text), None))
 
     async def run(self, stop: asyncio.Event) -> None:
         """Run until `stop` is set. Raises an exception group if a part of the service fails."""
         async with AsyncExitStack() as stack:
-            if self.link is not None:
-                stack.push_async_callback(self.link.stop)
-            acquisition = await stack.enter_async_context(
-                Acquisition(self._lines, self._clock, self._take, self._noticed, board=self.board)
+            for part in self._parts:
+                if part.stop is not None:
+                    stack.push_async_callback(part.stop)
+            self._acquisition = await stack.enter_async_context(
+                Acquisition(
+                    self._lines,
+                    self._clock,
+                    lambda readings: self._events.publish(ReadingsTaken(readings)),
+                    self._notify,
+                    board=self.board,
+                )
             )
-            self._acquisition = acquisition
-            stack.callback(self._forget_acquisition)
-            self._sink(ConfigurationApplied(self._config))
+            stack.callback(setattr, self, "_acquisition", None)
+            self._events.publish(ConfigurationApplied(self._config))
             async with asyncio.TaskGroup() as tasks:
-                running = [
-                    tasks.create_task(self._grid.run(), name="grid"),
-                    tasks.create_task(self._sensors.run(), name="sensors"),
-                    tasks.create_task(self._planned.run(), name="planned loads"),
-                    tasks.create_task(self._store_watch().run(), name="storage"),
-                    tasks.create_task(self._health_watch.run(), name="health"),
-                    tasks.create_task(self._clock_watch.run(), name="clock"),
-                ]
-                if self.link is not None:
-                    running.append(tasks.create_task(self.link.run(), name="nc"))
+                running = [tasks.create_task(part.run(), name=part.name) for part in self._parts]
                 await stop.wait()
                 for task in running:
                     task.cancel()
 
-    def _forget_acquisition(self) -> None:
-        self._acquisition = None
 
-    def _make_measuring(self, wanted: Why | None) -> Measuring:
-        probing = self._config.probing
-        return Measuring(self.link, schedule_of(probing), probing, self._clock, self._sink, wanted)
+def _earlier(past: Past, ages: Ages, clock: ServiceClock) -> Earlier:
+    """What an earlier run left, for the link."""
+    return Earlier(
+        first_number=number_after(past.last_number, clock.utc()),
+        abandoned=past.last_number,
+        reference_mm=past.reference_mm,
+        measured_s=_measured_s(past, ages),
+        missing_s=_missing_s(past, ages),
+        paused=past.paused,
+        disarmed=past.disarmed,
+        proven=past.proven,
+    )
 
-    def _loop(self, job: TrainingJob | None) -> GridLoop:
-        controller, clock, sink = self._past.controller, self._clock, self._sink
-        explanations = Explanations(controller, self._config.grid.step_s, clock, sink, self._planned.changes)
-        return GridLoop(
-            controller,
-            self._sampler,
-            self._schedule,
-            clock,
-            sink,
-            self._measuring,
-            Trainings(controller, clock, sink, job),
-            self._ages,
-            [self._follow, self._seen, explanations.follow],
-            self._renew,
-        )
 
-    def _make_link(self) -> NcLink | None:
-        config = self._config
-        if config.nc is None:
-            return None
-        return NcLink(
-            control_of(config.nc, config, self._clock),
-            self._clock,
-            LinkSettings.of(config, self._identity),
-            Earlier(
-                first_number=number_after(self._past.last_number, self._clock.utc()),
-                abandoned=self._past.last_number,
-                reference_mm=self._past.reference_mm,
-                measured_s=self._measured_s(),
-                missing_s=self._missing_s(),
-                paused=self._past.paused,
-                disarmed=self._past.disarmed,
-                proven=self._past.proven,
-            ),
-            Listeners(
-                states=self._sampler.add_states,
-                written=lambda write: self._sink(CompensationStepped(write)),
-                notify=self._noticed,
-                requested=self._request,
-            ),
-            stored=self._stored,
-        )
+def _measured_s(past: Past, ages: Ages) -> list[float]:
+    return [ages.monotonic_of(k) for k in past.measured]
 
-    def _store_watch(self) -> StoreWatch:
-        period_s = max(_SHORTEST_LOOK_S, self._config.grid.step_s / _LOOKS_PER_STEP)
-        return StoreWatch(self._health, self._config.storage, self._clock, period_s, self._noticed, self._sink)
 
-    def _stored(self) -> bool:
-        """Whether the compensation may go on as far as the store is concerned."""
-        storage = self._config.storage
-        return storage.compensate_unstored or self._health().failing_s <= storage.unstored_after_s
-
-    async def _request(self, number: int) -> None:
-        self._sink(ProbingRequested(number))
-        try:
-            await self._on_disk()
-        except StoreError as error:  # after a restart the number would be used again
-            raise NotBegun(f"its number cannot be stored: {error}") from error
-
-    def _measured_s(self) -> list[float]:
-        return [self._ages.monotonic_of(k) for k in self._past.measured]
-
-    def _missing_s(self) -> dict[str, float]:
-        return {name: self._ages.monotonic_of(k) for name, k in self._past.missing.items()}
-
-    def _remember(self) -> None:
-        """From now on the clock is known to be right, and with it the age of everything that the earlier run left."""
-        if self.link is not None:
-            self.link.remembered(self._measured_s(), self._missing_s())
-
-    def _follow(self, _: Frame, decision: Decision) -> None:
-        if self.link is not None:
-            self.link.follow(decision)
-
-    def _renew(self, corrected: FloatArray) -> None:
-        if self.link is not None:
-            self.link.renew(corrected)
-
-    def _seen(self, frame: Frame, _: Decision) -> None:
-        self._sensors.frame(frame)
-        self._planned.frame(frame)
-
-    def _is_temperature(self, name: str) -> bool:
-        return self._unit(name) == _TEMPERATURE
-
-    def _is_load(self, name: str) -> bool:
-        """A machine state, or a channel that tells a speed, power, current, torque or share of a load."""
-        return name not in self._channels or self._unit(name) in _LOADS
-
-    def _unit(self, name: str) -> str | None:
-        aged = self.board.latest(name, self._clock.monotonic()) if name in self._channels else None
-        return None if aged is None else aged.reading.unit
-
-    def _take(self, readings: Sequence[Sample]) -> None:
-        self._sampler.add(readings)
-        self._sink(ReadingsTaken(readings))
-
-    def _noticed(self, notice: Notice) -> None:
-        self._sink(EventReported(problem_event(notice), None))
+def _missing_s(past: Past, ages: Ages) -> dict[str, float]:
+    return {name: ages.monotonic_of(k) for name, k in past.missing.items()}

@@ -4,7 +4,7 @@ import asyncio
 import logging
 import math
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Awaitable, Callable, Sequence
 from contextlib import AsyncExitStack
 from importlib.metadata import version
 
@@ -15,7 +15,10 @@ from gateway.config.packed import packed_toml
 from gateway.control.restart.earlier import Past, past_in
 from gateway.control.restart.rebuild import Interrupted, Rebuilt
 from gateway.control.restart.snapshots import SnapshotKeeper
-from gateway.model.events import EventReported, GatewayEvent, Sink, in_order
+from gateway.model.codes import NoticeCode
+from gateway.model.events import EventReported, Events, Sink
+from gateway.model.notice import event_of
+from gateway.model.text import Text
 from gateway.nc.settings import Identity
 from gateway.runtime.clocks import ServiceClock
 from gateway.runtime.extras import missing_of
@@ -28,7 +31,7 @@ from gateway.storage.answers import DiskWork
 from gateway.storage.readings import Retention
 from gateway.storage.store import Store, boot_id
 from gateway.telemetry.publisher import TelemetryPublisher
-from talc.frame import Event, EventKind
+from talc.frame import EventKind
 
 log = logging.getLogger(__name__)
 
@@ -46,10 +49,14 @@ async def serve(
     more: Sequence[Sink] = (),
     started: Callable[[Service], None] = lambda _: None,
     wire_log: WireLogWriter | None = None,
+    reload: Callable[[Service], Awaitable[Text]] | None = None,
 ) -> None:
     """Run the service of a configuration until `stop`; everything is stored before it is published.
 
+    more: sinks besides the gateway's own
+    started: called with the service before it runs
     wire_log: records everything that passes on the wires
+    reload: reads the configuration again because a command says so
 
     Raises DriverError, StoreError, TelemetryError, or an exception group of them.
     """
@@ -68,11 +75,28 @@ async def serve(
             return
         news = _news(past, config)
         if store.migrated_from is not None:
-            news.insert(0, f"storage: the database was migrated; the old one is kept as {store.migrated_from.name}")
+            news.insert(0, Text(NoticeCode.STORE_MIGRATED, aside=store.migrated_from.name))
         prior = None if config.prior is None else (config.prior.content_hash, config.prior.text)
         store.begin(config.canonical(), config.fingerprint(), versions(*_WIRES), prior)
-        sinks: list[Sink] = [store.record]
-        telemetry: TelemetryPublisher | None = None
+        events = Events(store.record)
+        synchronised = (lambda: None) if simulated else clock_synchronised
+
+        async def on_disk() -> None:
+            with clock.hold():  # the disk takes real time
+                await store.on_disk()
+
+        service = Service(
+            config,
+            clock,
+            events.publish,
+            past,
+            None if wire_log is None else wire_log.tap,
+            lambda: store.health,
+            Identity.of(boot, store.predecessor),
+            synchronised,
+            on_disk,
+            reload,
+        )
         if config.telemetry.enabled:
             reports = DayReports(config.storage.path, clock.utc, missing=missing_of("report"))
             telemetry = TelemetryPublisher(
@@ -86,35 +110,25 @@ async def serve(
                 course=course_of(config.storage.path, config.grid.step_s),
                 stored=rows_of(config.storage.path),
                 report=reports,
+                periods_missed=lambda: service.periods_missed,
+                clock_known=lambda: service.clock_known,
+                obey=service.obey,
             )
-            sinks.append((await stack.enter_async_context(telemetry)).publish)
+            events.subscribe_to_all((await stack.enter_async_context(telemetry)).publish)
             stack.callback(reports.close)  # before the telemetry, which waits for its last answer
         if config.metrics.listen is not None:
             from gateway.service.metrics import GatewayFigures, MetricsServer  # loaded only where it is wanted
 
             figures = GatewayFigures(config.machine.name, version("talc-gateway"))
             stack.enter_context(MetricsServer(config.metrics, config.telemetry.tls, figures))
-            sinks.append(figures.take)
-        sinks.append(SnapshotKeeper(past, store, config).take)
+            events.subscribe_to_all(figures.take)
+        events.subscribe_to_all(SnapshotKeeper(past, store, config).take)
         if wire_log is not None:
-            sinks.append(_reconfiguring(wire_log, packed_toml(config)))
-        identity = Identity.of(boot, store.predecessor)
-        tap = None if wire_log is None else wire_log.tap
-        sink = in_order([*sinks, *more])
+            events.subscribe(ConfigurationApplied, _reconfiguring(wire_log, packed_toml(config)))
+        events.subscribe_to_all(*more)
         for text in news:
             log.warning("%s", text)
-            sink(EventReported(Event(EventKind.OPERATOR, text), past.last_k))
-        synchronised = (lambda: None) if simulated else clock_synchronised
-
-        async def on_disk() -> None:
-            with clock.hold():  # the disk takes real time
-                await store.on_disk()
-
-        service = Service(config, clock, sink, past, tap, lambda: store.health, identity, synchronised, on_disk)
-        if telemetry is not None:
-            telemetry.count_missed(lambda: service.periods_missed)
-            telemetry.ask_clock(lambda: service.clock_known)
-            telemetry.take_commands(service.obey)
+            events.publish(EventReported(event_of(EventKind.OPERATOR, text), past.last_k))
         started(service)
         await service.run(stop)
 
@@ -135,23 +149,18 @@ def _store(config: GatewayConfig, boot: str, clock: ServiceClock) -> Store:
     )
 
 
-def _news(past: Past, config: GatewayConfig) -> list[str]:
+def _news(past: Past, config: GatewayConfig) -> list[Text]:
     """What has changed since the latest run, and what became of what was learnt."""
     news, method = [], config.talc.method
     if past.former_method is not None:
-        news.append(
-            f"[talc] method: {method} continues the record that {past.former_method} made, with all that it learns from"
-            f" the record; to stay with the former method, write method = '{past.former_method}' under [talc] and"
-            " restart"
-        )
-    if past.other_prior:
-        now = "none is set now" if config.prior is None else f"{config.talc.prior} differs from the former one"
-        news.append(f"[talc] prior: {now}; the learner starts again with it and learns from the whole record")
+        news.append(Text(NoticeCode.METHOD_CONTINUES, method=method, former=past.former_method))
+    if past.other_prior and config.prior is None:
+        news.append(Text(NoticeCode.PRIOR_GONE))
+    elif past.other_prior:
+        news.append(Text(NoticeCode.PRIOR_DIFFERS, path=str(config.talc.prior)))
     if past.changes:
-        kept = (
-            "it learnt from the whole record again" if method == "learner" else "models of inputs still here are kept"
-        )
-        news.append(f"inputs or [talc] settings differ from the latest run's ({'; '.join(past.changes)}): {kept}")
+        code = NoticeCode.SETTINGS_LEARNT_AGAIN if method == "learner" else NoticeCode.SETTINGS_MODELS_KEPT
+        news.append(Text(code, changes="; ".join(past.changes)))
     return news
 
 
@@ -184,12 +193,12 @@ async def _passed_on(stop: asyncio.Event, ended: threading.Event) -> None:
     ended.set()
 
 
-def _reconfiguring(wire_log: WireLogWriter, recorded: str) -> Sink:
-    """A sink that starts another wire log when the buses or devices differ from those recorded."""
+def _reconfiguring(wire_log: WireLogWriter, recorded: str) -> Callable[[ConfigurationApplied], None]:
+    """Starts another wire log when the buses or devices differ from those recorded."""
 
-    def take(event: GatewayEvent) -> None:
+    def take(applied: ConfigurationApplied) -> None:
         nonlocal recorded
-        if isinstance(event, ConfigurationApplied) and (wires := packed_toml(event.config)) != recorded:
+        if (wires := packed_toml(applied.config)) != recorded:
             recorded = wires
             wire_log.reconfigure(wires)
 

@@ -11,6 +11,7 @@ from drivers.base import Quality
 from gateway.config.consequences import unarmed
 from gateway.config.model import GatewayConfig
 from gateway.control.restart.proven import dry_run_wanted
+from gateway.model.text import plain
 from gateway.nc.problems import still_wrong
 from gateway.runtime.terminal import duration_text, printable, terminal
 from gateway.runtime.time_service import clock_synchronised
@@ -77,7 +78,7 @@ def status_of(config: GatewayConfig, now: datetime, *, synchronised: bool = True
                 lead_s = moment.lead_s
             longest_s = max((channel.period_s for channel in config.channels), default=step_s)
             readings = history.latest_readings(now - timedelta(seconds=max(step_s, 3 * longest_s)))
-            control = still_wrong(event.text for _, event in history.troubles())
+            control = still_wrong(plain(event.text) for _, event in history.troubles())
             problems = _latest((at, e) for at, _, e in history.events((now - _RECENT, _NEVER)))
     usable = {quality.value for quality in Quality if quality.usable}  # a newer program may have stored other ones
     missing = tuple(name for name in channels if name not in readings or readings[name][2] not in usable)
@@ -90,8 +91,8 @@ def status_of(config: GatewayConfig, now: datetime, *, synchronised: bool = True
         decision_age_s=age_s,
         armed=armed(config),
         unarmed=tuple(filter(None, (*unarmed(config), dry_run_wanted(config)))),
-        paused=None if pause is None else str(pause),
-        disarmed=None if disarmed is None else str(disarmed),
+        paused=None if pause is None else pause.text,
+        disarmed=None if disarmed is None else disarmed.text,
         readings=readings,
         missing=missing,
         control=control if running else (),
@@ -129,7 +130,7 @@ def _latest(events: Iterable[tuple[datetime, Event]]) -> tuple[str, ...]:
     found: dict[str, str] = {}
     for at, event in events:
         if event.kind in (EventKind.PROBLEM, EventKind.PROBLEM_ENDED):
-            subject = event.text.partition(": ")[0].rpartition(", ")[2]  # bus rtu1, device rtd1: ...
+            subject = str(event.values.get("subject", event.text))
             found.pop(subject, None)
             found[subject] = f"{at:%H:%M} {event.text}"
     return tuple(found.values())[-_EVENTS:]

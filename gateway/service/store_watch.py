@@ -4,10 +4,13 @@ import logging
 from collections.abc import Callable
 
 from gateway.config.sections import Storage
+from gateway.model.codes import NoticeCode
 from gateway.model.events import Sink, StorageChanged, StoreHealth
+from gateway.model.notice import Notice, Notify
+from gateway.model.text import NOTHING, Text
 from gateway.runtime.clocks import ServiceClock
 from gateway.runtime.periodic import Periodic
-from gateway.runtime.problems import Notice, Notify, Problems
+from gateway.runtime.problems import Problems
 
 log = logging.getLogger(__name__)
 
@@ -40,33 +43,33 @@ class StoreWatch:
         self._health, self._settings, self._sink = health, settings, sink
         self._periodic = Periodic(clock, period_s)
         self._problems = Problems(clock, period_s, notify, log)
-        self._notify = notify
-        self._low, self._mended = False, ""
-        self._told = ("", False)
+        self._notify, self._clock = notify, clock
+        self._low, self._mended = False, NOTHING
+        self._told = (NOTHING, False)
 
     async def run(self) -> None:
         """Run until cancelled."""
         await self._periodic.run(self._look)
 
     async def _look(self, _: float) -> None:
-        health, path = self._health(), self._settings.path
+        health, path = self._health(), str(self._settings.path)
         if health.problem:
-            text = f"storage: {path}: {health.problem}; rows wait in memory, raw readings go first when they are many"
-            self._problems.report(_STORE, health.problem, text)
+            text = Text(NoticeCode.STORE_FAILS, path=path, problem=health.problem)
+            self._problems.report(_STORE, text, health.problem)
         else:
-            self._problems.clear(_STORE, f"storage: {path} is written again")
+            self._problems.clear(_STORE, Text(NoticeCode.STORE_WORKS, path=path))
         if health.mended != self._mended:
             self._mended = health.mended
             log.error("%s", health.mended)
-            self._notify(Notice("database", health.mended))
+            self._notify(Notice("database", health.mended, at_s=self._clock.monotonic()))
         limit_mb = self._settings.warn_free_mb
         if health.free_mb is not None:
             self._low = health.free_mb < limit_mb * (_ENOUGH if self._low else 1.0)
             if self._low:
-                text = f"storage: {health.free_mb:.0f} MB are free on the disk of {path}, less than {limit_mb:g}"
-                self._problems.report(_DISK, "low", f"{text}: delete something or lower [storage] keep_samples_days")
+                text = Text(NoticeCode.DISK_LOW, free_mb=health.free_mb, path=path, limit_mb=limit_mb)
+                self._problems.report(_DISK, text)
             else:
-                self._problems.clear(_DISK, f"storage: {health.free_mb:.0f} MB are free on the disk of {path} again")
+                self._problems.clear(_DISK, Text(NoticeCode.DISK_FREE, free_mb=health.free_mb, path=path))
         now = health.problem, self._low
         if now != self._told or health.problem:
             self._told = now

@@ -197,6 +197,7 @@ _CHECKS: Mapping[str, Callable[[RawRow], object]] = {
     "reasons": lambda row: rows.reasons_of(row[2]),
     "snapshot": lambda row: marks_of(row[3]),
     "event": lambda row: rows.event_of(row[1:]),
+    "coded": lambda row: json.loads(row[3]).keys(),
     "command": lambda row: rows.command_of(row[1:]),
     "compensation": _check_compensation,
     "moment": _check_moment,

@@ -13,6 +13,7 @@ import numpy as np
 from gateway.config.outline import inputs_of_config
 from gateway.model.commands import CommandName, CommandOutcome, Disarmed, Pause
 from gateway.model.step_time import StepTime
+from gateway.model.text import Text, plain
 from gateway.storage import rows
 from gateway.storage.answers import DiskWork
 from gateway.storage.faults import StoreError
@@ -279,22 +280,28 @@ class History:
 
     def events(self, within: TimeSpan | None = None) -> list[tuple[datetime, int | None, Event]]:
         """Every event, or those of a span, oldest first."""
-        return [rows.event_of(row) for row in self._rows(rows.EVENT_COLUMNS, "event", "time", within)]
+        return [rows.coded_event_of(row) for row in self._rows(self._event_columns, "event", "time", within)]
 
     def troubles(self) -> list[tuple[datetime, Event]]:
         """Problems and their ends since the latest run began, or took another configuration, oldest first."""
         changed = " UNION SELECT began FROM running" if self._has("running") else ""
         found = self._connection.execute(
-            f"SELECT {rows.EVENT_COLUMNS} FROM event WHERE kind IN (?, ?)"
+            f"SELECT {self._event_columns} FROM event WHERE kind IN (?, ?)"
             f" AND time >= (SELECT max(began) FROM (SELECT began FROM boot{changed})) ORDER BY id",
             (EventKind.PROBLEM.value, EventKind.PROBLEM_ENDED.value),
         )
-        return [(at, event) for at, _, event in map(rows.event_of, found)]
+        return [(at, event) for at, _, event in map(rows.coded_event_of, found)]
 
-    def operator_texts(self) -> list[str]:
+    @property
+    def _event_columns(self) -> str:
+        """With code and values; an earlier program stored only what it said."""
+        return f"{rows.EVENT_COLUMNS}, {rows.CODE_OF_EVENT if self._has('coded') else 'NULL, NULL'}"
+
+    def operator_texts(self) -> list[Text]:
         """What operators were told, newest first."""
-        found = "SELECT text FROM event WHERE kind = ? ORDER BY id DESC"
-        return [str(text) for (text,) in self._connection.execute(found, (EventKind.OPERATOR.value,))]
+        found = f"SELECT {self._event_columns} FROM event WHERE kind = ? ORDER BY id DESC"
+        told = self._connection.execute(found, (EventKind.OPERATOR.value,))
+        return [plain(event.text) for _, _, event in map(rows.coded_event_of, told)]
 
     def configs_that_measured(self) -> list[str]:
         """Canonical configurations of the runs in which a measurement was used, newest first.

@@ -9,7 +9,9 @@ from datetime import datetime
 from itertools import count
 from pathlib import Path
 
+from gateway.model.codes import NoticeCode
 from gateway.model.commands import CommandName
+from gateway.model.text import Text, Value
 from gateway.storage.damage import RawRow, any_text, checked_columns, inputs_of_run, is_whole
 from gateway.storage.epochs import begin_epoch
 from gateway.storage.readings import MOST_BOOTS
@@ -37,8 +39,8 @@ class Known:
     """The command that stands until another one ends it; without its id."""
 
 
-def mend(path: Path, why: str, now: datetime, known: Known) -> str:
-    """Set the file aside and begin a new one with what can be read. Returns what was done, in words.
+def mend(path: Path, why: str, now: datetime, known: Known) -> Text:
+    """Set the file aside and begin a new one with what can be read. Returns what was done.
 
     No other program may have the file open. The new one is complete before it takes the place of the damaged one, so
     that nothing is lost if the disk fails meanwhile. Raises sqlite3.Error or OSError.
@@ -64,15 +66,14 @@ def mend(path: Path, why: str, now: datetime, known: Known) -> str:
         path.rename(aside)
     new.replace(path)
     kept = ", ".join(f"{counts[table]} of {table}" for table in _LEARNT)
-    text = (
-        f"storage: {path} was damaged ({' '.join(why.split())}) and is set aside as {aside.name}; read from it: {kept}"
-    )
-    text += f"; at least {lost} other rows are lost" if lost else ""
-    return text + (f"; {begun}" if begun else "; raw readings stay there")
+    told: dict[str, Value] = {"path": str(path), "why": " ".join(why.split()), "aside": aside.name, "kept": kept}
+    if lost:
+        return Text(NoticeCode.STORE_BEGUN_LOST if begun else NoticeCode.STORE_MENDED_LOST, **told, lost=lost)
+    return Text(NoticeCode.STORE_BEGUN if begun else NoticeCode.STORE_MENDED, **told)
 
 
-def begin_again(path: Path, known: Known) -> str:
-    """Begin another database in the place of one that was deleted. Returns what was done, in words.
+def begin_again(path: Path, known: Known) -> Text:
+    """Begin another database in the place of one that was deleted. Returns what was done.
 
     Raises sqlite3.Error or OSError.
     """
@@ -86,10 +87,7 @@ def begin_again(path: Path, known: Known) -> str:
     for ending in ("-wal", "-shm"):  # of the deleted one
         path.with_name(path.name + ending).unlink(missing_ok=True)
     new.replace(path)
-    return (
-        f"storage: {path} was deleted while the gateway ran; a new database is begun. What the gateway has learnt stays"
-        " in its memory, but after a restart only what is stored from now on counts"
-    )
+    return Text(NoticeCode.STORE_DELETED, path=str(path))
 
 
 def _fresh(path: Path) -> Path:
@@ -137,8 +135,8 @@ def _insert(table: str, columns: int) -> str:
     return f"INSERT OR IGNORE INTO {table} VALUES ({', '.join('?' * columns)})"
 
 
-def _settle(target: sqlite3.Connection, counts: Counter[str], *, reference_known: bool) -> str:
-    """Remove what contradicts the lost rows; returns the consequence, in words."""
+def _settle(target: sqlite3.Connection, counts: Counter[str], *, reference_known: bool) -> bool:
+    """Remove what contradicts the lost rows; returns whether learning begins again."""
     _number_runs(target)
     for boot, text in target.execute("SELECT id, config FROM boot").fetchall():
         if (inputs := inputs_of_run(text)) is not None:
@@ -156,7 +154,7 @@ def _settle(target: sqlite3.Connection, counts: Counter[str], *, reference_known
     whole = first == 1 and last_id == cycles if cycles else not measured
     (boots,) = target.execute("SELECT count(*) FROM boot").fetchone()
     if boots and (whole or reference_known):
-        return ""
+        return False
     # The first measurement is the reference of all others: with another one they would mean something else.
     for table in (*_LEARNT, *_ALSO_LEARNT):
         target.execute(f"DELETE FROM {table}")
@@ -165,7 +163,7 @@ def _settle(target: sqlite3.Connection, counts: Counter[str], *, reference_known
         target.execute(f"DELETE FROM {table}")
     target.execute("DELETE FROM prior_of_boot")
     target.execute("DELETE FROM boot")
-    return "the reference of the measurements or the configuration is lost: learning begins again"
+    return True
 
 
 def _number_runs(target: sqlite3.Connection) -> None:

@@ -13,6 +13,8 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 from gateway.config.outline import inputs_if_known, step_s_of
+from gateway.model.codes import NoticeCode
+from gateway.model.text import Text
 from gateway.storage import columns, rows
 from gateway.storage.columns import CellKinds, Cells
 from gateway.storage.epochs import NUMBERS, Position, RowSpan, next_span
@@ -68,7 +70,7 @@ def rows_after(path: Path, after: Mapping[str, Position | None], limit: int) -> 
     """
     for table in after:
         if table not in NUMBERS:
-            raise ValueError(f"{table}: no such table; there are {', '.join(NUMBERS)}")
+            raise ValueError(Text(NoticeCode.NO_SUCH_TABLE, table=table, tables=tuple(NUMBERS)))
     if not path.is_file():
         raise StoreError(f"{path}: no such file")
     try:

@@ -5,7 +5,7 @@ written, bit for bit.
 """
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, replace
 from datetime import datetime
 from typing import Any, Final
@@ -15,7 +15,9 @@ import numpy as np
 from gateway.config.outline import inputs_if_known, outlined, step_s_of
 from gateway.model.commands import Command, CommandName, CommandOutcome
 from gateway.model.compensation import Write
+from gateway.model.notice import worded
 from gateway.model.step_time import StepTime
+from gateway.model.text import json_of, plain, restored, values_of
 from gateway.nc.probing.cycle import Outcome
 from gateway.storage.learnt import Reference
 from gateway.storage.stored import StoredCompensation, StoredMeasurement, StoredRun, StoredStep
@@ -45,6 +47,7 @@ STEP_COLUMNS = (
 RUN_COLUMNS = "number, began, config, fingerprint, versions"
 MEASUREMENT_COLUMNS = "number, why, ended, centres, in_force, errors, reason"
 EVENT_COLUMNS = "time, k, kind, text, error, value, bound"
+CODE_OF_EVENT = ", ".join(f"(SELECT {name} FROM coded WHERE coded.text = event.text)" for name in ("code", "content"))
 COMPENSATION_COLUMNS = "time, mode, source, offsets, written"
 COMMAND_COLUMNS = "time, name, by, accepted, text"
 
@@ -85,7 +88,7 @@ def of_moment(moment: StepTime) -> Row:
 
 def of_decision(decision: Decision) -> Row:
     """Row of `decision`."""
-    events = [[e.kind.value, e.text, e.error, e.value, e.limit] for e in decision.events]
+    events = [[e.kind.value, e.text, e.error, e.value, e.limit] for e in map(worded, decision.events)]
     return (
         decision.k, decision.phase.value, _blob(decision.predicted), _blob(decision.corrected),
         _blob(decision.sigma), _blob(decision.limits), decision.measure and decision.measure.value,
@@ -133,6 +136,17 @@ def of_event(event: Event, k: int | None, time: datetime) -> Row:
     return time.isoformat(), k, event.kind.value, event.text, event.error, event.value, event.limit
 
 
+def of_texts(*texts: str) -> list[Row]:
+    """Rows of `coded`, without their ids, of those that are not only words."""
+    coded = ((str(text), *values_of(text)) for text in texts)
+    return [(text, code, json.dumps(values)) for text, code, values in coded if code]
+
+
+def of_codes(events: Iterable[Event]) -> list[Row]:
+    """Rows of `coded`, without their ids, of events in words that are not only words."""
+    return [(str(e.text), e.code, json.dumps(json_of(e.values))) for e in events if e.code or e.values]
+
+
 def of_command(outcome: CommandOutcome) -> Row:
     """Row of `command`, without its id."""
     name, by = outcome.command.name.value, outcome.command.by
@@ -151,7 +165,7 @@ def of_write(write: Write) -> Row:
 def command_of(row: Sequence[Any]) -> CommandOutcome:
     """From COMMAND_COLUMNS."""
     time, name, by, accepted, text = row
-    return CommandOutcome(Command(CommandName(name), by), datetime.fromisoformat(time), bool(accepted), text)
+    return CommandOutcome(Command(CommandName(name), by), datetime.fromisoformat(time), bool(accepted), plain(text))
 
 
 def models_of(text: str) -> ModelSet:
@@ -228,6 +242,16 @@ def event_of(row: Sequence[Any]) -> tuple[datetime, int | None, Event]:
     """From EVENT_COLUMNS: UTC, grid index and event."""
     time, k, *parts = row
     return datetime.fromisoformat(time), k, _event(parts)
+
+
+def coded_event_of(row: Sequence[Any]) -> tuple[datetime, int | None, Event]:
+    """From EVENT_COLUMNS and CODE_OF_EVENT."""
+    *plain_row, code, content = row
+    at, k, event = event_of(plain_row)
+    if code is None:
+        return at, k, event
+    text = restored(event.text, code, json.loads(content))
+    return at, k, replace(event, text=text, code=code, values=text.values)
 
 
 def compensation_of(row: Sequence[Any]) -> StoredCompensation:

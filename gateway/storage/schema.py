@@ -68,6 +68,8 @@ CREATE TABLE IF NOT EXISTS reading_block (id INTEGER PRIMARY KEY, above INTEGER 
     rows INTEGER NOT NULL, first REAL NOT NULL, last REAL NOT NULL, time BLOB NOT NULL, channel BLOB NOT NULL,
     value BLOB NOT NULL, quality BLOB NOT NULL);
 CREATE TABLE IF NOT EXISTS thinned (name TEXT PRIMARY KEY, upto INTEGER NOT NULL);
+CREATE TABLE IF NOT EXISTS coded (id INTEGER PRIMARY KEY, text TEXT NOT NULL UNIQUE, code TEXT NOT NULL,
+    content TEXT NOT NULL);
 CREATE INDEX IF NOT EXISTS event_kind ON event (kind);
 """
 """Tables that later programs added; in a file without them there is nothing yet that they would contain."""

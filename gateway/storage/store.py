@@ -7,6 +7,7 @@ committed in groups, after at most `commit_s`.
 
 import asyncio
 import sqlite3
+from collections.abc import Sequence
 from contextlib import AbstractContextManager, closing
 from pathlib import Path
 from typing import Self, assert_never
@@ -33,6 +34,8 @@ from gateway.model.events import (
     StorageChanged,
     StoreHealth,
 )
+from gateway.model.notice import worded
+from gateway.model.text import NOTHING, Text
 from gateway.storage import rows
 from gateway.storage.answers import long_work
 from gateway.storage.damage import unreadable_rows
@@ -97,7 +100,7 @@ class Store:
             raise StoreError(f"{path}: cannot be written: {error.strerror}") from error
         path = link_followed(path)
         self._lock = FileLock(path)
-        self._path, self._known, mended = path, Known(), ""
+        self._path, self._known, mended = path, Known(), NOTHING
         self.migrated_from: Path | None = None
         """Backup of the database of an earlier schema version, which was migrated now."""
         try:
@@ -204,12 +207,14 @@ class Store:
     def begin(self, config: str, fingerprint: str, versions: str, prior: tuple[str, str] | None = None) -> None:
         """Record what runs: configuration text and hash, relevant versions, hash and text of a prior."""
         if prior is not None:
-            self._writer.put("INSERT OR IGNORE INTO prior VALUES (?, ?)", [prior])
-            self._writer.put("INSERT OR IGNORE INTO prior_of_boot VALUES (?, ?)", [(self._number, prior[0])])
+            self._writer.put("prior", "INSERT OR IGNORE INTO prior VALUES (?, ?)", [prior])
+            self._writer.put(
+                "prior_of_boot", "INSERT OR IGNORE INTO prior_of_boot VALUES (?, ?)", [(self._number, prior[0])]
+            )
         row = self._number, self._boot, self._clock.utc().isoformat(), config, fingerprint, versions
         self._known.boot = row
-        self._writer.put("INSERT OR REPLACE INTO computer VALUES (0, ?, ?)", [(self._boot, self._origin)])
-        self._writer.put("INSERT OR IGNORE INTO boot VALUES (?, ?, ?, ?, ?, ?)", [row], commit=True)
+        self._writer.put("computer", "INSERT OR REPLACE INTO computer VALUES (0, ?, ?)", [(self._boot, self._origin)])
+        self._writer.put("boot", "INSERT OR IGNORE INTO boot VALUES (?, ?, ?, ?, ?, ?)", [row], commit=True)
 
     def record(self, event: GatewayEvent) -> None:  # noqa: C901 - one arm for each kind of event
         """A gateway.model.events.Sink. What cannot be stored at once waits."""
@@ -217,11 +222,12 @@ class Store:
         match event:
             case ConfigurationApplied(config):
                 ran = (self._number, self._clock.utc().isoformat(), config.canonical(), config.fingerprint())
-                put("INSERT INTO running VALUES (NULL, ?, ?, ?, ?)", [ran], commit=True)
+                put("running", "INSERT INTO running VALUES (NULL, ?, ?, ?, ?)", [ran], commit=True)
             case ReadingsTaken(readings):
                 if new := self._channels.new(readings):
-                    put(_CHANNEL, new)
+                    put("channel", _CHANNEL, new)
                 put(
+                    "reading",
                     "INSERT OR IGNORE INTO reading VALUES (?, ?, ?, ?, ?)",
                     self._channels.readings(self._number, readings),
                     kind=WaitingKind.READINGS,
@@ -229,56 +235,74 @@ class Store:
             case FrameMade(frame, moment):
                 if self._known.first_k is None:
                     self._known.first_k = frame.k
-                put("INSERT INTO frame VALUES (?, ?, ?, ?, ?, ?)", [rows.of_frame(self._boot, frame)])
+                put("frame", "INSERT INTO frame VALUES (?, ?, ?, ?, ?, ?)", [rows.of_frame(self._boot, frame)])
                 if frame.pause_unknown:
                     origin = "" if moment is None else moment.origin
                     begin = "coalesce((SELECT known FROM moment), 1)"
-                    put(f"INSERT INTO pause VALUES (?, ?, {begin}, 0)", [(frame.k, origin)])
+                    put("pause", f"INSERT INTO pause VALUES (?, ?, {begin}, 0)", [(frame.k, origin)])
                 if moment is not None:
-                    put("INSERT OR REPLACE INTO moment VALUES (0, ?, ?, ?, ?, ?)", [rows.of_moment(moment)])
+                    put("moment", "INSERT OR REPLACE INTO moment VALUES (0, ?, ?, ?, ?, ?)", [rows.of_moment(moment)])
                     if moment.known:  # the indices now cover the pause before this start of the computer
                         put(
+                            "pause",
                             "UPDATE pause SET known = 1 WHERE origin = ? AND begin_known AND NOT known",
                             [(moment.origin,)],
                         )
             case DecisionMade(decision):
-                put("INSERT OR REPLACE INTO trust VALUES (?, ?)", [rows.of_trust(decision)])
+                self._put_codes(rows.of_codes(map(worded, decision.events)))
+                put("trust", "INSERT OR REPLACE INTO trust VALUES (?, ?)", [rows.of_trust(decision)])
                 put(
+                    "decision",
                     "INSERT INTO decision VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)",
                     [rows.of_decision(decision)],
                     commit=True,
                 )
             case ProbingRequested(number):
-                put("DELETE FROM request", [()])  # only the last one matters
-                put("INSERT INTO request VALUES (?, ?)", [(number, self._clock.utc().isoformat())], commit=True)
+                put("request", "DELETE FROM request", [()])  # only the last one matters
+                put(
+                    "request",
+                    "INSERT INTO request VALUES (?, ?)",
+                    [(number, self._clock.utc().isoformat())],
+                    commit=True,
+                )
             case MeasurementEnded(outcome):
+                self._put_codes(rows.of_texts(outcome.reason))
                 row = rows.of_outcome(outcome)
                 if self._known.reference is None and outcome.measurement is not None and outcome.centres_mm is not None:
                     self._known.reference = row
-                put("INSERT INTO measurement VALUES (NULL, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)", [row], commit=True)
+                put(
+                    "measurement",
+                    "INSERT INTO measurement VALUES (NULL, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
+                    [row],
+                    commit=True,
+                )
             case ModelsAdopted(models, after_k):
-                put("INSERT INTO model VALUES (NULL, ?, ?, ?)", [rows.of_models(models, after_k)], commit=True)
+                put("model", "INSERT INTO model VALUES (NULL, ?, ?, ?)", [rows.of_models(models, after_k)], commit=True)
             case EventReported(reported, k):
+                reported = worded(reported)
+                self._put_codes(rows.of_codes([reported]))
                 row = rows.of_event(reported, k, self._clock.utc())
-                put("INSERT INTO event VALUES (NULL, ?, ?, ?, ?, ?, ?, ?)", [row], kind=WaitingKind.EVENTS)
+                put("event", "INSERT INTO event VALUES (NULL, ?, ?, ?, ?, ?, ?, ?)", [row], kind=WaitingKind.EVENTS)
             case CommandGiven(outcome):
+                self._put_codes(rows.of_texts(outcome.text))
                 row = rows.of_command(outcome)
                 name = outcome.command.name
                 if outcome.accepted and name in rows.STANDING:
                     self._known.standing.setdefault(name, row)
                 elif outcome.accepted and name in rows.ENDS:
                     self._known.standing.pop(rows.ENDS[name], None)
-                put("INSERT INTO command VALUES (NULL, ?, ?, ?, ?, ?)", [row], commit=True)
+                put("command", "INSERT INTO command VALUES (NULL, ?, ?, ?, ?, ?)", [row], commit=True)
             case CompensationStepped(write):
                 row = rows.of_write(write)
                 put(
+                    "compensation",
                     "INSERT INTO compensation VALUES (NULL, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
                     [row],
                     kind=WaitingKind.STEPS,
                 )
             case ReasonsGiven(reasons):
                 row = (reasons.k, self._clock.utc().timestamp(), rows.of_reasons(reasons))
-                put("INSERT OR REPLACE INTO reasons VALUES (?, ?, ?)", [row], kind=WaitingKind.STEPS)
+                put("reasons", "INSERT OR REPLACE INTO reasons VALUES (?, ?, ?)", [row], kind=WaitingKind.STEPS)
             case ForecastMade():
                 pass  # later decisions show its outcome
             case Configured():
@@ -288,6 +312,12 @@ class Store:
             case _:
                 assert_never(event)
 
+    def _put_codes(self, coded: Sequence[rows.Row]) -> None:
+        """Store what texts say besides their words; those of which it is stored already change nothing."""
+        if coded:
+            statement = "INSERT OR IGNORE INTO coded VALUES (NULL, ?, ?, ?)"
+            self._writer.put("coded", statement, coded, kind=WaitingKind.EVENTS)
+
     def keep(self, snapshot: Snapshot) -> None:
         """Store a snapshot, after the step that it was taken at, in the place of the older one of two. Returns at once.
 
@@ -296,14 +326,14 @@ class Store:
         slot = "coalesce((SELECT 1 - slot FROM snapshot ORDER BY k DESC LIMIT 1), 0)"
         row = snapshot.k, self._clock.utc().isoformat(), snapshot
         statement = f"INSERT OR REPLACE INTO snapshot VALUES ({slot}, ?, ?, zeroblob(?))"
-        self._writer.put(statement, [row], kind=WaitingKind.SNAPSHOTS)
+        self._writer.put("snapshot", statement, [row], kind=WaitingKind.SNAPSHOTS)
 
-    def _mend(self, why: str) -> str:
+    def _mend(self, why: str) -> Text:
         return mend(self._path, why, self._clock.utc(), self._known)
 
-    def _mend_and_number(self, why: str) -> str:
+    def _mend_and_number(self, why: str) -> Text:
         """While it runs: the channels keep their numbers."""
-        self._writer.put(_CHANNEL, self._channels.rows())
+        self._writer.put("channel", _CHANNEL, self._channels.rows())
         return self._mend(why) if self._path.exists() else begin_again(self._path, self._known)
 
     def _mark(self, connection: sqlite3.Connection) -> None:

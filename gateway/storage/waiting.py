@@ -1,7 +1,6 @@
 """Rows that wait for the disk: in order, and bounded by a stated policy. Pure; the writer locks it."""
 
 import math
-import re
 from collections import Counter, deque
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -32,6 +31,7 @@ class Item:
     """A statement for some rows."""
 
     number: int
+    table: str
     statement: str
     rows: Rows
     kind: WaitingKind
@@ -41,15 +41,12 @@ class Item:
     """When it came, monotonic seconds."""
 
 
-_TABLE = re.compile(r"(?:INTO|FROM|UPDATE) (\w+)")
-
-
 def tables_of(items: Iterable[Item]) -> "Counter[str]":
     """How many rows are of which table."""
     rows = Counter[str]()
     for item in items:
-        if found := _TABLE.search(item.statement):
-            rows[found[1]] += len(item.rows)
+        if item.table:
+            rows[item.table] += len(item.rows)
     return rows
 
 

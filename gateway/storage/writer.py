@@ -15,7 +15,9 @@ from collections.abc import Callable, Collection, Iterator
 from contextlib import ExitStack, closing, contextmanager
 from pathlib import Path
 
+from gateway.model.codes import NoticeCode
 from gateway.model.events import StoreHealth
+from gateway.model.text import NOTHING, Text, failure
 from gateway.storage.damage import contradiction
 from gateway.storage.faults import DamagedError, GoneError, StoreError
 from gateway.storage.place import PlaceWatch
@@ -26,7 +28,7 @@ from gateway.storage.waiting import Item, Rows, Waiting, WaitingKind, tables_of
 
 log = logging.getLogger(__name__)
 
-_HANGS = "the disk does not answer"
+_HANGS = Text(NoticeCode.DISK_HANGS)
 _REPAIRS = "a damaged database is being repaired"
 _STEPS_A_LOOK = 10_000
 """Steps of SQLite's machine: about a millisecond of a statement that takes long."""
@@ -57,8 +59,8 @@ class DatabaseWriter:
         timing: WriterTiming,
         prune: Callable[[sqlite3.Connection], None],
         end: Callable[[sqlite3.Connection], None],
-        mend: Callable[[str], str],
-        mended: str = "",
+        mend: Callable[[str], Text],
+        mended: Text = NOTHING,
     ) -> None:
         self._abandoned = False
         """The end did not wait any longer for the disk; the thread may still be in a call."""
@@ -79,8 +81,8 @@ class DatabaseWriter:
         self._last = 0
         self._closing_s: float | None = None
         self._ended = self._pruning = False
-        self._problem, self._failing_since = "", 0.0
-        self._refused, self._refusal = 0, ""
+        self._problem, self._failing_since = NOTHING, 0.0
+        self._refused, self._refusal = 0, NOTHING
         self._kept = False
         """Whether a connection stays open between two attempts."""
         self._committed_s = 0.0
@@ -147,14 +149,25 @@ class DatabaseWriter:
             why = self._problem or self._refusal or "they waited too long"
             raise StoreError(f"{self._path}: {count} rows were not stored: {why}" + (f" ({which})" if which else ""))
 
-    def put(self, statement: str, rows: Rows, *, kind: WaitingKind = WaitingKind.KEPT, commit: bool = False) -> None:
-        """Execute the statement for each row; commit: at once, as soon as nothing else waits. Never raises."""
+    def put(
+        self,
+        table: str,
+        statement: str,
+        rows: Rows,
+        *,
+        kind: WaitingKind = WaitingKind.KEPT,
+        commit: bool = False,
+    ) -> None:
+        """Execute the statement, which changes this table, for each row; never raises.
+
+        commit: at once, as soon as nothing else waits
+        """
         with self._changed:
             works = self._asked_s is None or time.monotonic() - self._committed_s < WriterTiming.look_s
             if self._waiting.full(kind) and not self._problem and works:
                 self._changed.wait_for(lambda: not self._waiting.full(kind) or self._problem, _YIELD_S)
             self._last += 1
-            self._waiting.put(Item(self._last, statement, rows, kind, commit, time.monotonic()))
+            self._waiting.put(Item(self._last, table, statement, rows, kind, commit, time.monotonic()))
             if kind is not WaitingKind.READINGS or commit or self._waiting.rows >= _MOST_GATHERED:
                 self._gathered = True
             if self._gathered or len(self._waiting) == 1:
@@ -162,7 +175,7 @@ class DatabaseWriter:
 
     def flush(self, kinds: Collection[WaitingKind] = tuple(WaitingKind), limit_s: float | None = None) -> None:
         """Return when all of some kinds put so far are committed. Raises StoreError when that fails or takes longer."""
-        self.put("", (), commit=True)
+        self.put("", "", (), commit=True)
         with self._changed:
             number = self._last
             self._changed.wait_for(lambda: self._oldest(kinds) > number or self._problem or self._over, limit_s)
@@ -276,7 +289,7 @@ class DatabaseWriter:
             self._asked_s = None
             self._waiting.put_back(self._open)
             self._open.clear()
-            first, self._problem = not self._problem, str(error)
+            first, self._problem = not self._problem, failure(error)
             if first:
                 self._failing_since = time.monotonic()
             self._changed.notify_all()
@@ -358,7 +371,7 @@ class DatabaseWriter:
             else:
                 connection.executemany(item.statement, item.rows)
         except _REFUSED as error:
-            refusal = f"the database refuses rows of the table {', '.join(tables_of([item]))}: {error}"
+            refusal = Text(NoticeCode.ROWS_REFUSED, table=item.table, error=str(error))
             if not self._refused:
                 # Pages that contradict each other may refuse any row.
                 if found := contradiction(connection):
@@ -374,7 +387,7 @@ class DatabaseWriter:
             works = bool(self._open) or not len(self._waiting)  # an empty commit succeeds even on a full disk
             self._open.clear()
             self._committed_s = time.monotonic()
-            self._problem = "" if works else self._problem
+            self._problem = NOTHING if works else self._problem
             self._changed.notify_all()
 
     def _look(self) -> None:

@@ -7,7 +7,7 @@ from msgspec import Meta, Struct
 
 from drivers.base import Quality
 from gateway.model.commands import CommandName
-from gateway.telemetry.fields import GridIndex, Number, Utc, one_of
+from gateway.telemetry.fields import Coded, GridIndex, Number, Utc, one_of
 from gateway.telemetry.messages import PublishedCourse, PublishedReason
 
 
@@ -128,6 +128,7 @@ class CommandAnswer(Struct, frozen=True):
     time: Utc
     accepted: bool
     text: Annotated[str, Meta(description="What happens now, or why nothing does")]
+    text_coded: Coded | None = None
 
 
 class ReportPage(Struct, frozen=True):
@@ -142,3 +143,4 @@ class QueryRefused(Struct, frozen=True):
     """The error reply to a query that is not answered."""
 
     error: Annotated[str, Meta(description="What is wrong, and what would be right")]
+    coded: Coded | None = None

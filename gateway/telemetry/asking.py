@@ -28,6 +28,10 @@ class SeveralAnswer(OSError):
         super().__init__(f"{mixed}; give each its own [machine] name")
 
 
+class QueryRefusal(OSError):
+    """The gateway has answered that it does not answer this, and why."""
+
+
 def running(session: zenoh.Session, prefix: str, limit_s: float) -> list[str]:
     """The machines under a prefix whose gateways run now, by name; blocks for at most `limit_s`."""
     replies = session.liveliness().get(f"{keys.root(prefix, '*')}/{keys.ALIVE}", timeout=limit_s)
@@ -64,7 +68,7 @@ def ask_only(session: zenoh.Session, selector: str, answer: type[_Answer], limit
     for sample in found.values():
         return decode_answer(answer, sample.payload.to_bytes())
     if last is not None and last.err is not None:
-        raise OSError(decode_refusal(last.err.payload.to_bytes()))
+        raise QueryRefusal(decode_refusal(last.err.payload.to_bytes()))
     raise OSError(f"no answer within {limit_s:g} s")
 
 
@@ -88,5 +92,5 @@ def _first(
         if reply.ok is not None:
             return reply.ok
         if reply.err is not None:
-            raise OSError(decode_refusal(reply.err.payload.to_bytes()))
+            raise QueryRefusal(decode_refusal(reply.err.payload.to_bytes()))
     raise OSError(f"no answer within {limit_s:g} s")

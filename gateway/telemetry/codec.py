@@ -6,6 +6,7 @@ from typing import Final, TypeVar
 import msgspec
 from msgspec import Struct
 
+from gateway.model.text import Text, json_text, plain
 from gateway.telemetry import keys
 from gateway.telemetry.answers import (
     CommandAnswer,
@@ -17,6 +18,7 @@ from gateway.telemetry.answers import (
     ReportPage,
     StoredRows,
 )
+from gateway.telemetry.fields import text_from
 from gateway.telemetry.messages import (
     CompensationMessage,
     DecisionMessage,
@@ -66,7 +68,7 @@ ANSWERS: Final[Mapping[str, type[Struct]]] = {
 _UNDECODABLE = (msgspec.DecodeError, RecursionError)
 """The second: of brackets within brackets, also in a field that this version does not know."""
 
-_ENCODER = msgspec.json.Encoder()
+_ENCODER = msgspec.json.Encoder(enc_hook=json_text)
 _REFUSAL_DECODER = msgspec.json.Decoder(QueryRefused)
 _DECODERS = {kind: msgspec.json.Decoder(type_) for kind, type_ in MESSAGE_TYPES.items()}
 
@@ -94,12 +96,13 @@ def decode_answer(answer: type[_Answer], payload: bytes) -> _Answer:
         raise ValueError(f"{answer.__name__}: {error}") from error
 
 
-def decode_refusal(payload: bytes) -> str:
+def decode_refusal(payload: bytes) -> Text:
     """What an error reply says; the payload itself, if it is of another program."""
     try:
-        return _REFUSAL_DECODER.decode(payload).error
+        refused = _REFUSAL_DECODER.decode(payload)
     except _UNDECODABLE:
-        return payload.decode(errors="replace")
+        return plain(payload.decode(errors="replace"))
+    return text_from(refused.error, refused.coded)
 
 
 def decode(suffix: str, payload: bytes) -> Published | None:

@@ -14,10 +14,13 @@ from contextlib import suppress
 from dataclasses import dataclass
 
 from drivers.signature import is_signed, session_key, signature
+from gateway.model.codes import NoticeCode
 from gateway.model.commands import UNPROVED, Command, CommandName, CommandOutcome, Refusals
+from gateway.model.text import NOTHING, Text, plain
 from gateway.telemetry import keys
 from gateway.telemetry.answers import CommandAnswer, CommandRequest, CommandTerms
 from gateway.telemetry.codec import decode_answer, encode
+from gateway.telemetry.fields import coded
 from gateway.telemetry.queries import AskedQuery, Replied
 
 log = logging.getLogger(__name__)
@@ -27,9 +30,8 @@ ASKER, GATEWAY = "client", "gateway"
 """Who signs."""
 _LONGEST, _LONGEST_REASON = 4096, 300
 _TELL_EVERY_S = 60.0
-_MAY_NOT = "may not give this command: it is not in `may` of their [[telemetry.operator]]"
 
-Give = Callable[[Command, str], CommandOutcome]
+Give = Callable[[Command, Text], CommandOutcome]
 """Obeys a command, or refuses it for the reason that is given. Raises OSError while nobody does."""
 
 
@@ -103,16 +105,23 @@ class CommandDoor:
         claimed = ""
         try:
             request = self._request(asked)
-            claimed = f"; in the name of {request.by!r:.64}"
+            claimed = f"{request.by!r:.64}"
             operator, session = self._let_in(request, asked)
         except ValueError as error:
-            self._store_refusal(name, f"{str(error)[:_LONGEST_REASON]}{claimed}")
+            why = plain(str(error)[:_LONGEST_REASON])
+            self._store_refusal(name, Text(NoticeCode.NOT_LET_IN, why=why, by=claimed) if claimed else why)
             raise
-        refused = "" if name in operator.may else f"{request.by} {_MAY_NOT}"
+        refused = NOTHING if name in operator.may else Text(NoticeCode.MAY_NOT, by=request.by)
         outcome = self._give(Command(name, request.by), refused)
         payload = encode(
             CommandAnswer(
-                self._machine, name.value, request.by, outcome.time.isoformat(), outcome.accepted, outcome.text
+                self._machine,
+                name.value,
+                request.by,
+                outcome.time.isoformat(),
+                outcome.accepted,
+                str(outcome.text),
+                coded(outcome.text),
             )
         )
         return Replied(payload, signature(session, GATEWAY, 0, payload))
@@ -136,7 +145,7 @@ class CommandDoor:
         self._challenges.use(request.challenge, self._monotonic())
         return operator, session
 
-    def _store_refusal(self, name: CommandName, why: str) -> None:
+    def _store_refusal(self, name: CommandName, why: Text) -> None:
         """In nobody's name: a signature that was recorded and sent again proves no person either."""
         if (text := self._refusals.stored(why, self._monotonic())) is not None:
             with suppress(OSError):  # the gateway is starting or stopping

@@ -8,7 +8,7 @@ from itertools import zip_longest
 from typing import NamedTuple, assert_never
 
 import numpy as np
-from msgspec.structs import asdict, replace
+from msgspec.structs import replace
 
 from drivers.base import Clock
 from gateway.model.commands import StandingOrder
@@ -34,10 +34,13 @@ from gateway.model.events import (
     StorageChanged,
     StoreHealth,
 )
+from gateway.model.notice import finding_text, worded
 from gateway.model.sample import Sample
+from gateway.model.text import Text, json_of
 from gateway.nc.probing.cycle import Outcome
 from gateway.nc.probing.schedule import Outlook
 from gateway.telemetry import keys
+from gateway.telemetry.fields import coded
 from gateway.telemetry.messages import (
     CompensationMessage,
     DecisionMessage,
@@ -86,7 +89,7 @@ class GatewayState:
     """Whether the configuration allows anybody to give commands."""
     config: str | None = None
     """The fingerprint of the configuration that really runs."""
-    unarmed: tuple[str, ...] = ()
+    unarmed: tuple[Text, ...] = ()
     """What the configuration leaves off, in words."""
     certificates: Mapping[str, datetime] = field(default_factory=dict)
     """When they end, by field of the configuration."""
@@ -120,13 +123,21 @@ class Composer:
     input_names: order of a frame's inputs
     clock: for the time in each message and the age of readings
     simulated: whether the clock is a simulated one
+    clock_known: whether the computer's clock is known to be right
     """
 
-    def __init__(self, boot: str, input_names: Sequence[str], clock: Clock, *, simulated: bool) -> None:
+    def __init__(
+        self,
+        boot: str,
+        input_names: Sequence[str],
+        clock: Clock,
+        *,
+        simulated: bool,
+        clock_known: Callable[[], bool] = lambda: True,
+    ) -> None:
         self._boot, self._names, self._clock = boot, tuple(input_names), clock
         self._simulated = simulated
-        self.clock_known: Callable[[], bool] = lambda: True
-        """Whether the computer's clock is known to be right."""
+        self._clock_known = clock_known
         self._version = version("talc-gateway")  # once: its files may be exchanged while the gateway runs
         self._sequence = 0
 
@@ -177,7 +188,8 @@ class Composer:
             config=state.config,
             probing=None if state.outlook is None else _probing_state(state.outlook),
             storage=None if state.storage is None else _storage(state.storage),
-            unarmed=state.unarmed,
+            unarmed=tuple(map(str, state.unarmed)),
+            unarmed_coded=tuple(map(coded, state.unarmed)),
             certificates={name: ends.isoformat() for name, ends in state.certificates.items()},
             commands=state.commands,
             planned_loads=state.planned_loads,
@@ -192,7 +204,7 @@ class Composer:
     def _stamps(self, count: int) -> list[_Stamp]:
         """Stamps of messages that are published together."""
         first, self._sequence = self._sequence + 1, self._sequence + count
-        state = "simulated" if self._simulated else "system" if self.clock_known() else "unsynchronised"
+        state = "simulated" if self._simulated else "system" if self._clock_known() else "unsynchronised"
         time = self._clock.utc().isoformat()
         return [_Stamp(self._boot, number, time, state) for number in range(first, first + count)]
 
@@ -249,7 +261,8 @@ def _measurement(stamp: _Stamp, o: Outcome) -> MeasurementMessage:
         sigma=None if m is None else by_error(m.sigma),
         residual_um=finite(o.residual_um),
         in_force_um=np.asarray(o.in_force_um, dtype=np.float64).tolist(),
-        reason=o.reason,
+        reason=str(o.reason),
+        reason_coded=coded(o.reason),
     )
 
 
@@ -268,14 +281,17 @@ def _model(stamp: _Stamp, m: ErrorModel, after_k: int) -> ModelMessage:
 
 
 def _event(stamp: _Stamp, e: Event, k: int | None) -> EventMessage:
+    e = worded(e)
     return EventMessage(
         *stamp,
         k=k,
         kind=e.kind.value,
-        text=e.text,
+        text=str(e.text),
         error=e.error,
         value=None if e.value is None else finite(e.value),
         limit=None if e.limit is None else finite(e.limit),
+        code=e.code,
+        values=json_of(e.values),
     )
 
 
@@ -296,12 +312,14 @@ def _compensation(stamp: _Stamp, w: Write) -> CompensationMessage:
 
 
 def _probing(stamp: _Stamp, o: Outlook) -> ProbingMessage:
-    return ProbingMessage(*stamp, **asdict(_probing_state(o)))
+    state = _probing_state(o)
+    return ProbingMessage(*stamp, **{field: getattr(state, field) for field in state.__struct_fields__})
 
 
 def _probing_state(o: Outlook) -> ProbingStanding:
     why = None if o.why is None else o.why.value
-    return ProbingStanding(o.standing.value, why, o.reason, o.rejected, o.operator)
+    texts = str(o.reason), o.rejected, str(o.operator)
+    return ProbingStanding(o.standing.value, why, *texts, coded(o.reason), coded(o.operator))
 
 
 def _with_health(status: StatusMessage, h: Health) -> StatusMessage:
@@ -312,7 +330,8 @@ def _with_health(status: StatusMessage, h: Health) -> StatusMessage:
         channels_good=h.channels_good,
         nc=h.nc,
         clock_synchronised=h.clock_synchronised,
-        waits_for=h.waits_for,
+        waits_for=tuple(map(str, h.waits_for)),
+        waits_for_coded=tuple(map(coded, h.waits_for)),
         paused=_order(h.paused),
         disarmed=_order(h.disarmed),
     )
@@ -325,12 +344,14 @@ def _order(order: StandingOrder | None) -> PauseStanding | None:
 def _storage(h: StoreHealth) -> StorageStanding:
     free_mb = None if h.free_mb is None else round(h.free_mb)
     oldest_s = None if h.oldest_s is None else round(h.oldest_s, 1)
-    return StorageStanding(h.problem, h.waiting, h.dropped, free_mb, oldest_s)
+    return StorageStanding(str(h.problem), h.waiting, h.dropped, free_mb, oldest_s, coded(h.problem))
 
 
 def _sensors(stamp: _Stamp, j: Judgement, k: int, since_k: tuple[int, ...]) -> SensorsMessage:
     findings = (
-        SensorFinding(f.kind, f.inputs, f.alternatives, finite(f.offset_K), finite(f.score), f.text(), since)
+        SensorFinding(
+            f.kind, f.inputs, f.alternatives, finite(f.offset_K), finite(f.score), str(finding_text(f)), since
+        )
         for f, since in zip_longest(j.findings, since_k[: len(j.findings)])
     )
     return SensorsMessage(

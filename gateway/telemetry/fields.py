@@ -1,10 +1,12 @@
 """Types of fields that published messages and answers to queries share."""
 
+from collections.abc import Sequence
 from enum import StrEnum
-from typing import Annotated
+from typing import Annotated, Any
 
-from msgspec import Meta
+from msgspec import Meta, Struct
 
+from gateway.model.text import Text, plain, restored, values_of
 from talc.kinds import Why
 
 
@@ -12,6 +14,31 @@ def one_of(texts: type[StrEnum] | tuple[str, ...], description: str = "") -> Met
     """A field with one of these texts at present; later versions may add more."""
     known = [str(text) for text in texts]
     return Meta(description=description or None, extra_json_schema={"examples": known})
+
+
+class Coded(Struct, frozen=True):
+    """What a text says, as data: the text beside it is its English sentence."""
+
+    code: Annotated[str, Meta(description="Never means anything else; later versions may add more")]
+    values: Annotated[
+        dict[str, Any], Meta(description="What the sentence contains, by name; a text within as `code` and `values`")
+    ]
+
+
+def coded(text: str) -> Coded | None:
+    """None: only words."""
+    code, values = values_of(text)
+    return Coded(code, values) if code else None
+
+
+def text_from(text: str, of: Coded | None) -> Text:
+    """A published text with what it says; of an earlier program, only its words."""
+    return plain(text) if of is None else restored(text, of.code, of.values)
+
+
+def texts_from(texts: Sequence[str], of: Sequence[Coded | None]) -> tuple[Text, ...]:
+    """The same of several."""
+    return tuple(map(text_from, texts, of)) if len(of) == len(texts) else tuple(map(plain, texts))
 
 
 Number = float | None

@@ -5,7 +5,7 @@ ignore unknown fields. `python -m gateway.telemetry docs/telemetry` generates th
 these classes.
 """
 
-from typing import Annotated
+from typing import Annotated, Any
 
 from msgspec import Meta, Struct
 
@@ -14,7 +14,7 @@ from gateway.model.compensation import Source
 from gateway.model.control_state import NcState
 from gateway.model.standing import Standing
 from gateway.telemetry import keys
-from gateway.telemetry.fields import ByError, GridIndex, Number, OffsetsUm, Reason, Utc, one_of
+from gateway.telemetry.fields import ByError, Coded, GridIndex, Number, OffsetsUm, Reason, Utc, one_of
 from talc.kinds import EventKind, Phase
 
 
@@ -82,6 +82,7 @@ class MeasurementMessage(Message, frozen=True):
         list[float | list[float]], Meta(description="Compensation in force during the cycle: X, Y, Z, or these by pose")
     ]
     reason: Annotated[str, Meta(description="Why there are no errors")]
+    reason_coded: Coded | None = None
 
 
 class ModelMessage(Message, frozen=True):
@@ -106,6 +107,10 @@ class EventMessage(Message, frozen=True):
     error: Annotated[str | None, Meta(description="Thermal error that it concerns")]
     value: Number
     limit: Number
+    code: Annotated[str, Meta(description="What the text says; empty: only words")] = ""
+    values: Annotated[
+        dict[str, Any], Meta(description="What belongs to the code; of a problem also its `subject`")
+    ] = {}
 
 
 class CompensationMessage(Message, frozen=True):
@@ -131,6 +136,8 @@ class ProbingStanding(Struct, frozen=True):
     reason: Annotated[str, Meta(description="Why no measurement is requested yet")]
     rejected: Annotated[int, Meta(description="Results rejected in a row")]
     operator: Annotated[str, Meta(description="What an operator should know or do")]
+    reason_coded: Coded | None = None
+    operator_coded: Coded | None = None
 
 
 class ProbingMessage(Message, frozen=True):
@@ -141,6 +148,8 @@ class ProbingMessage(Message, frozen=True):
     reason: str
     rejected: int
     operator: str
+    reason_coded: Coded | None = None
+    operator_coded: Coded | None = None
 
 
 class SensorFinding(Struct, frozen=True):
@@ -185,6 +194,7 @@ class StorageStanding(Struct, frozen=True):
     ]
     free_mb: Annotated[Number, Meta(description="Free space on the disk, MB")]
     oldest_s: Annotated[Number, Meta(description="How long the oldest row has waited, s; null: none waits")] = None
+    problem_coded: Coded | None = None
 
 
 class PublishedReason(Struct, frozen=True):
@@ -288,6 +298,8 @@ class StatusMessage(Message, frozen=True):
     planned_loads: Annotated[
         tuple[str, ...], Meta(description="Names of the planned loads of which each `forecast` tells")
     ] = ()
+    unarmed_coded: Annotated[tuple[Coded | None, ...], Meta(description="Of each in `unarmed`")] = ()
+    waits_for_coded: Annotated[tuple[Coded | None, ...], Meta(description="Of each in `waits_for`")] = ()
 
 
 Published = (

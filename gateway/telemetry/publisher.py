@@ -16,6 +16,7 @@ from gateway.config.applied import ConfigurationApplied
 from gateway.config.certificates import certificate_ends
 from gateway.config.consequences import unarmed
 from gateway.config.telemetry import Telemetry as TelemetrySettings
+from gateway.model.codes import NoticeCode
 from gateway.model.commands import Command, CommandOutcome
 from gateway.model.events import (
     CompensationStepped,
@@ -25,6 +26,7 @@ from gateway.model.events import (
     OutlookChanged,
     StorageChanged,
 )
+from gateway.model.text import Text
 from gateway.runtime.problems import Problems
 from gateway.telemetry import keys
 from gateway.telemetry.backlog import Backlog
@@ -53,7 +55,7 @@ _MUST_ARRIVE = frozenset({keys.FRAME, keys.DECISION, keys.MEASUREMENT, keys.MODE
 _OBEYED_WITHIN_S = 60.0
 """A command waits for the disk, twice."""
 
-Obey = Callable[[Command, str], Coroutine[object, object, CommandOutcome]]
+Obey = Callable[[Command, Text], Coroutine[object, object, CommandOutcome]]
 """Obeys a command in the event loop, or refuses it for the reason that is given. Raises OSError while nobody does."""
 
 
@@ -77,6 +79,9 @@ class TelemetryPublisher:
     course: finds stored estimates; None: queries on `course` are refused
     stored: finds stored rows; None: queries on `stored` are refused
     report: makes the report of a day; None: queries on `report` are refused
+    periods_missed: the number of missed periods by bus, for the status
+    clock_known: whether the computer's clock is known to be right, for every message
+    obey: obeys commands, or refuses them; None: each is refused until the gateway has started
 
     Raises TelemetryError on entry if the session cannot be opened.
     """
@@ -94,12 +99,15 @@ class TelemetryPublisher:
         course: CourseSource | None = None,
         stored: StoredSource | None = None,
         report: ReportSource | None = None,
+        periods_missed: Callable[[], Mapping[str, int]] = dict,
+        clock_known: Callable[[], bool] = lambda: True,
+        obey: Obey | None = None,
     ) -> None:
         self._settings, self._root = settings, keys.root(settings.prefix, machine)
-        self._composer = Composer(boot, input_names, clock, simulated=simulated)
+        self._composer = Composer(boot, input_names, clock, simulated=simulated, clock_known=clock_known)
         self._backlog = Backlog(_MOST_LOOSE, _MOST_FIRM, _MOST_FIRM_BYTES, _GATHER_S)
         self._state = GatewayState(commands=bool(settings.operators))
-        self._periods_missed: Callable[[], Mapping[str, int]] = dict
+        self._periods_missed = periods_missed
         self._last: dict[str, bytes] = {}
         self._last_lock = threading.Lock()
         self._thread = threading.Thread(target=self._send, name="telemetry", daemon=True)
@@ -113,7 +121,7 @@ class TelemetryPublisher:
         )
         self._schemas: dict[str, bytes] = {}
         self._machine = machine
-        self._obey: Obey | None = None
+        self._obey = obey
 
     @property
     def dropped(self) -> int:
@@ -163,7 +171,7 @@ class TelemetryPublisher:
             except (OSError, ValueError) as error:
                 log.error("commands of %s are refused: key_file '%s': %s", one.name, one.key_file, error)
 
-        def give(command: Command, refused: str) -> CommandOutcome:
+        def give(command: Command, refused: Text) -> CommandOutcome:
             if self._obey is None:
                 raise OSError("the gateway is starting; give the command again")
             return asyncio.run_coroutine_threadsafe(self._obey(command, refused), loop).result(_OBEYED_WITHIN_S)
@@ -201,18 +209,6 @@ class TelemetryPublisher:
         if isinstance(event, ConfigurationApplied | DecisionMade | OutlookChanged | StorageChanged | HealthChecked):
             self._put_status()
 
-    def count_missed(self, periods_missed: Callable[[], Mapping[str, int]]) -> None:
-        """Set the source of the number of missed periods by bus, for the status."""
-        self._periods_missed = periods_missed
-
-    def ask_clock(self, known: Callable[[], bool]) -> None:
-        """Set the function that says whether the computer's clock is known to be right, for every message."""
-        self._composer.clock_known = known
-
-    def take_commands(self, obey: Obey) -> None:
-        """Set who obeys commands."""
-        self._obey = obey
-
     def _put_status(self) -> None:
         dropped = Dropped(self._backlog.dropped_loose, self._backlog.dropped_firm)
         self._put([self._composer.status(self._state, dropped, self._periods_missed())])
@@ -233,10 +229,9 @@ class TelemetryPublisher:
                 try:
                     session.put(f"{self._root}/{suffix}", payload, encoding=_JSON, congestion_control=control)
                 except zenoh.ZError as error:
-                    text = f"telemetry: {suffix} was not published: {error}"
-                    self._problems.report(suffix, "refused", text)
+                    self._problems.report(suffix, Text(NoticeCode.NOT_PUBLISHED, key=suffix, error=str(error)))
                 else:
-                    self._problems.clear(suffix, f"telemetry: {suffix} is published again")
+                    self._problems.clear(suffix, Text(NoticeCode.PUBLISHED_AGAIN, key=suffix))
 
     def _answer(self, query: zenoh.Query) -> None:
         """Reply with the last value of every requested key, or with schemas; called in one of Zenoh's threads."""

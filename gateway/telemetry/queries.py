@@ -8,9 +8,11 @@ from typing import NamedTuple
 
 import zenoh
 
+from gateway.model.text import text_of
 from gateway.telemetry import keys
 from gateway.telemetry.answers import QueryRefused
 from gateway.telemetry.codec import encode
+from gateway.telemetry.fields import Coded, coded
 
 log = logging.getLogger(__name__)
 
@@ -97,7 +99,7 @@ class Queries:
             asked = self._asked(query)
             replied = self._source(asked)
         except (ValueError, OSError) as error:
-            self._refuse(query, str(error))
+            self._refuse(query, str(error), coded(text_of(error)))
         except Exception as error:
             log.exception("unexpected error while answering %s; please report this", query.selector)
             self._refuse(
@@ -121,8 +123,8 @@ class Queries:
             b"" if attachment is None else attachment.to_bytes(),
         )
 
-    def _refuse(self, query: zenoh.Query, why: str) -> None:
-        query.reply_err(encode(QueryRefused(f"{self._kind}: {why}")), encoding=_JSON)
+    def _refuse(self, query: zenoh.Query, why: str, of: Coded | None = None) -> None:
+        query.reply_err(encode(QueryRefused(f"{self._kind}: {why}", of)), encoding=_JSON)
 
 
 def parameters_of(selected: str, known: tuple[str, ...]) -> dict[str, str]:

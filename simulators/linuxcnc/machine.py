@@ -36,6 +36,7 @@ HURRY: Mapping[str, object] = {
     "FINE_REACH": 0.05,
     "FIND_FEED": 600,
     "APPROACH_FEED": 20000,
+    "DRY_FEED": 20000,
 }
 """Settings of a machine with very high accelerations. A cycle still takes half a minute, because touches stay slow."""
 

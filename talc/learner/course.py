@@ -13,6 +13,7 @@ from talc.frame import (
     BoolArray,
     Decision,
     Event,
+    EventCode,
     EventKind,
     FloatArray,
     Frame,
@@ -27,7 +28,7 @@ from talc.learner.prior import Prior
 from talc.learner.reasons import reasons_for
 from talc.names import ERROR_UNITS, MICROMETRE, THERMAL_ERRORS
 from talc.settings import LearnerSettings
-from talc.stage import Stage
+from talc.stage import Stage, limit_exceeded
 from talc.strategy import Strategy
 
 _SETTLED_S = 3600.0
@@ -209,34 +210,33 @@ class LearningCourse(Strategy):
 
     def _note_inputs(self, valid: BoolArray, moved: BoolArray, events: list[Event]) -> None:
         missing = frozenset(name for name, ok in zip(self._names, valid, strict=True) if not ok)
-        began = [
-            f"{name}: no good value; estimated from the other inputs" for name in sorted(missing - self._substituted)
-        ]
-        events.extend(Event(EventKind.INPUT_SUBSTITUTED, text) for text in began)
+        told = [(EventCode.VALUE_ESTIMATED, name) for name in sorted(missing - self._substituted)]
         for name in sorted(self._substituted - missing):
-            text = f"{name}: good again"
-            if moved[self._names.index(name)]:
-                text += ", but far from the value expected by the other inputs; it counts from there"
-            events.append(Event(EventKind.INPUT_SUBSTITUTED, text))
+            far = moved[self._names.index(name)]
+            told.append((EventCode.VALUE_GOOD_BUT_FAR if far else EventCode.VALUE_GOOD_AGAIN, name))
+        events.extend(Event(EventKind.INPUT_SUBSTITUTED, code=code, values={"input": name}) for code, name in told)
         self._substituted = missing
 
     def _judge(self, before: Estimate, measured: FloatArray, surprise: Surprise, events: list[Event]) -> None:
         if self._stage.phase is Phase.CALIBRATION:
             self._stage.enter(Phase.COMPENSATION, events)
         else:
-            events.append(Event(EventKind.STATE_UPDATE, "a measurement was learnt from"))
+            events.append(Event(EventKind.STATE_UPDATE, code=EventCode.LEARNT))
         residual = np.abs(measured - before.value)
         exceeded = residual > self._limits  # NaN compares false: not measured, or for the first time
-        for i in np.flatnonzero(exceeded):
-            name = self._errors[i]
-            text = f"{name}: residual {residual[i]:.1f} {self._units[i]} above its limit {self._limits[i]:.1f}"
-            events.append(Event(EventKind.LIMIT_EXCEEDED, text, name, float(residual[i]), float(self._limits[i])))
+        events.extend(
+            limit_exceeded(self._errors[i], self._units[i], float(residual[i]), float(self._limits[i]))
+            for i in np.flatnonzero(exceeded)
+        )
         for i in np.flatnonzero(surprise.outlier):
             name = self._errors[i]
-            text = f"{name}: {measured[i]:.1f} {self._units[i]} is {abs(surprise.ratio[i]):.0f} standard deviations off"
-            events.append(
-                Event(EventKind.MEASUREMENT_REJECTED, f"{text}; it has little effect unless the next one agrees", name)
-            )
+            values = {
+                "error": name,
+                "value": float(measured[i]),
+                "unit": self._units[i],
+                "n": float(abs(surprise.ratio[i])),
+            }
+            events.append(Event(EventKind.MEASUREMENT_REJECTED, error=name, code=EventCode.OUTLIER, values=values))
             self._wanted = Why.RETRY
         if self._stage.phase is Phase.NO_GOOD:
             if self._stage.measured >= self._settings.no_good_measurements:
@@ -247,8 +247,8 @@ class LearningCourse(Strategy):
     def _note_trust(self, trusted: BoolArray, events: list[Event]) -> None:
         for i in np.flatnonzero(trusted != self._trusted):
             name = self._errors[i]
-            now = "is corrected from now on" if trusted[i] else "is not corrected: no estimate is better than none"
-            events.append(Event(EventKind.TRUST_CHANGED, f"{name} {now}", name))
+            code = EventCode.TRUSTED if trusted[i] else EventCode.NOT_TRUSTED
+            events.append(Event(EventKind.TRUST_CHANGED, error=name, code=code, values={"error": name}))
         self._trusted = trusted
 
     def _why_measure(self, k: int, after: Estimate) -> Why | None:

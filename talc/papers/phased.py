@@ -8,6 +8,7 @@ import numpy as np
 from talc.frame import (
     Decision,
     Event,
+    EventCode,
     EventKind,
     FloatArray,
     Frame,
@@ -21,7 +22,7 @@ from talc.names import ERROR_UNITS, MICROMETRE, THERMAL_ERRORS
 from talc.papers.free_running import FreeRunningModel, ModelState
 from talc.record import Record
 from talc.settings import TalcSettings
-from talc.stage import Stage
+from talc.stage import Stage, limit_exceeded
 from talc.strategy import Strategy
 
 _ENOUGH = 0.75
@@ -162,7 +163,10 @@ class PhasedModels(Strategy):
         if models.input_names != self._names:
             raise ValueError("the models were trained on other inputs than this controller has")
         self._learning = False
-        events = [Event(EventKind.MODEL_REJECTED, note) for note in models.notes]
+        events = [
+            Event(EventKind.MODEL_REJECTED, code=EventCode.TRAINING_NOTE, values={"note": note})
+            for note in models.notes
+        ]
         for i, model in enumerate(models.models):
             if model is None:
                 continue
@@ -170,11 +174,21 @@ class PhasedModels(Strategy):
             fresh = FreeRunningModel(model, columns)
             fresh.warm_up(self._record.inputs, self._record.measured[:, i])
             self._models[i] = fresh
-            text = f"{model.error}: inputs {', '.join(model.inputs) or 'none'}; na {model.na}"
-            events.append(Event(EventKind.MODELS_ADOPTED, text, model.error, model.residual_std, model.limit))
+            code = EventCode.MODELS_ADOPTED if model.inputs else EventCode.MODEL_WITHOUT_INPUTS
+            values = {"error": model.error, "inputs": model.inputs, "na": model.na}
+            events.append(
+                Event(
+                    EventKind.MODELS_ADOPTED,
+                    error=model.error,
+                    value=model.residual_std,
+                    limit=model.limit,
+                    code=code,
+                    values=values,
+                )
+            )
         self._stage.measured = 0
         if all(m is None for m in self._models):
-            events.append(Event(EventKind.MODEL_REJECTED, "no usable model was found; measuring continues"))
+            events.append(Event(EventKind.MODEL_REJECTED, code=EventCode.NO_MODEL))
         else:
             if self._training.static_inputs:
                 # The inputs of an error that had no model yet are chosen by the next training.
@@ -198,7 +212,7 @@ class PhasedModels(Strategy):
             if estimate.bounded:
                 bounded.add(THERMAL_ERRORS[i])
         events.extend(
-            Event(EventKind.PREDICTION_BOUNDED, f"{error}: far outside the training data; held at the bound", error)
+            Event(EventKind.PREDICTION_BOUNDED, error=error, code=EventCode.PREDICTION_BOUNDED, values={"error": error})
             for error in sorted(bounded - self._bounded)
         )
         self._bounded = frozenset(bounded)
@@ -209,20 +223,19 @@ class PhasedModels(Strategy):
         valid = self._record.valid[-1]
         missing = frozenset(name for name, ok in zip(self._names, valid, strict=True) if not ok and name in used)
         began, ended = sorted(missing - self._substituted), sorted((self._substituted - missing) & used)
-        texts = [f"{name}: no good value; its last good one is used" for name in began]
-        texts += [f"{name}: good again" for name in ended]
-        events.extend(Event(EventKind.INPUT_SUBSTITUTED, text) for text in texts)
+        told = [(EventCode.LAST_VALUE_USED, name) for name in began]
+        told += [(EventCode.VALUE_GOOD_AGAIN, name) for name in ended]
+        events.extend(Event(EventKind.INPUT_SUBSTITUTED, code=code, values={"input": name}) for code, name in told)
         self._substituted = missing
 
     def _judge(self, predicted: FloatArray, measured: FloatArray, limits: FloatArray, events: list[Event]) -> None:
         if self._stage.phase is Phase.CALIBRATION:
             return
-        events.append(Event(EventKind.STATE_UPDATE, "a measurement corrected the models' state"))
+        events.append(Event(EventKind.STATE_UPDATE, code=EventCode.STATE_CORRECTED))
         residual = np.abs(measured - predicted)
         for i in np.flatnonzero(residual > limits):  # NaN compares false: no model, not measured
             name = THERMAL_ERRORS[i]
-            text = f"{name}: residual {residual[i]:.1f} {ERROR_UNITS[name]} above its limit {limits[i]:.1f}"
-            events.append(Event(EventKind.LIMIT_EXCEEDED, text, name, float(residual[i]), float(limits[i])))
+            events.append(limit_exceeded(name, ERROR_UNITS[name], float(residual[i]), float(limits[i])))
             if self._stage.phase is Phase.COMPENSATION:
                 self._stage.enter(Phase.NO_GOOD, events)
 
@@ -241,7 +254,8 @@ class PhasedModels(Strategy):
         if not enough:
             return None
         self._learning = True
-        events.append(Event(EventKind.TRAINING_WANTED, f"after {self._stage.measured} measurements ({why.value})"))
+        values = {"n": self._stage.measured, "why": why.value}
+        events.append(Event(EventKind.TRAINING_WANTED, code=EventCode.TRAINING_WANTED, values=values))
         rows = slice(-self._training.window_steps if self._training.window_steps else None, None)
         return TrainingJob(
             k=k,

@@ -11,8 +11,9 @@ from gateway.control.loop import GridLoop
 from gateway.control.measuring import Measuring
 from gateway.control.trainer import Trainings
 from gateway.model.commands import Command, CommandName, CommandOutcome
+from gateway.model.text import plain
 from gateway.nc.probing.schedule import schedule_of
-from gateway.service.command_taker import CommandTaker
+from gateway.service.command_taker import AskReload, CommandTaker
 from gateway.storage.faults import StoreError
 from talc.control import Controller
 from talc.settings import TalcSettings
@@ -35,7 +36,7 @@ class Commanded:
     disk_fails: str = ""
 
     async def give(self, name: CommandName, by: str = "anna", refused: str = "") -> CommandOutcome:
-        return await self.taker.take(Command(name, by), refused)
+        return await self.taker.take(Command(name, by), plain(refused))
 
     async def on_disk(self) -> None:
         if self.disk_fails:
@@ -48,7 +49,9 @@ class Commanded:
 
 
 @asynccontextmanager
-async def commanded(bench: LinkBench, *, follow: float | None = None) -> AsyncIterator[Commanded]:
+async def commanded(
+    bench: LinkBench, *, follow: float | None = None, reload: AskReload | None = None
+) -> AsyncIterator[Commanded]:
     """follow: the link is given a decision with this error each 30 s, instead of the loop's own."""
     told = KeptEvents()
     plan = schedule_of(Probing(retries=2))
@@ -60,7 +63,7 @@ async def commanded(bench: LinkBench, *, follow: float | None = None) -> AsyncIt
         followers=[] if follow is not None else [lambda _, decision: bench.link.follow(decision)],
     )  # fmt: skip
     found = Commanded(bench, told, None)  # type: ignore[arg-type]
-    found.taker = CommandTaker(bench.link, measuring.order, bench.clock, told, found.on_disk)
+    found.taker = CommandTaker(bench.link, measuring.order, bench.clock, told, found.on_disk, reload)
 
     async def following(error: float) -> None:
         while True:

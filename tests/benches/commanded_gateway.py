@@ -12,6 +12,7 @@ from gateway.config.telemetry import Operator, Telemetry
 from gateway.model.commands import Command, CommandName, CommandOutcome, Pause
 from gateway.model.control_state import NcState
 from gateway.model.events import EventReported, Health, HealthChecked, StoreHealth
+from gateway.model.text import plain
 from gateway.telemetry.answers import CoursePage
 from gateway.telemetry.messages import PublishedCourse
 from gateway.telemetry.publisher import TelemetryPublisher
@@ -30,23 +31,22 @@ async def main(port: int, machine: str, operator: str, key_file: Path) -> None:
     )
     nothing = {error: PublishedCourse([], []) for error in THERMAL_ERRORS}
     stored = CoursePage([], nothing, [], nothing)
+
+    def tell() -> None:
+        publisher.publish(HealthChecked(Health(1.0, 0, 0, NcState.READY, True, (), StoreHealth(), paused)))
+
+    async def obey(command: Command, refused: str) -> CommandOutcome:
+        nonlocal paused
+        if not refused:
+            paused = Pause(command.by, clock.utc()) if command.name is CommandName.PAUSE else None
+        print(command.by, command.name.value, refused, flush=True)
+        publisher.publish(EventReported(Event(EventKind.COMMAND, f"{command.by}: {command.name.value}"), None))
+        tell()
+        return CommandOutcome(command, clock.utc(), not refused, plain(refused or "it is done"))
+
     async with TelemetryPublisher(
-        settings, machine, (), clock, "boot", simulated=False, course=lambda _: stored
+        settings, machine, (), clock, "boot", simulated=False, course=lambda _: stored, obey=obey
     ) as publisher:
-
-        def tell() -> None:
-            publisher.publish(HealthChecked(Health(1.0, 0, 0, NcState.READY, True, (), StoreHealth(), paused)))
-
-        async def obey(command: Command, refused: str) -> CommandOutcome:
-            nonlocal paused
-            if not refused:
-                paused = Pause(command.by, clock.utc()) if command.name is CommandName.PAUSE else None
-            print(command.by, command.name.value, refused, flush=True)
-            publisher.publish(EventReported(Event(EventKind.COMMAND, f"{command.by}: {command.name.value}"), None))
-            tell()
-            return CommandOutcome(command, clock.utc(), not refused, refused or "it is done")
-
-        publisher.take_commands(obey)
 
         async def keep_telling() -> None:
             while True:

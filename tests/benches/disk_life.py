@@ -19,7 +19,7 @@ from gateway.config.model import GatewayConfig
 from gateway.control.replay.stored import replay
 from gateway.control.restart.earlier import Past, past_in
 from gateway.control.restart.snapshots import SnapshotKeeper
-from gateway.model.events import DecisionMade, GatewayEvent, in_order
+from gateway.model.events import DecisionMade, Events, GatewayEvent
 from gateway.nc.settings import Identity
 from gateway.service.service import Service
 from gateway.storage.damage import damage_found
@@ -32,7 +32,7 @@ from talc.names import THERMAL_ERRORS
 from tests.benches import idle_loop
 from tests.benches.disk_faults import HANGS_ONCE, DiskFault, LifeVerdict
 from tests.benches.emulated_bench import DayPlant
-from tests.benches.in_process_nc import InProcess
+from tests.benches.in_process_nc import WithoutDryRun
 from tests.benches.spoilt_stores import reading
 from tests.benches.waits import until
 from tests.benches.wire_bench import assert_never_stepped
@@ -70,7 +70,14 @@ def config_in(folder: Path, *, continues: bool) -> GatewayConfig:
                 "period_s": _PERIOD_S,
             },
             "grid": {"step_s": _STEP_S},
-            "probing": {"armed": True, "lead_s": 200.0, "poll_s": 10.0, "reference_cycles": 1, "prefer_idle_s": 0.0},
+            "probing": {
+                "armed": True,
+                "lead_s": 200.0,
+                "poll_s": 10.0,
+                "reference_cycles": 1,
+                "prefer_idle_s": 0.0,
+                "dry_run": "not offered",
+            },
             "compensation": {"mode": "compensate", "watchdog_s": 60.0},
             "talc": {"learner": {"shortest_interval_steps": 1, "longest_interval_steps": 2}},
         }
@@ -186,9 +193,9 @@ class Life:
             with self._clock.hold():
                 await store.on_disk(LIMIT_S)
 
-        with patch("gateway.service.service.control_of", lambda *_: InProcess(self._nck, self._clock)):
+        with patch("gateway.service.service.control_of", lambda *_: WithoutDryRun(self._nck, self._clock)):
             service = Service(
-                self._config, self._clock, in_order([store.record, self._note, keeper.take]), past,
+                self._config, self._clock, Events(store.record, self._note, keeper.take).publish, past,
                 health=lambda: store.health, identity=Identity.of(name, store.predecessor),
                 on_disk=on_disk,
             )  # fmt: skip

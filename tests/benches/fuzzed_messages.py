@@ -38,6 +38,7 @@ from gateway.listeners.web.verdict import Viewpoint
 from gateway.listeners.web.view import listed, shown_course, view
 from gateway.listeners.web.weeks import scatter_by_week
 from gateway.model.commands import UNPROVED, Command, CommandName, CommandOutcome
+from gateway.model.text import plain
 from gateway.telemetry.answers import CommandTerms, CoursePage, StoredColumn, StoredRows, StoredTable
 from gateway.telemetry.codec import decode, decode_answer
 from gateway.telemetry.command_door import CommandDoor, Entitled
@@ -260,7 +261,7 @@ def _queries(draw: random.Random, _: Path) -> None:
 
     def give(command: Command, refused: str) -> CommandOutcome:
         given.append(command)
-        return CommandOutcome(command, BEGAN, not refused, refused)
+        return CommandOutcome(command, BEGAN, not refused, plain(refused))
 
     door = CommandDoor("mill", {"anna": Entitled(b"a" * 64, frozenset(CommandName))}, give, lambda: 1.0)
     terms = decode_answer(CommandTerms, door.answer(AskedQuery("", "", b"", b"")).payload)

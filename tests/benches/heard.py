@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime, timedelta
 
+from gateway.telemetry.fields import Coded
 from gateway.telemetry.messages import (
     CompensationMessage,
     DecisionMessage,
@@ -180,11 +181,13 @@ class HeardMachine:
         planned_loads: tuple[str, ...] = (),
         paused: PauseStanding | None = None,
         disarmed: PauseStanding | None = None,
+        unarmed_coded: tuple[Coded | None, ...] = (),
     ) -> None:
         ends, missed = dict(certificates or {}), dict(periods_missed or {})
         message = StatusMessage(
             *self.stamp(), "compensation", 0, 0, missed, None, None,
             unarmed=unarmed, certificates=ends, planned_loads=planned_loads, paused=paused, disarmed=disarmed,
+            unarmed_coded=unarmed_coded,
         )  # fmt: skip
         self.hear("status", message)
 

@@ -122,6 +122,14 @@ class InProcess:
             self._nck.write_r(R_OWNER, 0.0, self._clock.monotonic())
 
 
+class WithoutDryRun(InProcess):
+    """Its program knows no dry runs, so that a short life needs none."""
+
+    @property
+    def runs_dry(self) -> bool:
+        return False
+
+
 def _check(number: int, what: str) -> None:
     if not 1 <= number <= 2**31 - 1:
         raise ValueError(f"{what} = {number!r}: expected 1 to {2**31 - 1}")

@@ -16,7 +16,7 @@ import numpy as np
 from drivers.nc import NcSnapshot, RequestStatus
 from gateway.control.restart.earlier import past_in
 from gateway.control.restart.snapshots import SnapshotKeeper
-from gateway.model.events import DecisionMade, GatewayEvent, in_order
+from gateway.model.events import DecisionMade, Events, GatewayEvent
 from gateway.nc.settings import Identity
 from gateway.service.service import Service
 from gateway.storage.store import Store
@@ -27,7 +27,7 @@ from tests.benches import idle_loop
 from tests.benches.death import PROBING, Death
 from tests.benches.disk_life import config_in
 from tests.benches.emulated_bench import expected_deviation_um
-from tests.benches.in_process_nc import InProcess
+from tests.benches.in_process_nc import WithoutDryRun
 from tests.benches.outlives import KeptNck, SharedMemory
 from tests.benches.spoilt_stores import reading
 from tests.benches.wire_clock import WireClock
@@ -50,7 +50,7 @@ class SwingingPlant:
         return float(x), float(y), float(z)
 
 
-class KeptControl(InProcess):
+class KeptControl(WithoutDryRun):
     """The control as the gateway sees it; a cycle is the phase `probing`."""
 
     def __init__(self, nck: Nck, clock: WireClock, requests: list[int], death: Death) -> None:
@@ -128,7 +128,7 @@ class GatewayLife:
                 with patch("gateway.service.service.control_of", lambda *_: control):
                     sinks = self._note, store.record, partial(self._flush, store), keeper.take
                     service = Service(
-                        self._config, self._clock, in_order(sinks), past,
+                        self._config, self._clock, Events(*sinks).publish, past,
                         health=lambda: store.health, identity=Identity.of(self._name, store.predecessor),
                         on_disk=partial(self._on_disk, store),
                     )  # fmt: skip

@@ -160,6 +160,7 @@ def _moments(folder: Path) -> dict[str, int]:
     for _ in range(2):
         verdict = machine.life()
         assert not verdict.wrong, verdict.wrong
+    assert all(verdict.counts.values()), verdict.counts
     return verdict.counts
 
 

@@ -14,7 +14,7 @@ from simulators.nc.axes import Reset
 from simulators.nc.synchronised import ProgramAlarm
 from tests.benches import nc_starts
 from tests.benches.probed_workshop import Workshop
-from tests.benches.probing_programs import SAFE_Z, Cell, program_texts, reported, unsafe
+from tests.benches.probing_programs import SAFE_Z, Cell, off_the_way, program_texts, reported, started_at, unsafe
 
 Texts = Mapping[str, str]
 _SPHERE = Cell().workshop.sphere_mm
@@ -170,6 +170,29 @@ def _withdrawn_within(texts: Texts) -> list[str]:
     return [*_failed(cell, 4), *(["went on"] if len(cell.moves) > 250 else [])]
 
 
+def _asked_late(texts: Texts) -> list[str]:
+    """The request comes while the block before the call still moves."""
+    cell = Cell(texts={**texts, "part": "PROC PART_PROGRAM DISPLOF\nSUPA G1 Y=-60 F=1000\nTALC_SAFE_POINT\nRET"})
+    cell.channel.modal.switch("G94")
+    cell.r[60] = 0.0
+
+    def before(_: int) -> None:
+        cell.r[60] = 7.0
+
+    cell.axes.before = before
+    cell.channel.start("PART_PROGRAM")
+    return [] if cell.r[65] == 3.0 else ["the request was not seen"]
+
+
+def _after_a_failure(texts: Texts) -> list[str]:
+    """Of a dry run: nothing of it counts in the next cycle."""
+    cell = Cell(texts=texts, data={"TALC_WHY": 11, "TALC_SPREAD": 5.0, "TALC_RAISE": 50.0, "TALC_SPEED": 1.0})
+    start = started_at(cell)
+    cell.safe_point()
+    wrong = [*off_the_way(cell, start), *unsafe(cell)]
+    return [*wrong, *(["R65 or R88 is wrong"] if cell.r[65] != 3.0 or cell.r[88] > 0.01 else [])]
+
+
 def reset_at(texts: Texts, at: int) -> list[str]:
     """RESET at a move: the control's hook reports a cycle that was stopped, and no result."""
     cell = Cell(texts=texts)
@@ -254,9 +277,11 @@ CASES: dict[str, Callable[[Texts], list[str]]] = {
     "a post on the table": _post,
     "something met in a dry run": _met_in_dry_run,
     "withdrawn within the cycle": _withdrawn_within,
+    "asked while an axis moves": _asked_late,
+    "after a failed dry run": _after_a_failure,
     "RESET": _some(reset_at, (0, 40, 300)),
     "RESET later": _reset_later,
-    "moved by hand between moves": _some(jogged_at, (3, 4, 5, 6, 7)),
+    "moved by hand between moves": _some(jogged_at, (3, 4, 5, 6, 7, 98)),
     "moved by hand within a touch": _some(jogged_within, (5,)),
     "a probe that sticks": _some(stuck_at, (2, 3, 6, 7)),
 }

@@ -4,6 +4,7 @@ The cases of tests/benches/nc_cases.py have to notice. Prints each statement tha
 were.
 """
 
+import argparse
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -64,12 +65,17 @@ def missed_by(deleted: Deleted, texts: Mapping[str, str], order: list[str]) -> s
 
 
 def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("programs", nargs="*", help="without TALC_; all of them")
+    chosen = parser.parse_args().programs
     texts, order = program_texts(), list(CASES)
-    found = list(statements(texts))
-    kept = [deleted for deleted in found if missed_by(deleted, texts, order) is None]
-    for deleted in kept:
-        print(f"TALC_{deleted.program} line {deleted.first}: nothing misses {deleted.block}")
-    print(f"{len(found)} statements, {len(kept)} of them missed by nothing")
+    found = [deleted for deleted in statements(texts) if not chosen or deleted.program in chosen]
+    kept = 0
+    for deleted in found:
+        if missed_by(deleted, texts, order) is None:
+            kept += 1
+            print(f"TALC_{deleted.program} line {deleted.first}: nothing misses {deleted.block}", flush=True)
+    print(f"{len(found)} statements, {kept} of them missed by nothing")
     sys.exit(bool(kept))
 
 

@@ -29,10 +29,10 @@ from drivers.sinumerik.make import make_sinumerik
 from drivers.sinumerik.programs import ErrorTerms, errors_program
 from drivers.sinumerik.settings import PAIRS, OffsetRoute, SinumerikSettings
 from gateway.config.extended import validate
+from gateway.model.notice import Notice
 from gateway.nc.link import NcLink
 from gateway.nc.settings import Earlier, Identity, LinkSettings, Listeners
 from gateway.runtime.clocks import RealClock
-from gateway.runtime.problems import Notice
 from simulators.nc import Activity, CycleSettings, DayPart, EmulatedControl, LoadCase, MeanLoads, Nck
 from simulators.nc.nck import CEC_TABLES, R_OFFSETS
 from simulators.nc.nine_errors import R_COUNT_WITH_ERRORS

@@ -15,6 +15,7 @@ from gateway.config.extended import validate
 from gateway.config.model import GatewayConfig
 from gateway.model.commands import Disarmed, Pause
 from gateway.model.compensation import Offsets, Write
+from gateway.model.text import Text
 from gateway.nc.link import NcLink
 from gateway.nc.settings import Earlier, Identity, LinkSettings, Listeners
 from talc.frame import Decision, Phase, Why
@@ -211,7 +212,7 @@ class LinkBench:
         self.control = ScriptedControl(self.clock, in_force)
         self.steps: list[Write] = []
         self.disk_full = False
-        self.notices: list[str] = []
+        self.notices: list[Text] = []
         self.states: list[Mapping[str, float]] = []
         self.link = NcLink(
             self.control,

@@ -15,10 +15,10 @@ from drivers.sinumerik.control import Sinumerik
 from drivers.sinumerik.settings import SinumerikSettings
 from gateway.config.extended import validate
 from gateway.model.compensation import Write
+from gateway.model.notice import Notice
 from gateway.nc.link import NcLink
 from gateway.nc.probing.cycle import Outcome
 from gateway.nc.settings import Earlier, Identity, LinkSettings, Listeners
-from gateway.runtime.problems import Notice
 from simulators.nc import Activity, CycleSettings, DayPart, EmulatedControl, LoadCase, MachineState, MeanLoads, User
 from talc.frame import Decision, Phase
 from tests.benches.cut_wire import CutWire, wire_to

@@ -9,8 +9,8 @@ from drivers.base import NoAnswer, Quality, Reading
 from gateway.acquisition.acquisition import Acquisition
 from gateway.acquisition.line import Line
 from gateway.config.sections import Limits
+from gateway.model.notice import Notice
 from gateway.model.sample import Sample
-from gateway.runtime.problems import Notice
 from tests.benches.stepped_clock import SteppedClock
 
 

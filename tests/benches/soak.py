@@ -29,6 +29,7 @@ from unittest.mock import patch
 
 import numpy as np
 
+from gateway.commissioning.dry_run import dry_run
 from gateway.config.file import load
 from gateway.config.model import GatewayConfig
 from gateway.control import sensor_watch, trainer
@@ -58,6 +59,8 @@ ON_SIMULATED_TIME = (
     ("slew_um_per_s = 1.0", f"slew_um_per_s = {SLEW_UM_PER_S}"),  # 30 µm in a period, as before
 )
 SHORTEST_RUN_S = 1800.0
+_HEIGHT_MM, _POLL_S = 50.0, 2.0
+"""Of the dry run, without which nothing is measured."""
 LOOK_S = 600.0
 """How often the computer's real time is checked, simulated s."""
 
@@ -197,6 +200,7 @@ async def soaked(
     whole = _machine_apart(folder, epoch, plan) if real else _machine_here(folder, clock, plan)
     async with whole as ports:
         settings = config(folder, ports, real=real)
+        await dry_run(settings, clock, _HEIGHT_MM, _POLL_S, told)
         watching = Watching(seen, clock, settings.grid.step_s)
         if settings.nc is not None and settings.compensation is not None:
             seen.slew_um = settings.compensation.slew_um_per_s * settings.nc.period_s

@@ -11,6 +11,7 @@ from gateway.config.model import GatewayConfig
 from gateway.model.compensation import Source, Step, Write
 from gateway.model.sample import Sample
 from gateway.model.standing import Standing
+from gateway.model.text import plain
 from gateway.nc.probing.cycle import End, Outcome
 from gateway.nc.probing.schedule import Outlook
 from talc.explanation import ErrorReason, Reasons
@@ -56,7 +57,9 @@ FORECAST = Forecast(
 MISSES = Misses(np.full((2, 9), 2.0), np.full((2, 9), math.nan))
 OUTCOME = Outcome(41, Why.CALIBRATION, NOW, LATER, np.zeros((6, 3)), (0.0, -1.5, 1 / 3), MEASUREMENT, 0.4)
 PER_POSE = Outcome(43, Why.INTERVAL, NOW, LATER, None, ((0.0, 1.0, 2.0), (3.0, 4.0, 5.5)), MEASUREMENT, 0.25)
-REFUSED = Outcome(42, Why.RETRY, NOW, LATER, None, (0.0, 0.0, 0.0), None, math.nan, "refused: alarm 21612", End.REFUSED)
+REFUSED = Outcome(
+    42, Why.RETRY, NOW, LATER, None, (0.0, 0.0, 0.0), None, math.nan, plain("refused: alarm 21612"), End.REFUSED
+)
 MODEL = ErrorModel(
     error="EY0A", inputs=("bed_front", "Öl"), a=np.array([-1.2, 0.45]), b=(np.array([0.5, 0.5]), np.array([1.0])),
     u_mean=np.zeros(2), u_std=np.ones(2), y_mean=0.0, y_std=1.0, u_low=np.full(2, -100.0), u_high=np.full(2, 100.0),
@@ -80,7 +83,7 @@ WRITE = Write(
 ADVICE = Write(
     LATER, "advise", Step((0.0, 0.0, 9.0), (0.0, 0.0, 3.0), Source.NO_MODEL, (False,) * 3), None, {}, False, None
 )
-OUTLOOK = Outlook(Standing.BLOCKED, Why.INTERVAL, "alarm 21612", 2, "clean the sphere")
+OUTLOOK = Outlook(Standing.BLOCKED, Why.INTERVAL, plain("alarm 21612"), 2, plain("clean the sphere"))
 NO_WISH = Outlook(Standing.NOT_WANTED, None)
 JUDGEMENT = Judgement(
     (Finding("swap", ("a", "b"), math.nan, 2.5), Finding("offset", ("c",), -1.25, 1.0, ("d", "e"))),

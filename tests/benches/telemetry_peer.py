@@ -2,6 +2,7 @@
 
 import json
 import math
+from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
 from typing import Any
 
@@ -21,9 +22,13 @@ ROOT = "talc/mill"
 NAMES = ("t0", "t1")
 
 
-def telemetry(port: int, clock: Clock | None = None) -> TelemetryPublisher:
+def telemetry(
+    port: int, clock: Clock | None = None, periods_missed: Callable[[], Mapping[str, int]] = dict
+) -> TelemetryPublisher:
     settings = Settings(listen=(f"tcp/127.0.0.1:{port}",))
-    return TelemetryPublisher(settings, "mill", NAMES, clock or SystemClock(), "boot-1", simulated=False)
+    return TelemetryPublisher(
+        settings, "mill", NAMES, clock or SystemClock(), "boot-1", simulated=False, periods_missed=periods_missed
+    )
 
 
 def reading(value: float, quality: Quality = Quality.GOOD) -> Sample:

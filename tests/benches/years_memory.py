@@ -41,7 +41,15 @@ from gateway.control.restart.earlier import past_in
 from gateway.control.restart.snapshots import SnapshotKeeper
 from gateway.control.sensor_watch import SensorWatch
 from gateway.model.compensation import Source, Step, Write
-from gateway.model.events import CompensationStepped, DecisionMade, EventReported, FrameMade, ReadingsTaken, in_order
+from gateway.model.events import (
+    CompensationStepped,
+    DecisionMade,
+    EventReported,
+    Events,
+    FrameMade,
+    OutlookChanged,
+    ReadingsTaken,
+)
 from gateway.model.sample import samples
 from gateway.service.health import HealthWatch
 from gateway.service.memory import give_back_large_blocks
@@ -152,11 +160,13 @@ async def lived(config: GatewayConfig, days: int, process: Executor, clock: Wire
         figures, board = GatewayFigures(config.machine.name, "0"), Board({c.name: c.period_s for c in config.channels})
         async with publisher as telemetry:
             keeper = SnapshotKeeper(past, store, config)
-            others = in_order([store.record, telemetry.publish, figures.take, keeper.take])
+            events = Events(store.record, telemetry.publish, figures.take, keeper.take)
             health = HealthWatch(
-                config.grid.step_s, board, lambda: None, clock, lambda: store.health, lambda: True, others
+                config.grid.step_s, board, None, clock, lambda: store.health, lambda: True, events.publish
             )
-            sink = in_order([others, health.take])
+            events.subscribe(DecisionMade, health.decided)
+            events.subscribe(OutlookChanged, health.outlook_changed)
+            sink = events.publish
             units = {"spindle_growth": "um"}
             planned = PlannedLoads(
                 names,

@@ -10,9 +10,10 @@ from drivers.base import SystemClock
 from gateway.cli.main import main
 from gateway.config.file import load
 from gateway.model.events import EventReported
+from gateway.model.notice import event_of
 from gateway.nc.probing.geometry import geometry_of, recorded
 from gateway.storage.store import Store
-from talc.frame import Event, EventKind
+from talc.frame import EventKind
 
 ROOT = Path(__file__).parents[2]
 STEPS: tuple[dict[str, str], ...] = (
@@ -56,7 +57,7 @@ def test_check_says_what_the_page_shows(step: int, tmp_path: Path) -> None:
     geometry = geometry_of(config := load(file))
     assert geometry is not None
     with Store(config.storage.path, "dry run", SystemClock()) as store:
-        store.record(EventReported(Event(EventKind.OPERATOR, recorded(geometry, "6 poses")), None))
+        store.record(EventReported(event_of(EventKind.OPERATOR, recorded(geometry, "6 poses")), None))
     answer = CliRunner().invoke(main, ["check", str(file)], catch_exceptions=False)
     assert answer.exit_code == 0, answer.output
     said = answer.stdout.replace(f"{tmp_path}/", "").splitlines()

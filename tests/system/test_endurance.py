@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from gateway.commissioning.dry_run import dry_run
 from gateway.config.file import load
 from gateway.config.model import GatewayConfig
 from gateway.service.serving import serve
@@ -115,8 +116,12 @@ async def test_a_day_of_faults_leaves_nothing_behind(tmp_path: Path, caplog: pyt
     sampling: asyncio.Task[tuple[list[HeldByProcess], list[HeldByProcess]]] | None = None
     try:
         async with machine(tmp_path) as ports:
+            settings = config(tmp_path, ports)
+            clock.start()
+            await dry_run(settings, clock, 50.0, 2.0, lambda _: None)
+            clock.stop()
             sampling = asyncio.create_task(sampled(clock, stop))
-            await serve(config(tmp_path, ports), clock, stop, simulated=True, started=lambda _: clock.start())
+            await serve(settings, clock, stop, simulated=True, started=lambda _: clock.start())
             clock.stop()
         early, late = await sampling
     finally:

@@ -13,8 +13,8 @@ from urllib.parse import urlsplit
 import pytest
 from playwright.sync_api import Page, expect
 
-from gateway.listeners.web.catalogue import LANGUAGES, texts
 from gateway.listeners.web.streams import MOST_BROWSERS
+from gateway.model.text import languages, texts
 from tests.benches.cut_wire import CutWire
 from tests.benches.page_rig import LIMIT_MS, page_rig, played_mill
 
@@ -187,7 +187,7 @@ def test_one_browser_too_many_says_so_and_goes_on_when_another_is_closed(setting
     with page_rig() as rig:
         played_mill(rig, settings)
         with open_streams(rig.address, MOST_BROWSERS) as streams:
-            for language in LANGUAGES:
+            for language in languages():
                 with rig.page(f"/machine/mill?lang={language}", locale=f"{language}-CH") as page:
                     said = texts(language)
                     expect(page.locator("#word")).to_have_text(said["word.full"])

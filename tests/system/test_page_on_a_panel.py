@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Locator, expect
 
-from gateway.listeners.web.catalogue import LANGUAGES, texts
+from gateway.model.text import languages, texts
 from tests.benches.page_rig import LIMIT_MS, MILL_SETTINGS, page_rig, played_mill
 
 pytestmark = [pytest.mark.peer, pytest.mark.slow]
@@ -35,7 +35,7 @@ def minutes_of_arc(place: Locator) -> float:
     return 60.0 * math.degrees(math.atan(height_mm / AWAY_MM))
 
 
-@pytest.mark.parametrize("language", LANGUAGES)
+@pytest.mark.parametrize("language", languages())
 def test_the_verdict_its_reason_and_the_numbers_are_read_from_two_metres(tmp_path: Path, language: str) -> None:
     settings = tmp_path / "web.toml"
     settings.write_text(MILL_SETTINGS, encoding="utf-8")

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Route, expect
 
-from gateway.listeners.web.catalogue import texts
+from gateway.model.text import texts
 from tests.benches.page_rig import LIMIT_MS, SCREENS, page_rig, played_mill, ports
 from tests.benches.page_shifts import TWO_FRAMES, note_shifts, shifts, top_of, tops
 from tests.benches.played_telemetry import recorded

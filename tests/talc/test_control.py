@@ -285,11 +285,13 @@ def test_a_change_of_phase_is_an_event_and_no_other_training_is() -> None:
     c = controller()
     calibrate(c)
     outside = c.step(frame(CALIBRATION, measured=20.0))
-    assert [e.text for e in outside.events if e.kind is EventKind.PHASE_CHANGED] == ["compensation -> no_good"]
+    changed = [e.values for e in outside.events if e.kind is EventKind.PHASE_CHANGED]
+    assert changed == [{"phase": Phase.COMPENSATION.value, "next": Phase.NO_GOOD.value}]
     after = [c.step(frame(CALIBRATION + 1 + i, measured=20.0)) for i in range(4)]
     assert [d.measure for d in after] == [Why.NO_GOOD, Why.NO_GOOD, None, None], "none while a training is in progress"
     found = c.adopt(models(CALIBRATION + 4))
-    assert [e.text for e in found if e.kind is EventKind.PHASE_CHANGED] == ["no_good -> compensation"]
+    changed = [e.values for e in found if e.kind is EventKind.PHASE_CHANGED]
+    assert changed == [{"phase": Phase.NO_GOOD.value, "next": Phase.COMPENSATION.value}]
     assert EventKind.PHASE_CHANGED not in kinds(c.adopt(models(CALIBRATION + 4)))
 
 

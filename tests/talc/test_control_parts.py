@@ -7,6 +7,7 @@ import pytest
 
 from talc.control import Controller, ControllerState
 from talc.frame import EventKind, FloatArray, Frame, Measurement, TrainingJob
+from talc.kinds import EventCode
 from talc.models import ModelSet
 from talc.names import THERMAL_ERRORS
 from talc.settings import ControlSettings, TalcSettings, TrainingSettings
@@ -89,7 +90,7 @@ def test_what_is_done_with_a_state_changes_neither_its_controller_nor_the_restor
 def test_an_input_that_no_model_uses_any_more_is_not_reported_as_good_again() -> None:
     c, _ = taught()
     began = c.step(replace(frame(CALIBRATION), valid=np.array([False, True]))).events
-    assert [event.text for event in began] == ["warm: no good value; its last good one is used"]
+    assert [(event.code, event.values) for event in began] == [(EventCode.LAST_VALUE_USED, {"input": "warm"})]
     c.adopt(on("idle", CALIBRATION))
     assert c.step(replace(frame(CALIBRATION + 1), valid=np.array([False, True]))).events == ()
 

@@ -1,7 +1,7 @@
 """The phase of a method: a change is an event, and measurements count from the last beginning."""
 
 from talc.frame import Event
-from talc.kinds import EventKind, Phase
+from talc.kinds import EventCode, EventKind, Phase
 from talc.stage import Stage
 
 
@@ -11,9 +11,8 @@ def test_a_change_of_phase_is_an_event_and_counts_again() -> None:
     stage.measured = 7
     stage.enter(Phase.COMPENSATION, events)
     assert (stage.phase, stage.measured) == (Phase.COMPENSATION, 0)
-    assert [(event.kind, event.text) for event in events] == [
-        (EventKind.PHASE_CHANGED, f"{Phase.CALIBRATION.value} -> {Phase.COMPENSATION.value}")
-    ]
+    values = {"phase": Phase.CALIBRATION.value, "next": Phase.COMPENSATION.value}
+    assert events == [Event(EventKind.PHASE_CHANGED, code=EventCode.PHASE_CHANGED, values=values)]
 
 
 def test_the_same_phase_begins_again_without_an_event() -> None:

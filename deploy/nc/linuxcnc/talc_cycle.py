@@ -25,6 +25,8 @@ REASONS = {
     21: BY_OTHERS,
 }
 START_LIMIT_S, IDLE_LIMIT_S = 10.0, 0.5
+HIGHEST_MM = 1000.0
+"""Of a dry run, as the protocol has it."""
 
 
 class Cycle:
@@ -38,7 +40,8 @@ class Cycle:
         self._since_idle_s: float | None = None
         self._mode_before: int | None = None
         self._started_s: float | None = None
-        self._begun, self._rests, self._ended = False, True, True
+        self._begun, self._rests, self._ended, self._leaving = False, True, True, False
+        """_leaving: the program of the request before, which was withdrawn when it had just been taken, still runs."""
         self._began_in: tuple[int, str] | None = None
         """Mode, and in MDI the block, in which the control has taken the request."""
 
@@ -49,29 +52,28 @@ class Cycle:
     def request(self, now: float, number: int, valid_for_s: float, dry_run_mm: float) -> None:
         """Ask. Refused while another request waits or runs. dry_run_mm: 0, or the height of a dry run."""
         least_mm = self._path.least_dry_run_mm()
-        if 0 < dry_run_mm < least_mm:
-            raise Refusal(f"dry_run_mm = {dry_run_mm:g}: expected 0, or at least {least_mm:g} mm, over the sphere")
+        if dry_run_mm and not least_mm <= dry_run_mm <= HIGHEST_MM:
+            raise Refusal(f"dry_run_mm = {dry_run_mm:g}: expected 0, or {least_mm:g} to {HIGHEST_MM:g} over the sphere")
         if number == self._number:
             raise Refusal(f"request number {number} was the last one: its old result could be taken for a new one")
         if self.under_way:
             raise Refusal(f"cycle {self._number} is under way")
         if self._state == "requested":
             raise Refusal(f"request {self._number} waits for the control's next safe point")
-        if 0 != self._number == self._pins["answers"] and not self._ended:
-            raise Refusal(f"the program of cycle {self._number} has not ended yet")
+        self._leaving = 0 != self._number == self._pins["answers"] and not self._ended
         self._number, self._state, self._reason, self._void = number, "requested", "", ""
         self._expires_s = now + valid_for_s if valid_for_s > 0 else math.inf
         self._started_s, self._since_idle_s, self._began_in = None, None, None
         self._begun = self._ended = False
-        self._dry_run_mm = self._pins["dry-run"] = dry_run_mm
-        self._pins["withdrawn"] = 0.0
+        self._dry_run_mm = dry_run_mm
 
     def withdraw(self, number: int) -> None:
         """Withdraw a waiting request; a running cycle checks this before each pose and touch."""
         if number == self._number and self._state not in ("idle", *FINAL):
-            self._pins["withdrawn"] = float(number)
             if self._state == "requested":
                 self._refuse("withdrawn")
+            else:
+                self._pins["withdrawn"] = float(number)
 
     def status(self, number: int) -> dict[str, Any]:
         """State, reason; when done, mm: centres in the order of the poses, spread of repeated touches."""
@@ -156,16 +158,19 @@ class Cycle:
     def _wait(self, now: float, nc: Any, command: Any) -> None:
         if nc is None:
             return
+        self._leaving = self._leaving and not self._rests and self._told() not in FINAL
         if why := self._impossible(nc, self._dry_run_mm):
             self._refuse(why)
             return
-        self._pins["request"] = float(self._number)
+        if not self._leaving and self._pins["request"] != self._number:
+            self._pins["withdrawn"], self._pins["dry-run"] = 0.0, self._dry_run_mm
+            self._pins["request"] = float(self._number)
         obstacle = self.obstacle(nc)
         if now >= self._expires_s:
             self._refuse("no safe point before the request expired")
         elif self._started_s is not None:
             self._start(now, nc, command, obstacle)
-        elif _idle(nc) and not obstacle:
+        elif _idle(nc) and not obstacle and not self._leaving:
             self._started_s = now
             if self._mode_before is None:  # otherwise the cycle before has not given it back yet
                 self._mode_before = nc.task_mode
@@ -179,7 +184,8 @@ class Cycle:
             self._begun = True
 
     def _refuse(self, reason: str) -> None:
-        self._pins["withdrawn"] = float(self._number)  # should the program be taking it at this moment
+        if not self._leaving:
+            self._pins["withdrawn"] = float(self._number)  # should the program be taking it at this moment
         self._end("refused", reason)
 
     def _end(self, state: str, reason: str) -> None:

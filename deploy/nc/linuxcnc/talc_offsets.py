@@ -1,5 +1,7 @@
 """Who owns the compensation, and what the component talc-errors is to put in force: its pins, in HAL."""
 
+import math
+import time
 from collections.abc import Callable
 from typing import Any, Protocol
 
@@ -36,7 +38,7 @@ class Offsets:
         self._machine, self._pins, self._pin_value = machine, pins, pin_value
         self._um = machine.mm * 1e3
         """µm in one of LinuxCNC's linear units, in which the pins are."""
-        self._owner = 0
+        self._owner, self._turned_s = 0, -math.inf
         names = "read", "write", "errors", "write_errors", "claim", "heartbeat", "release"
         self.verbs: dict[str, Callable[[dict[str, Any]], Any]] = {name: getattr(self, name) for name in names}
 
@@ -105,12 +107,14 @@ class Offsets:
 
     def _watched(self) -> bool:
         """Whether the watchdog is active; also from a beat until the component has seen it, which takes a while on a
-        busy computer."""
-        return bool(self._pins["watching"]) or self._pins["beat"] != self._pins["beat-seen"]
+        busy computer. A component that has not seen it for the whole silence does not run: its pins are old."""
+        if self._pins["beat"] == self._pins["beat-seen"]:
+            return bool(self._pins["watching"])
+        return bool(time.monotonic() - self._turned_s < self._pins["silence"])
 
     def _beat(self) -> None:
         if self._pins["beat"] == self._pins["beat-seen"]:  # two turns between two looks of real time would be none
-            self._pins["beat"] = not self._pins["beat"]
+            self._pins["beat"], self._turned_s = not self._pins["beat"], time.monotonic()
 
     def _want(self, command: dict[str, Any], errors: list[float], bound_um: list[float]) -> None:
         lapse = self._pins["lapse"]

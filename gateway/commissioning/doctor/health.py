@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 
 from drivers.can.settings import CanInterfaceSettings
-from gateway.acquisition.reports import NO_OTHER_MASTER, OTHER_MASTER
 from gateway.commissioning.doctor.credential_files import spoilt_file, unread_files
 from gateway.commissioning.doctor.kernel_files import kernel_text
 from gateway.commissioning.doctor.power import power
@@ -19,6 +18,8 @@ from gateway.config.model import GatewayConfig
 from gateway.config.rules import cautions
 from gateway.config.telemetry_rules import credential_problems
 from gateway.control.restart.proven import dry_run_wanted
+from gateway.model.codes import NoticeCode
+from gateway.model.text import NOTHING, Text, plain
 from gateway.runtime.terminal import terminal
 from gateway.runtime.time_service import clock_synchronised
 from gateway.storage.answers import answered
@@ -188,13 +189,13 @@ def _open_files(process: Path) -> Iterator[str]:
 
 def _other_masters(history: History, config: GatewayConfig) -> Iterator[HealthFinding]:
     """Buses on which the gateway hears another master, by the last event of each."""
-    last: dict[str, str] = {}
+    last: dict[str, Text] = {}
     for _, _, event in history.events():
-        if OTHER_MASTER in event.text or NO_OTHER_MASTER in event.text:
-            last[event.text.partition(":")[0]] = event.text
+        text = plain(event.text)
+        if text.says(NoticeCode.OTHER_MASTER) or text.says(NoticeCode.NO_OTHER_MASTER):
+            last[str(text.value_of("bus"))] = text
     for bus in config.buses:
-        text = last.get(f"bus {bus.name}", "")
-        if OTHER_MASTER in text:
+        if (text := last.get(bus.name, NOTHING)).says(NoticeCode.OTHER_MASTER):
             yield HealthFinding(
                 text,
                 "two masters on one line destroy each other's answers",

@@ -1,18 +1,17 @@
 """Feeds stored data to a fresh controller and compares its decisions and models with the record, bit for bit."""
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import takewhile
 
 import numpy as np
 
 from gateway.control.restart.earlier import decide_alike
 from gateway.control.restart.rebuild import Rebuilt, rebuilt, start_of
-from gateway.control.trainer import has_failed
 from gateway.storage.configurations import from_stored, stored_config
 from gateway.storage.history import History
 from gateway.storage.stored import StoredStep
-from talc.frame import Decision
+from talc.frame import Decision, Event
 from talc.papers.training import train
 
 _ARRAYS = ("predicted", "corrected", "sigma", "limits")
@@ -67,14 +66,14 @@ def replay(history: History, progress: Callable[[int], None] = lambda _: None) -
         job = decision.training or job
         for stored in step.adopted:
             models = stored
-            if has_failed(stored):  # the computer failed, not the data: nothing to repeat
+            if stored.failed:  # the computer failed, not the data: nothing to repeat
                 job = None
             elif job is None:
                 _note(result, step.frame.k, "models were adopted although no training was wanted")
             else:
                 models, job = train(job), None
                 result.trainings += 1
-                if models.fingerprint() != stored.fingerprint():
+                if replace(models, notes=()).fingerprint() != replace(stored, notes=()).fingerprint():
                     _note(result, step.frame.k, "the training gave other models")
             controller.adopt(models)
         progress(result.steps)
@@ -92,12 +91,19 @@ def _differences(decision: Decision, step: StoredStep) -> Iterator[str]:
             yield f"{name}: {getattr(decision, name)} instead of {getattr(stored, name)}"
     if step.trust_known and not np.array_equal(decision.trusted, stored.trusted):
         yield f"trusted: {decision.trusted} instead of {stored.trusted}"
-    for name in ("phase", "measure", "events"):
+    for name in ("phase", "measure"):
         if getattr(decision, name) != getattr(stored, name):
             yield f"{name}: {getattr(decision, name)} instead of {getattr(stored, name)}"
+    if [_told(e) for e in decision.events] != [_told(e) for e in stored.events]:
+        yield f"events: {decision.events} instead of {stored.events}"
     wanted = decision.training.why.value if decision.training else None
     if wanted != step.training_wanted:
         yield f"training wanted: {wanted} instead of {step.training_wanted}"
+
+
+def _told(event: Event) -> tuple[object, ...]:
+    """What an event tells besides its wording."""
+    return event.kind, event.error, event.value, event.limit
 
 
 def _note(result: ReplayResult, k: int, what: str) -> None:

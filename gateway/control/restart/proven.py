@@ -2,6 +2,8 @@
 
 from gateway.config.extended import stored_configuration
 from gateway.config.model import GatewayConfig
+from gateway.model.codes import NoticeCode
+from gateway.model.text import NOTHING, Text
 from gateway.nc.probing.geometry import Geometry, barrier, geometry_of, is_of
 from gateway.storage.answers import answered
 from gateway.storage.history import History
@@ -17,16 +19,16 @@ def proven_in(history: History, config: GatewayConfig) -> bool:
     return any(_had(text, geometry) for text in history.configs_that_measured())
 
 
-def dry_run_wanted(config: GatewayConfig) -> str:
+def dry_run_wanted(config: GatewayConfig) -> Text:
     """Why an armed gateway of this configuration would request no cycle, by its database; empty: it would."""
     if not config.probing.armed or config.nc is None:
-        return ""
+        return NOTHING
     path, proven = config.storage.path, False
     if answered(path, path.is_file):
         with History(path) as history:
             proven = proven_in(history, config)
     why = barrier(config.probing, proven=proven, runs_dry=None)
-    return f"nothing will be learnt: {why}" if why else ""
+    return Text(NoticeCode.OFF_DRY_RUN, why=why) if why else NOTHING
 
 
 def _had(text: str, geometry: Geometry) -> bool:

@@ -2,13 +2,12 @@
 
 import logging
 import math
-import re
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from typing import Protocol
+from typing import Protocol, cast
 
 import pyarrow as pa
 
@@ -16,9 +15,13 @@ from drivers.base import SystemClock
 from gateway.listeners.collect.folder import Commit
 from gateway.listeners.collect.progress import CollectProgress, TablePlace
 from gateway.listeners.collect.tables import arrow_of, check_end
-from gateway.runtime.problems import Notice, Problems, TurnTime
+from gateway.model.codes import NoticeCode
+from gateway.model.notice import Notice
+from gateway.model.text import Text, plain, text_of
+from gateway.runtime.problems import Problems, TurnTime
 from gateway.storage.epochs import NUMBERS
 from gateway.telemetry.answers import StoredRows, StoredTable
+from gateway.telemetry.asking import QueryRefusal
 
 log = logging.getLogger(__name__)
 
@@ -33,8 +36,6 @@ and the network busy for seconds, and live messages would wait."""
 _NAMED = 5
 """Machines that a line of the log names."""
 _GAPS = "gaps"
-_NO_SUCH_TABLE = re.compile(r"\b[a-z]+: no such table; there are ([a-z, ]+)")
-"""What a gateway of an earlier program says when it is asked for a table that it does not have."""
 
 
 class SiteGateways(Protocol):
@@ -44,7 +45,7 @@ class SiteGateways(Protocol):
         """The machines whose gateways run now."""
 
     def ask(self, machine: str, after: Mapping[str, TablePlace | None], limit: int) -> StoredRows:
-        """Rows that follow. Raises OSError, ValueError."""
+        """Rows that follow. Raises QueryRefusal, another OSError, ValueError."""
 
 
 class SiteKept(Protocol):
@@ -118,9 +119,9 @@ class Collector:
                 due_s = self.turn(clock.monotonic())
             except OSError as error:
                 due_s = clock.monotonic() + self._every_s
-                self._problems.report("site", str(error), str(error))
+                self._problems.report("site", plain(str(error)), str(error))
             else:
-                self._problems.clear("site", "collecting again")
+                self._problems.clear("site", Text(NoticeCode.COLLECTING_AGAIN))
             stop.wait(max(0.0, due_s - clock.monotonic()))
 
     def turn(self, now_s: float) -> float:
@@ -131,9 +132,9 @@ class Collector:
         self._kept.ready()
         running = self._gateways.running()
         if running:
-            self._problems.clear("gateways", "gateways are heard again")
+            self._problems.clear("gateways", Text(NoticeCode.GATEWAYS_HEARD))
         else:
-            self._problems.report("gateways", "none", "no gateway is heard; trying again")
+            self._problems.report("gateways", Text(NoticeCode.NO_GATEWAY_HEARD))
         slots = max(1, int(self._every_s / _APART_S))
         phase_s = {name: at * slots // len(running) * self._every_s / slots for at, name in enumerate(running)}
         due = [name for name in running if self.machines.setdefault(name, MachineAsked()).due_s <= now_s]
@@ -165,35 +166,48 @@ class Collector:
 
     def _report(self, name: str, problem: str, bug: Exception | None) -> None:
         if problem:
-            self._of_machines.report(name, problem, f"{name}: not collected: {problem}", bug=bug)
+            self._of_machines.report(
+                name, Text(NoticeCode.NOT_COLLECTED, machine=name, problem=problem), problem, bug=bug
+            )
         else:
-            self._of_machines.clear(name, f"{name}: collected again")
+            self._of_machines.clear(name, Text(NoticeCode.COLLECTED_AGAIN, machine=name))
 
     def _tell(self) -> None:
         """Log what began and ended in this turn, in one line for all machines of which the same is said."""
-        together = dict[str, list[str]]()
+        together = dict[Text, list[str]]()
         for notice in self._notices:
-            together.setdefault(notice.text.removeprefix(f"{notice.subject}: "), []).append(notice.subject)
+            together.setdefault(notice.text.having("machine", ""), []).append(notice.subject)
         self._notices.clear()
         for text, names in together.items():
-            log.warning("%s: %s", _some(names), text)
+            log.warning("%s", text.having("machine", _some(names)))
 
     def _page(self, name: str, asked: MachineAsked) -> bool:
         before = asked.progress or self._kept.progress(name)
         places = {table: before.place(table, asked.back.get(table, 0)) for table in NUMBERS if table not in asked.lacks}
         try:
             answer = self._gateways.ask(name, places, self._limit)
-        except (OSError, ValueError) as error:
-            if (told := _NO_SUCH_TABLE.search(str(error))) is None:
+        except QueryRefusal as error:
+            lacks = self._lacking(name, places, text_of(error))
+            if not lacks or lacks >= frozenset(places):
                 raise
-            has = frozenset(told[1].split(", ")) & frozenset(places)
-            if not has:
-                raise
-            asked.lacks |= frozenset(places) - has
-            places = {table: place for table, place in places.items() if table in has}
+            asked.lacks |= lacks
+            places = {table: place for table, place in places.items() if table not in lacks}
             answer = self._gateways.ask(name, places, self._limit)
         with self._writing:
             return self._keep(name, asked, before, places, answer)
+
+    def _lacking(self, name: str, places: Mapping[str, TablePlace | None], refused: Text) -> frozenset[str]:
+        """The tables that the gateway's program does not have. One that does not say so is asked for each."""
+        if refused.code:
+            has = refused.value_of("tables") if refused.says(NoticeCode.NO_SUCH_TABLE) else None
+            return frozenset() if has is None else frozenset(places) - frozenset(map(str, cast("Sequence[str]", has)))
+        lacks = set()
+        for table, place in places.items():
+            try:
+                self._gateways.ask(name, {table: place}, 1)
+            except QueryRefusal:
+                lacks.add(table)
+        return frozenset(lacks)
 
     def _keep(
         self,

@@ -8,8 +8,11 @@ from collections.abc import Callable
 from time import monotonic
 
 from gateway.listeners.outlets.outlet import Outlet, OutletError, OutletMessage, OutletSettings, Unacceptable
+from gateway.model.codes import NoticeCode
+from gateway.model.notice import Notice
+from gateway.model.text import Text
 from gateway.runtime.breaker import Breaker
-from gateway.runtime.problems import Notice, Problems, TurnTime
+from gateway.runtime.problems import Problems, TurnTime
 from gateway.telemetry import keys
 from gateway.telemetry.messages import ReadingMessage
 from gateway.telemetry.subscriber.instants import instant
@@ -162,11 +165,11 @@ class Feed:
         if self._time.now_s - self._refused_s < self._problems.window_s:
             return  # other messages may be refused again and again, between those that are accepted
         lost = self.unacceptable - self._began.get(self._acceptance, self.unacceptable)
-        self._problems.clear(self._acceptance, f"{self.name}: messages are accepted again; {lost} were dropped")
+        self._problems.clear(self._acceptance, Text(NoticeCode.OUTLET_ACCEPTS, outlet=self.name, lost=lost))
 
     def _refused(self, messages: int, error: Unacceptable) -> None:
-        text = f"{self.name}: {messages} messages are not accepted and were dropped: {error}"
-        self._problems.report(self._acceptance, str(error), text)
+        text = Text(NoticeCode.OUTLET_NOT_ACCEPTED, outlet=self.name, n=messages, error=str(error))
+        self._problems.report(self._acceptance, text, str(error))
         self._refused_s = self._time.now_s
         self.unacceptable += messages
 
@@ -196,9 +199,9 @@ class Feed:
     def _gone(self, batch: list[OutletMessage], why: str, now_s: float, bug: BaseException | None = None) -> float:
         self._close()
         kind = "away" if bug is None else type(bug).__name__
-        told = why if bug is None else f"{why}; please report this"
-        most = self._settings.most_waiting
-        self._problems.report(self.name, kind, f"{self.name}: {told}; messages wait, at most {most}", bug=bug)
+        code = NoticeCode.OUTLET_AWAY if bug is None else NoticeCode.OUTLET_FAILED
+        text = Text(code, outlet=self.name, why=why, most=self._settings.most_waiting)
+        self._problems.report(self.name, text, kind, bug=bug)
         if not self._breaker.failing:
             self._gone_s = now_s
         with self._news:
@@ -214,5 +217,5 @@ class Feed:
         self._problem = ""
         self._breaker.succeeded()
         lost = self.dropped - self._began.get(self.name, self.dropped)
-        text = f"{self.name}: is back after {self._away_s:.0f} s; {lost} messages were dropped meanwhile"
+        text = Text(NoticeCode.OUTLET_BACK, outlet=self.name, away_s=self._away_s, lost=lost)
         self._problems.clear(self.name, text)

@@ -22,6 +22,8 @@ from gateway.listeners.umati.settings import OpcUaServing, ServerSecurity, Shown
 from gateway.listeners.umati.space import AddressSpace
 from gateway.listeners.umati.standard import LightServer
 from gateway.listeners.umati.values import NodeShown, Path, shown_now
+from gateway.model.codes import NoticeCode
+from gateway.model.text import Text
 from gateway.runtime.clocks import RealClock
 from gateway.runtime.periodic import Periodic
 from gateway.runtime.problems import Problems
@@ -120,9 +122,9 @@ class MachineToolServer:
         try:
             await self.show()
         except (UaError, ValueError, TypeError) as error:
-            self._problems.report("values", type(error).__name__, "values could not be shown", bug=error)
+            self._problems.report("values", Text(NoticeCode.VALUES_NOT_SHOWN), type(error).__name__, bug=error)
         else:
-            self._problems.clear("values", "values are shown again")
+            self._problems.clear("values", Text(NoticeCode.VALUES_SHOWN))
 
 
 async def _secure(server: Server, security: ServerSecurity | None) -> None:

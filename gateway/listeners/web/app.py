@@ -21,7 +21,7 @@ from gateway.config.certificates import certificate_end
 from gateway.listeners.web import room
 from gateway.listeners.web.access import Guard
 from gateway.listeners.web.at_tool import WorkPoint
-from gateway.listeners.web.catalogue import LANGUAGES, chosen_language, texts
+from gateway.listeners.web.catalogue import chosen_language, page_texts
 from gateway.listeners.web.commands import GivePageCommand, PageCommands
 from gateway.listeners.web.day_report import DayReportPages
 from gateway.listeners.web.older import OlderPages
@@ -31,6 +31,7 @@ from gateway.listeners.web.settings import MachineUse, WebSettings
 from gateway.listeners.web.streams import Browser, Streams
 from gateway.listeners.web.verdict import Viewpoint
 from gateway.listeners.web.week_pages import AskCourse, WeekPages
+from gateway.model.text import languages
 from gateway.telemetry.subscriber.site import SiteSeen, SiteSubscription
 
 log = logging.getLogger(__name__)
@@ -130,7 +131,7 @@ class _Pages:
             only = next(iter(machines)) if len(machines) == 1 else None
         if only is not None and "all" not in request.query_params:
             language = request.query_params.get("lang")
-            return RedirectResponse(f"/machine/{only}" + (f"?lang={language}" if language in LANGUAGES else ""), 303)
+            return RedirectResponse(f"/machine/{only}" + (f"?lang={language}" if language in languages() else ""), 303)
         return self._page(request, "list.html", "")
 
     async def machine(self, request: Request) -> Response:
@@ -182,8 +183,8 @@ class _Pages:
             machine=machine,
             first=self._first(machine or None),
             language=language,
-            languages=LANGUAGES,
-            t=texts(language),
+            languages=languages(),
+            t=page_texts(language),
             use=self._uses.get(machine, MachineUse()),
             declared=machine in self._uses,
             token=self._commands.token(request),

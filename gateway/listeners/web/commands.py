@@ -8,6 +8,7 @@ import hashlib
 import hmac
 import os
 from collections.abc import Callable
+from dataclasses import asdict
 from typing import Final
 from urllib.parse import urlsplit
 
@@ -16,10 +17,13 @@ from starlette.responses import JSONResponse
 
 from drivers.base import SetupError
 from drivers.error_words import in_words
+from gateway.listeners.web.sentences import in_each
 from gateway.listeners.web.settings import WebSettings
 from gateway.model.commands import CommandName
+from gateway.model.text import plain, text_of
 from gateway.telemetry.answers import CommandAnswer
 from gateway.telemetry.command_signer import CommandSigner
+from gateway.telemetry.fields import text_from
 
 TOKEN_HEADER: Final = "x-command-token"
 """No form and no page of others can set it."""
@@ -76,9 +80,10 @@ class PageCommands:
             async with self._turns:
                 found = await asyncio.to_thread(self._give, machine, self._signers[request.state.user], name)
         except (OSError, ValueError) as error:
-            return _refused(502, str(error))
-        return JSONResponse({"accepted": found.accepted, "text": found.text})
+            return _refused(502, text_of(error))
+        text = text_from(found.text, found.text_coded)
+        return JSONResponse({"accepted": found.accepted, "text": found.text, "said": asdict(in_each(text))})
 
 
 def _refused(status: int, text: str) -> JSONResponse:
-    return JSONResponse({"accepted": False, "text": text}, status)
+    return JSONResponse({"accepted": False, "text": text, "said": asdict(in_each(plain(text)))}, status)

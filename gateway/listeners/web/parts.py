@@ -5,13 +5,16 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from statistics import median
+from typing import Literal
 
 from drivers.base import Quality
-from gateway.listeners.web.said import told
-from gateway.listeners.web.sentences import Amount, Atom, SaidRow, Sentence, ToldName, Word, at, name, um
+from gateway.listeners.web.sentences import Amount, Atom, SaidRow, Sentence, ToldName, Word, at, in_each, name, told, um
 from gateway.model.compensation import Source
 from gateway.model.control_state import NcState
+from gateway.model.notice import finding_text
 from gateway.model.standing import Standing
+from gateway.model.text import Text, plain, restored
+from gateway.telemetry.fields import text_from, texts_from
 from gateway.telemetry.messages import (
     MeasurementMessage,
     ProbingStanding,
@@ -23,6 +26,7 @@ from gateway.telemetry.subscriber.instants import instant
 from gateway.telemetry.subscriber.machine import MachineSeen, believable
 from talc.frame import EventKind
 from talc.names import ERROR_UNITS, LEAST_NAMED, MOST_NAMED, THERMAL_ERRORS
+from talc.sensor_check import Finding
 
 _CELSIUS = "°C"
 _BODIES = {
@@ -49,7 +53,8 @@ def waits(seen: MachineSeen) -> Iterator[SaidRow]:
         yield SaidRow("label.unarmed", told(text), "notice")
     if seen.decision is not None:
         yield SaidRow("label.phase", Sentence("sentence.word", {"word": Word(f"phase.{seen.decision.phase}")}))
-    for text in () if seen.status is None else seen.status.waits_for:
+    status = seen.status
+    for text in () if status is None else texts_from(status.waits_for, status.waits_for_coded):
         yield SaidRow("label.first", told(text), "notice")
     yield from _standing(seen.probing)
     expected = None if seen.reasons is None else seen.at_k(seen.reasons.next_k)
@@ -69,12 +74,14 @@ def _standing(standing: ProbingStanding | None) -> Iterator[SaidRow]:
         yield SaidRow("label.why", Sentence("sentence.word", {"word": Word(f"why.{standing.why}")}))
     if standing.reason:
         yield SaidRow(
-            "label.waits_for", told(standing.reason), "notice" if standing.standing == Standing.BLOCKED else ""
+            "label.waits_for",
+            told(text_from(standing.reason, standing.reason_coded)),
+            "notice" if standing.standing == Standing.BLOCKED else "",
         )
     if standing.rejected:
         yield SaidRow("label.rejected", Sentence("probing.rejected", {"n": Amount(standing.rejected, d=0)}), "bad")
     if standing.operator:
-        yield SaidRow("label.operator", told(standing.operator), "notice")
+        yield SaidRow("label.operator", told(text_from(standing.operator, standing.operator_coded)), "notice")
 
 
 def _last(message: MeasurementMessage | None) -> SaidRow:
@@ -82,7 +89,8 @@ def _last(message: MeasurementMessage | None) -> SaidRow:
         return SaidRow("label.last", Sentence("last.none"))
     ended = at(datetime.fromisoformat(message.ended))
     if message.errors is None:
-        return SaidRow("label.last", Sentence("last.failed", {"at": ended, "reason": ToldName(message.reason)}), "bad")
+        reason = in_each(text_from(message.reason, message.reason_coded))
+        return SaidRow("label.last", Sentence("last.failed", {"at": ended, "reason": reason}), "bad")
     return SaidRow("label.last", Sentence("last.used", {"at": ended}), "good")
 
 
@@ -163,13 +171,21 @@ def doubts(seen: MachineSeen) -> Iterator[Sentence]:
 def _finding(finding: SensorFinding, since: datetime | None, loads: tuple[str, ...]) -> Sentence:
     off = believable(finding.offset_K)
     if since is None or not math.isfinite(off):  # an exchange has no offset, and an earlier program sent no `since_k`
-        return Sentence("doubt.finding", {"text": ToldName(finding.text)})
+        return Sentence("doubt.finding", {"text": in_each(_found(finding))})
     names = " / ".join((*finding.inputs, *finding.alternatives))
     values: dict[str, Atom] = {"names": ToldName(names), "off": Amount(abs(off), "K"), "at": at(since)}
     if loads:
         values["loads"] = ToldName(", ".join(loads))
         return Sentence("doubt.warmer_for_loads" if off > 0.0 else "doubt.colder_for_loads", values)
     return Sentence("doubt.warmer" if off > 0.0 else "doubt.colder", values)
+
+
+def _found(finding: SensorFinding) -> Text:
+    swapped = finding.kind == "swap" and len(finding.inputs) == 2
+    if not swapped and (finding.kind != "offset" or finding.offset_K is None):
+        return plain(finding.text)  # of a later program
+    kind: Literal["offset", "swap"] = "swap" if swapped else "offset"
+    return finding_text(Finding(kind, finding.inputs, believable(finding.offset_K), 0.0, finding.alternatives))
 
 
 def watched(seen: MachineSeen) -> Sentence | None:
@@ -278,9 +294,8 @@ def _status(status: StatusMessage) -> Iterator[SaidRow]:
     storage = status.storage
     if storage is not None and storage.problem:
         waiting = Amount(storage.waiting, d=0)
-        yield SaidRow(
-            "label.store", Sentence("store.problem", {"text": ToldName(storage.problem), "n": waiting}), "bad"
-        )
+        problem = in_each(text_from(storage.problem, storage.problem_coded))
+        yield SaidRow("label.store", Sentence("store.problem", {"text": problem, "n": waiting}), "bad")
     elif storage is not None:
         yield SaidRow("label.store", Sentence("store.good"), "good")
     if storage is not None:
@@ -327,7 +342,8 @@ def events(seen: MachineSeen) -> Iterator[ShownEvent]:
     """The newest first."""
     for event in reversed(seen.events):
         mark = "bad" if event.kind in _BAD else "notice" if event.kind in _NOTABLE else ""
-        yield ShownEvent(event.time, f"event.{event.kind}", told(event.text), mark)
+        said = told(restored(event.text, event.code, event.values) if event.code else plain(event.text))
+        yield ShownEvent(event.time, f"event.{event.kind}", said, mark)
 
 
 def _unit(unit: str) -> str:

@@ -9,6 +9,8 @@ from dataclasses import dataclass, field
 from datetime import datetime
 from typing import TypeAlias
 
+from gateway.model.text import Text, languages
+
 
 @dataclass(frozen=True, slots=True)
 class Amount:
@@ -43,7 +45,14 @@ class Word:
     w: str
 
 
-Atom: TypeAlias = "Amount | ToldTime | ToldName | Word | Sentence"
+@dataclass(frozen=True, slots=True)
+class InEach:
+    """What a gateway says, by language."""
+
+    x: Mapping[str, str]
+
+
+Atom: TypeAlias = "Amount | ToldTime | ToldName | Word | InEach | Sentence"
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,3 +89,13 @@ def at(time: datetime) -> ToldTime:
 def name(text: str) -> Sentence:
     """A text of others by itself."""
     return Sentence("sentence.text", {"text": ToldName(text)})
+
+
+def told(text: Text) -> Sentence:
+    """What a gateway says, by itself."""
+    return Sentence("sentence.text", {"text": in_each(text)})
+
+
+def in_each(text: Text) -> Atom:
+    """What a gateway says, within a sentence; words of others in no language but their own."""
+    return InEach({code: text.in_language(code) for code in languages()}) if text.code else ToldName(text)

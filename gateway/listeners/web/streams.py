@@ -16,10 +16,11 @@ from gateway.listeners.web.parts import certificate_row, events
 from gateway.listeners.web.sentences import SaidRow
 from gateway.listeners.web.verdict import Viewpoint
 from gateway.listeners.web.view import listed, shown_course, view
+from gateway.model.text import json_text
 from gateway.telemetry.subscriber.machine import MachineSeen
 from gateway.telemetry.subscriber.site import SiteSeen
 
-_ENCODER = msgspec.json.Encoder()
+_ENCODER = msgspec.json.Encoder(enc_hook=json_text)
 _FASTEST_S, _SLOWEST_S = 0.25, 2.0
 """Between two rounds: while messages come, and while none comes. A browser that hears nothing for longer than some
 rounds says so."""

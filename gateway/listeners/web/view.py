@@ -10,8 +10,7 @@ from gateway.listeners.web import parts
 from gateway.listeners.web.ahead import ahead
 from gateway.listeners.web.at_tool import course, moved
 from gateway.listeners.web.past import ShownPast, columns
-from gateway.listeners.web.said import told
-from gateway.listeners.web.sentences import Amount, SaidRow, Sentence, ToldName, Word, at, um
+from gateway.listeners.web.sentences import Amount, SaidRow, Sentence, ToldName, Word, at, in_each, um
 from gateway.listeners.web.verdict import Verdict, Viewpoint, judged, tool_now, verdict_of
 from gateway.listeners.web.waiting import cost_of_waiting
 from gateway.telemetry.subscriber.machine import MachineSeen, applied
@@ -233,7 +232,7 @@ def listed(
             verdict.colour.value,
             verdict.word,
             verdict.because,
-            (*_orders(seen), *(Sentence("notice.unarmed", {"text": told(text)}) for text in seen.unarmed)),
+            (*_orders(seen), *(Sentence("notice.unarmed", {"text": in_each(text)}) for text in seen.unarmed)),
             None if seen.heard is None else seen.heard.isoformat(timespec="minutes"),
         )
         for seen, verdict in found

@@ -11,6 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from gateway.config.sections import Probing
+from gateway.model.codes import NoticeCode
+from gateway.model.text import Text
 from gateway.nc.probing.cycle import Rejected
 from talc.frame import FloatArray, Measurement
 from talc.names import ERROR_UNITS, MICROMETRE, THERMAL_ERRORS
@@ -46,26 +48,19 @@ class MeasurementChecks:
     def repeats(self, spread_um: float | None) -> None:
         """Raises Rejected when repeated touches of a point differ by too much. None: the control does not report it."""
         if spread_um is not None and not spread_um <= self._settings.max_repeat_um:
-            raise Rejected(
-                f"repeated touches of a point differ by {spread_um:.1f} µm, more than max_repeat_um = "
-                f"{self._settings.max_repeat_um:g}: is the sphere or the stylus loose, or is fluid on them?"
-            )
+            raise Rejected(Text(NoticeCode.TOUCHES_APART, spread_um=spread_um, most_um=self._settings.max_repeat_um))
 
     def fits(self, result: ProbingResult) -> None:
         """Raises Rejected when the centres are not those of a rigid body that moved; names the pose that stands out."""
         pose, axis = divmod(int(np.nanargmax(np.abs(result.standardised))), 3)
         worst = abs(float(result.standardised[pose, axis]))
-        where = f"pose {pose + 1} stands out in {'XYZ'[axis]}: is the sphere clean and fixed there?"
+        where = Text(NoticeCode.POSE_STANDS_OUT, pose=pose + 1, axis="XYZ"[axis])
         if result.residual_rms > self._settings.max_residual_um:
-            raise Rejected(
-                f"the centres differ from the best fit by {result.residual_rms:.1f} µm RMS, "
-                f"more than max_residual_um = {self._settings.max_residual_um:g}; {where}"
-            )
+            most_um = self._settings.max_residual_um
+            raise Rejected(Text(NoticeCode.FIT_POOR, rms_um=result.residual_rms, most_um=most_um, where=where))
         if worst > self._settings.outlier_sigmas:
-            raise Rejected(
-                f"one centre differs from what the others predict by {worst:.1f} standard deviations, "
-                f"more than outlier_sigmas = {self._settings.outlier_sigmas:g}; {where}"
-            )
+            most = self._settings.outlier_sigmas
+            raise Rejected(Text(NoticeCode.CENTRE_OUTLIER, worst=worst, most=most, where=where))
 
     def plausible(self, found: Measurement, expected: Expected) -> None:
         """Raises Rejected for an absurd result, and for a surprise that the previous result did not show as well."""
@@ -75,10 +70,7 @@ class MeasurementChecks:
         i = _worst(difference, absurd)
         if i is not None:
             self._candidate = None
-            raise Rejected(
-                f"{_said(i, difference)} from what was expected, more than is possible ({absurd[i]:.0f}): was the "
-                "sphere or the probe moved? After a crash or a new set-up start a new database"
-            )
+            raise Rejected(Text(NoticeCode.RESULT_ABSURD, **_values(i, difference), most=float(absurd[i])))
         before, self._candidate = self._candidate, None
         i = _worst(difference, np.fmax(both, expected.limits))
         if i is None:
@@ -88,7 +80,7 @@ class MeasurementChecks:
             if _worst(_unexplained(found.errors - before[0].errors, expected.errors - before[1]), again) is None:
                 return
         self._candidate = found, expected.errors
-        raise Rejected(f"{_said(i, difference)} from the prediction: a second cycle must give the same result")
+        raise Rejected(Text(NoticeCode.RESULT_SURPRISING, **_values(i, difference)))
 
     def _largest(self) -> FloatArray:
         most = self._settings.max_surprise_um
@@ -108,6 +100,6 @@ def _unexplained(change: FloatArray, predicted: FloatArray) -> FloatArray:
     return np.abs(change - np.clip(change, np.fmin(predicted, 0.0), np.fmax(predicted, 0.0)))
 
 
-def _said(i: int, difference: FloatArray) -> str:
+def _values(i: int, difference: FloatArray) -> dict[str, str | float]:
     name = THERMAL_ERRORS[i]
-    return f"{name} differs by {difference[i]:.1f} {ERROR_UNITS[name]}"
+    return {"error": name, "difference": float(difference[i]), "unit": ERROR_UNITS[name]}

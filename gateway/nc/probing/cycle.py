@@ -12,6 +12,8 @@ import numpy as np
 from drivers.base import Refused
 from drivers.nc import FARTHEST_MM, NumericalControl, ProbingState, RequestStatus, Triple
 from gateway.config.sections import Probing
+from gateway.model.codes import NoticeCode
+from gateway.model.text import NOTHING, Text, failure, plain
 from gateway.nc.probing.uninterrupted import to_its_end
 from gateway.runtime.clocks import ServiceClock
 from talc import probing
@@ -63,7 +65,7 @@ class Outcome:
     measurement: Measurement | None
     residual_um: float
     """RMS of what the nine errors do not explain; NaN without a result."""
-    reason: str = ""
+    reason: Text = NOTHING
     end: End = End.MEASURED
 
     def __post_init__(self) -> None:
@@ -110,11 +112,19 @@ def probe_of(settings: Probing) -> Probe:
 
 
 class NotBegun(Exception):
-    """No cycle was started; the message says why."""
+    """No cycle was started; its text says why."""
+
+    def __init__(self, text: Text) -> None:
+        super().__init__(text)
+        self.text = text
 
 
 class Rejected(Exception):
-    """The cycle failed, or its result cannot be used; the message says why."""
+    """The cycle failed, or its result cannot be used; its text says why."""
+
+    def __init__(self, text: Text) -> None:
+        super().__init__(text)
+        self.text = text
 
 
 async def run_cycle(
@@ -136,7 +146,7 @@ async def run_cycle(
         try:
             await to_its_end(nc.request_probing(number))
         except Refused as error:
-            raise NotBegun(f"the control did not take the request: {error}") from error
+            raise NotBegun(Text(NoticeCode.NC_REQUEST_NOT_TAKEN, error=failure(error))) from error
     # Not a Periodic: a look at the state is due poll_s after the answer to the last one. A slow control gets a pause
     # between two looks; the periods of a poller could follow each other at once.
     while True:
@@ -150,8 +160,13 @@ async def run_cycle(
             with clock.hold():
                 await to_its_end(nc.withdraw_probing(number))
             begun = status.state in (ProbingState.ACCEPTED, ProbingState.RUNNING)
-            text = f"the cycle did not {'end' if begun else 'begin'} within {timeout_s:g} s"
-            raise Rejected(text) if begun else NotBegun(text)
+            if begun:
+                raise Rejected(Text(NoticeCode.CYCLE_NOT_ENDED, timeout_s=timeout_s))
+            raise NotBegun(Text(NoticeCode.CYCLE_NOT_BEGUN, timeout_s=timeout_s))
+
+
+def _why(status: RequestStatus) -> Text:
+    return plain(status.reason) if status.reason else Text(NoticeCode.NO_REASON_GIVEN)
 
 
 def ended(status: RequestStatus) -> bool:
@@ -160,11 +175,11 @@ def ended(status: RequestStatus) -> bool:
         case ProbingState.DONE:
             return True
         case ProbingState.REFUSED:
-            raise NotBegun(f"the control refused the cycle: {status.reason or 'no reason given'}")
+            raise NotBegun(Text(NoticeCode.NC_CYCLE_REFUSED, why=_why(status)))
         case ProbingState.FAILED:
-            raise Rejected(f"the cycle failed: {status.reason or 'no reason given'}")
+            raise Rejected(Text(NoticeCode.NC_CYCLE_FAILED, why=_why(status)))
         case ProbingState.IDLE:
-            raise NotBegun("the control no longer knows the request: is another gateway probing?")
+            raise NotBegun(Text(NoticeCode.NC_REQUEST_UNKNOWN))
         case ProbingState.REQUESTED | ProbingState.ACCEPTED | ProbingState.RUNNING:
             return False
         case _:
@@ -181,13 +196,13 @@ def centres(status: RequestStatus, poses: int) -> FloatArray:
     try:
         values = np.asarray(status.centres_mm if status.centres_mm is not None else [], dtype=float)
     except (TypeError, ValueError):
-        raise Rejected("the result is not a list of points") from None
+        raise Rejected(Text(NoticeCode.RESULT_NO_POINTS)) from None
     if values.shape != (poses, 3):
-        raise Rejected(f"{values.size} result values, expected {poses * 3}")
+        raise Rejected(Text(NoticeCode.RESULT_COUNT, n=values.size, expected=poses * 3))
     if not np.all(np.isfinite(values)):
-        raise Rejected("a result is not a finite number")
+        raise Rejected(Text(NoticeCode.RESULT_NOT_FINITE))
     if np.max(np.abs(values)) > FARTHEST_MM:
-        raise Rejected(f"a centre is farther than {FARTHEST_MM:g} mm away")
+        raise Rejected(Text(NoticeCode.CENTRE_TOO_FAR, most_mm=FARTHEST_MM))
     return values
 
 
@@ -195,10 +210,7 @@ def at_rest(cycles: Sequence[FloatArray], most_um: float) -> None:
     """Raises Rejected when centres of the reference's cycles, each (poses, 3) mm, are more than `most_um` apart."""
     apart = float(np.max(np.ptp(cycles, axis=0))) * 1e3
     if apart > most_um:
-        raise Rejected(
-            f"the {len(cycles)} cycles of the reference differ by {apart:.1f} µm, more than "
-            f"max_repeat_um = {most_um:g}: the reference needs a machine at rest and at its usual temperature"
-        )
+        raise Rejected(Text(NoticeCode.REFERENCE_APART, n=len(cycles), apart_um=apart, most_um=most_um))
 
 
 def poses_in_radians(poses_deg: Sequence[Sequence[float]]) -> FloatArray:

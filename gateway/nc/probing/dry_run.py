@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from typing import Final
 
 from drivers.nc import AXES, NcSnapshot, NumericalControl, ProbingState, RequestStatus, Triple
+from gateway.model.codes import NoticeCode
+from gateway.model.text import Text
 from gateway.nc.probing.cycle import NotBegun, Rejected, ended
 from gateway.nc.probing.geometry import Geometry
 from gateway.nc.probing.uninterrupted import to_its_end
@@ -105,12 +107,9 @@ async def run_dry(
                 seen.append(snapshot)
                 distance = _distance_mm(snapshot, geometry)
                 if distance < min(_NEAREST * height_mm, _TOUCHES_MM):
-                    raise Rejected(
-                        f"withdrawn: the tip was {distance:.1f} mm from the sphere's centre, although the path is "
-                        f"raised by {height_mm:g} mm"
-                    )
+                    raise Rejected(Text(NoticeCode.DRY_RUN_TOO_NEAR, distance_mm=distance, height_mm=height_mm))
             if clock.monotonic() - began_s > timeout_s:
-                text = f"withdrawn: it did not end within {timeout_s:g} s"
+                text = Text(NoticeCode.DRY_RUN_NOT_ENDED, timeout_s=timeout_s)
                 raise Rejected(text) if seen else NotBegun(text)
     finally:
         if not over:
@@ -123,7 +122,7 @@ def _judged(
 ) -> DryRun:
     reached = status.centres_mm or ()
     if len(reached) != len(geometry.poses_deg):
-        raise Rejected(f"the control tells {len(reached)} positions, not {len(geometry.poses_deg)}")
+        raise Rejected(Text(NoticeCode.DRY_RUN_POSITIONS, n=len(reached), expected=len(geometry.poses_deg)))
     poses = []
     for (a, c), at in zip(geometry.poses_deg, reached, strict=True):
         x, y, z = geometry.centre_mm(a, c)

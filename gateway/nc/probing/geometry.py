@@ -8,9 +8,8 @@ from math import cos, radians, sin
 from drivers.nc import Triple
 from gateway.config.model import GatewayConfig
 from gateway.config.sections import Probing
-
-_RECORDED = "dry run"
-_DO_ONE = "stop the gateway and type: talc-gateway nc dry-run CONFIG"
+from gateway.model.codes import NoticeCode
+from gateway.model.text import NOTHING, Text
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,30 +49,24 @@ def geometry_of(config: GatewayConfig) -> Geometry | None:
     return Geometry(control, poses, float(probing.sphere_radius_mm), float(probing.sphere_height_mm))
 
 
-def recorded(geometry: Geometry, what: str) -> str:
-    """The text of the stored event of a dry run that went well. what: its figures"""
-    return f"{_RECORDED} of {geometry.control}: {what}; geometry {geometry.mark}"
+def recorded(geometry: Geometry, what: str) -> Text:
+    """What is stored of a dry run that went well. what: its figures"""
+    return Text(NoticeCode.DRY_RUN_DONE, control=geometry.control, figures=what, geometry=geometry.mark)
 
 
-def is_of(text: str, geometry: Geometry) -> bool:
-    """Whether the text of an event records a dry run of this geometry."""
-    return text.startswith(f"{_RECORDED} ") and text.endswith(f"; geometry {geometry.mark}")
+def is_of(text: Text, geometry: Geometry) -> bool:
+    """Whether a stored text records a dry run of this geometry."""
+    return text.code == NoticeCode.DRY_RUN_DONE and text.values.get("geometry") == geometry.mark
 
 
-def barrier(probing: Probing, *, proven: bool, runs_dry: bool | None) -> str:
+def barrier(probing: Probing, *, proven: bool, runs_dry: bool | None) -> Text:
     """Why no cycle may be requested yet; empty: nothing stands against it.
 
     proven: whether a dry run of this geometry went well, or a cycle of it has measured
     runs_dry: whether the control knows dry runs; None: not known
     """
     if proven:
-        return ""
+        return NOTHING
     if probing.dry_run == "not offered":
-        instead = '[probing] dry_run = "not offered" is wrong, because this control knows dry runs: remove it'
-        return f"{instead}, {_DO_ONE}" if runs_dry else ""
-    if runs_dry is False:
-        return (
-            "the control's program knows no dry run: update it, or drive its cycle by hand at reduced feed and then "
-            'write [probing] dry_run = "not offered"'
-        )
-    return f"no dry run was done with these poses and this sphere: {_DO_ONE}"
+        return Text(NoticeCode.DRY_RUN_OFFERED) if runs_dry else NOTHING
+    return Text(NoticeCode.DRY_RUN_UNKNOWN if runs_dry is False else NoticeCode.DRY_RUN_WANTED)

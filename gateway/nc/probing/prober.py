@@ -9,6 +9,8 @@ import numpy as np
 from drivers.base import DriverError, Refused
 from drivers.nc import NcSnapshot, NumericalControl, Triple
 from gateway.config.sections import Probing
+from gateway.model.codes import NoticeCode
+from gateway.model.text import NOTHING, Text, failure
 from gateway.nc.probing.checks import Expected, MeasurementChecks
 from gateway.nc.probing.cycle import End, Held, InForce, NotBegun, Outcome, Probe, Rejected, at_rest, centres, run_cycle
 from gateway.nc.probing.foreign import CycleWatch
@@ -64,7 +66,7 @@ class Prober:
         in_force: InForce = (0.0, 0.0, 0.0)
         found: FloatArray | None = None
         measurement: Measurement | None = None
-        residual, reason, end = math.nan, "", End.MEASURED
+        residual, reason, end = math.nan, NOTHING, End.MEASURED
         try:
             held = await hold()
             in_force = held.at(None)
@@ -86,11 +88,11 @@ class Prober:
             measurement = candidate
             self._last = candidate, self._clock.monotonic()
         except Rejected as error:
-            reason, end = str(error), End.REJECTED
+            reason, end = error.text, End.REJECTED
         except NotBegun as error:
-            reason, end = str(error), End.REFUSED
+            reason, end = error.text, End.REFUSED
         except DriverError as error:
-            reason, end = f"the control could not be asked: {error}", End.REFUSED
+            reason, end = Text(NoticeCode.NC_NOT_ASKED, error=failure(error)), End.REFUSED
         return Outcome(
             self._number - 1, why, asked, self._clock.utc(), found, in_force, measurement, residual, reason, end
         )
@@ -148,7 +150,7 @@ class Prober:
     def _check_watch(self, error: Exception | None = None) -> None:
         """Raises Rejected if anything happened that the cycle did not command."""
         if self._watch.found:
-            raise Rejected(f"the result is void: within the cycle {self._watch.found}") from error
+            raise Rejected(Text(NoticeCode.CYCLE_VOID, text=self._watch.found)) from error
 
     def _expected(self, decision: Decision | None) -> Expected:
         nothing = np.full(9, np.nan)

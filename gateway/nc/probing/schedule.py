@@ -21,7 +21,10 @@ import numpy as np
 
 from drivers.nc import NcSnapshot, OperatingMode, ProgramState
 from gateway.config.sections import Probing
+from gateway.model.codes import NoticeCode
+from gateway.model.notice import event_of
 from gateway.model.standing import Standing
+from gateway.model.text import NOTHING, Text
 from gateway.nc.probing.cycle import End
 from talc.frame import Decision, Event, EventKind, Why
 from talc.indicators import TWO_SIDED_95
@@ -72,11 +75,11 @@ class Outlook:
     standing: Standing
     why: Why | None
     """Why the measurement is wanted; `retry` after a rejected one."""
-    reason: str = ""
-    """Why nothing is requested yet, in words that do not change while the reason is the same."""
+    reason: Text = NOTHING
+    """Why nothing is requested yet; equal while the reason is the same."""
     rejected: int = 0
     """Results rejected in a row."""
-    operator: str = ""
+    operator: Text = NOTHING
     """Message for the operator; empty: none."""
 
 
@@ -110,10 +113,10 @@ class ProbingSchedule:
         """When a person asked for a measurement that has not ended yet."""
         self._before: NcSnapshot | None = None
         self._asked = False
-        self._refused = ""
+        self._refused = NOTHING
         self._rejected = 0
         self._paused_until: float | None = None
-        self._operator = ""
+        self._operator = NOTHING
 
     @property
     def wanted(self) -> bool:
@@ -135,9 +138,12 @@ class ProbingSchedule:
         """
         if why is None or self._why is None:
             self._since = now_s
-            self._operator = ""
+            self._operator = NOTHING
         if why is None and not self._asked and self._paused_until is None:
-            self._rejected, self._refused = 0, ""  # the next request is a new one, not a repeat of what was rejected
+            self._rejected, self._refused = (
+                0,
+                NOTHING,
+            )  # the next request is a new one, not a repeat of what was rejected
         self._why, self._excess = why, excess
 
     def order(self, now_s: float) -> None:
@@ -147,9 +153,9 @@ class ProbingSchedule:
         """
         if not self._asked:
             self._ordered_s = now_s
-            self._paused_until, self._rejected, self._refused, self._operator = None, 0, "", ""
+            self._paused_until, self._rejected, self._refused, self._operator = None, 0, NOTHING, NOTHING
 
-    def look(self, snapshot: NcSnapshot | None, now_s: float, barrier: str = "") -> Outlook:
+    def look(self, snapshot: NcSnapshot | None, now_s: float, barrier: Text = NOTHING) -> Outlook:
         """Judge the present moment.
 
         snapshot: the latest; None: the control cannot be reached
@@ -164,33 +170,32 @@ class ProbingSchedule:
             return self._dropped(blocked)
         if blocked or snapshot is None:
             if late and not self._operator:
-                self._operator = f"no measurement for {self._insist_after / 60:.0f} min: {blocked}"
+                self._operator = Text(NoticeCode.NO_MEASUREMENT_FOR, minutes=self._insist_after / 60, reason=blocked)
             return self._outlook(Standing.BLOCKED, blocked)
         if self._paused_until is not None:
-            self._paused_until, self._rejected, self._operator = None, 0, ""
+            self._paused_until, self._rejected, self._operator = None, 0, NOTHING
         here = moment(before, snapshot)
         if self._urgent or here in (Moment.IDLE, Moment.PROGRAM_END):
             return self._outlook(Standing.DUE)
         if late:
-            self._operator = (
-                f"a measurement ({self._reason.value}) has waited {self._insist_after / 60:.0f} min for the machine to "
-                "stop; the control is asked to probe at its next safe point"
+            self._operator = Text(
+                NoticeCode.MEASUREMENT_WAITED, why=self._reason.value, minutes=self._insist_after / 60
             )
             return self._outlook(Standing.DUE)
         if now_s - self._since < self._prefer_idle:
-            return self._outlook(Standing.WAITING, "waits for an idle machine or the end of a program")
+            return self._outlook(Standing.WAITING, Text(NoticeCode.WAITS_IDLE))
         if here is Moment.TOOL_CHANGE:
             return self._outlook(Standing.DUE)
-        return self._outlook(Standing.WAITING, "waits for a tool change, the end of a program or an idle machine")
+        return self._outlook(Standing.WAITING, Text(NoticeCode.WAITS_TOOL_CHANGE))
 
     def asked(self) -> Why:
         """The control is being asked; returns the reason. Raises ValueError if nothing is wanted."""
         if (reason := self._reason) is None:
             raise ValueError("nothing is wanted")
-        self._asked, self._refused = True, ""
+        self._asked, self._refused = True, NOTHING
         return Why.RETRY if self._rejected else reason
 
-    def ended(self, end: End, reason: str, now_s: float) -> Outlook:
+    def ended(self, end: End, reason: Text, now_s: float) -> Outlook:
         """The request has ended; `reason` says why there is no result.
 
         The wanted measurement is fulfilled, or stays wanted: the controller renews or drops it.
@@ -198,7 +203,7 @@ class ProbingSchedule:
         self._asked, self._ordered_s = False, None
         match end:
             case End.MEASURED:
-                self._why, self._rejected, self._refused, self._operator = None, 0, "", ""
+                self._why, self._rejected, self._refused, self._operator = None, 0, NOTHING, NOTHING
                 return self._outlook(Standing.NOT_WANTED)
             case End.REFUSED:
                 self._refused = reason
@@ -207,50 +212,47 @@ class ProbingSchedule:
                 self._refused = reason
                 if self._rejected > self._retries:
                     self._paused_until = now_s + self._pause
-                    self._operator = (
-                        f"{self._rejected} measurements in a row could not be used; the last: {reason}. "
-                        "Clean the sphere and the probe and see that both are fixed"
-                    )
+                    self._operator = Text(NoticeCode.CLEAN_SPHERE, n=self._rejected, reason=reason)
                     # The cause of failing results outlasts one request.
                     return self._without_result(Standing.BLOCKED, self._blocked_by_rejects())
-                return self._without_result(Standing.WAITING, f"is requested again: {reason}")
+                return self._without_result(Standing.WAITING, Text(NoticeCode.REQUESTED_AGAIN, reason=reason))
         return self._without_result(Standing.BLOCKED, reason)
 
-    def _dropped(self, blocked: str) -> Outlook:
+    def _dropped(self, blocked: Text) -> Outlook:
         """A command could not be obeyed in time: nobody expects the machine to probe so much later."""
         self._ordered_s = None
-        text = f"the measurement that was commanded was not possible for {self._insist_after / 60:.0f} min: {blocked}"
+        text = Text(NoticeCode.COMMAND_NOT_POSSIBLE, minutes=self._insist_after / 60, reason=blocked)
         standing = Standing.NOT_WANTED if self._why is None else Standing.BLOCKED
-        return Outlook(standing, self._why, blocked if self._why is not None else "", self._rejected, text)
+        return Outlook(standing, self._why, blocked if self._why is not None else NOTHING, self._rejected, text)
 
-    def _without_result(self, standing: Standing, reason: str) -> Outlook:
+    def _without_result(self, standing: Standing, reason: Text) -> Outlook:
         """The state after a request without a result; it may have been dropped meanwhile."""
         if self._why is not None:
             return self._outlook(standing, reason)
         if self._paused_until is None:
-            self._rejected, self._refused = 0, ""
+            self._rejected, self._refused = 0, NOTHING
         return self._outlook(Standing.NOT_WANTED)
 
-    def _blocked(self, snapshot: NcSnapshot | None, now_s: float, barrier: str) -> str:
+    def _blocked(self, snapshot: NcSnapshot | None, now_s: float, barrier: Text) -> Text:
         if snapshot is None:
-            return "the control cannot be reached"
+            return Text(NoticeCode.NC_UNREACHABLE)
         if barrier:
             return barrier
         if snapshot.alarms:
-            return f"alarm {', '.join(map(str, snapshot.alarms))}"
+            return Text(NoticeCode.NC_ALARM, numbers=tuple(map(str, snapshot.alarms)))
         if snapshot.cannot_probe:
-            return snapshot.cannot_probe
+            return Text(NoticeCode.NC_CANNOT_PROBE, reason=snapshot.cannot_probe)
         # The control checks its mode itself when it answers; an unreported mode is no reason to wait.
         if snapshot.cannot_probe is None and snapshot.mode not in (OperatingMode.AUTO, OperatingMode.UNKNOWN):
-            return f"the control is in {snapshot.mode.value.upper()}, not in AUTO"
+            return Text(NoticeCode.NC_OTHER_MODE, mode=snapshot.mode.value.upper())
         if self._paused_until is not None and now_s < self._paused_until:
             return self._blocked_by_rejects()
-        return ""
+        return NOTHING
 
-    def _blocked_by_rejects(self) -> str:
-        return f"pause after {self._rejected} rejected result{'' if self._rejected == 1 else 's'}: {self._refused}"
+    def _blocked_by_rejects(self) -> Text:
+        return Text(NoticeCode.PAUSE_AFTER_REJECTS, n=self._rejected, reason=self._refused)
 
-    def _outlook(self, standing: Standing, reason: str = "") -> Outlook:
+    def _outlook(self, standing: Standing, reason: Text = NOTHING) -> Outlook:
         why = Why.RETRY if self._rejected and self._reason is not None else self._reason
         return Outlook(standing, why, reason, self._rejected, self._operator)
 
@@ -270,23 +272,23 @@ class Bulletin:
     """Messages about the outlooks, each once while it lasts."""
 
     def __init__(self) -> None:
-        self._problem = self._operator = ""
+        self._problem = self._operator = NOTHING
 
     def of(self, outlook: Outlook) -> tuple[Event, ...]:
         """What is new in this outlook."""
         events = []
-        blocked = outlook.reason if outlook.standing is Standing.BLOCKED else ""
+        blocked = outlook.reason if outlook.standing is Standing.BLOCKED else NOTHING
         over = outlook.standing in (Standing.WAITING, Standing.NOT_WANTED)
-        if self._problem and (over or blocked not in ("", self._problem)):
+        if self._problem and (over or blocked not in (NOTHING, self._problem)):
             # The cause may well last after the measurement is no longer wanted.
             moot = outlook.standing is Standing.NOT_WANTED
-            opening = "probing: no measurement is wanted any more; until now" if moot else "probing, resolved"
-            events.append(Event(EventKind.PROBLEM_ENDED, f"{opening}: {self._problem}"))
-            self._problem = ""
+            code = NoticeCode.PROBING_MOOT if moot else NoticeCode.PROBING_FREE
+            events.append(event_of(EventKind.PROBLEM_ENDED, Text(code, reason=self._problem)))
+            self._problem = NOTHING
         if blocked and blocked != self._problem:
-            events.append(Event(EventKind.PROBLEM, f"probing: {blocked}"))
+            events.append(event_of(EventKind.PROBLEM, Text(NoticeCode.PROBING_BLOCKED, reason=blocked)))
             self._problem = blocked
-        if outlook.operator not in ("", self._operator):
-            events.append(Event(EventKind.OPERATOR, outlook.operator))
+        if outlook.operator not in (NOTHING, self._operator):
+            events.append(event_of(EventKind.OPERATOR, outlook.operator))
         self._operator = outlook.operator
         return tuple(events)

@@ -9,6 +9,8 @@ from typing import assert_never
 import msgspec
 
 from gateway.model.compensation import Source
+from gateway.model.text import Text
+from gateway.telemetry.fields import texts_from
 from gateway.telemetry.messages import (
     CompensationMessage,
     DecisionMessage,
@@ -186,9 +188,10 @@ class MachineSeen:
         return self.alive and not self.silent
 
     @property
-    def unarmed(self) -> tuple[str, ...]:
-        """What its configuration leaves off, in words; nothing is known of one that is not present."""
-        return self.status.unarmed if self.present and self.status is not None else ()
+    def unarmed(self) -> tuple[Text, ...]:
+        """What its configuration leaves off; nothing is known of one that is not present."""
+        status = self.status
+        return texts_from(status.unarmed, status.unarmed_coded) if self.present and status is not None else ()
 
     def listen(self, now_s: float) -> None:
         """See whether it is silent at this monotonic time."""

@@ -4,6 +4,8 @@ import logging
 import threading
 
 from drivers.base import Clock, SystemClock
+from gateway.model.codes import NoticeCode
+from gateway.model.text import Text
 from gateway.runtime.problems import Problems
 
 _PERIOD_S = 1.0
@@ -33,14 +35,14 @@ class UnreadableMessages:
         with self._lock:
             if subject in self._seen or len(self._seen) < _MOST_SUBJECTS:
                 self._seen.add(subject)
-                self._problems.report(subject, "invalid", f"{machine}: {self._consequence}: {error}")
+                text = Text(NoticeCode.UNREADABLE, machine=machine, consequence=self._consequence, error=str(error))
+                self._problems.report(subject, text)
             else:
-                text = f"more than {_MOST_SUBJECTS} keys had unreadable messages; those of others are not named"
-                self._problems.report("all", "many", text)
+                self._problems.report("all", Text(NoticeCode.MANY_UNREADABLE, n=_MOST_SUBJECTS))
 
     def valid(self, machine: str, suffix: str) -> None:
         """A message was read."""
         subject = f"{machine}: {suffix}"
         if subject in self._seen:
             with self._lock:
-                self._problems.clear(subject, f"{subject} can be read again")
+                self._problems.clear(subject, Text(NoticeCode.READABLE_AGAIN, subject=subject))

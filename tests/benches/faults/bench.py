@@ -13,8 +13,8 @@ from drivers.base import Quality, Reading
 from gateway.acquisition.acquisition import Acquisition
 from gateway.acquisition.line import Line
 from gateway.config.sections import Limits
+from gateway.model.notice import Notice
 from gateway.runtime.clocks import RealClock
-from gateway.runtime.problems import Notice
 from tests.benches.faults.actions import PERIOD_S
 from tests.benches.faults.plant import FaultyPlant
 

@@ -36,7 +36,7 @@ async def test_a_cycle_that_was_not_alone_has_no_result_and_leaves_the_probe_saf
 async def test_a_dry_run_goes_the_path_above_the_sphere_and_reports_where_it_was(tmp_path: Path) -> None:
     height = 30.0
     async with disturbable(tmp_path, DRY_FEED=6000) as bench:
-        with pytest.raises(Refused, match=r"dry_run_mm = 14: expected 0, or at least 15 mm"):
+        with pytest.raises(Refused, match=r"dry_run_mm = 14: expected 0, or 15 to 1000 over the sphere"):
             await bench.nc.request_probing(1, LEAST_MM - 1.0)
         await bench.operator.ask("record", *SIGNALS)
         await bench.nc.request_probing(2, height)

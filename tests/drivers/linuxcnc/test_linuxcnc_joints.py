@@ -121,7 +121,6 @@ def test_the_reach_is_that_of_the_longest_tool_s_tip_from_where_a_and_c_meet(tal
         (ini(TALC__BOUND="much"), r"\[TALC\] BOUND = much: expected a number"),
         (ini(TALC__SLEW="0"), r"\[TALC\] SLEW = 0: expected more than 0, in mm/s"),
         (ini(TALC__SLEW="inf"), r"\[TALC\] SLEW = inf: "),
-        (ini(TALC__SAFE_Z="high"), r"\[TALC\] SAFE_Z = high: expected a number"),
         (ini(TALC__SPHERE_RADIUS="0"), r"\[TALC\] SPHERE_RADIUS = 0: expected more than 0, in mm"),
         (ini(AXIS_Y__MAX_LIMIT=""), r"\[AXIS_Y\] MAX_LIMIT = : expected the end of the travel"),
     ],

@@ -108,3 +108,8 @@ def test_the_pivot_the_turns_of_c_and_a_dry_run_s_height_count(modules: Any) -> 
 )
 def test_a_machine_on_which_the_program_cannot_run_says_why(changed: dict[str, str], said: str, modules: Any) -> None:
     assert path(modules, **changed).unfit == said
+
+
+def test_a_text_in_place_of_a_number_ends_linuxcnc_with_its_field(modules: Any) -> None:
+    with pytest.raises(modules[0].Unfit, match=r"mill, \[TALC\] SAFE_Z = high: expected a number"):
+        path(modules, SAFE_Z="high")

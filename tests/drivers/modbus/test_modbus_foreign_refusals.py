@@ -14,8 +14,8 @@ from drivers.build import make_device
 from drivers.modbus.numbers import Block
 from gateway.acquisition.acquisition import Acquisition
 from gateway.acquisition.line import Line
+from gateway.model.notice import Notice
 from gateway.runtime.clocks import RealClock
-from gateway.runtime.problems import Notice
 from tests.benches.rtu_talk import TWO, RtuPeer, frame, honest, line
 
 pytestmark = pytest.mark.simulated_time

@@ -13,8 +13,8 @@ from drivers.modbus.numbers import Block
 from gateway.acquisition.acquisition import Acquisition
 from gateway.acquisition.line import Line
 from gateway.commissioning.scan.registers import read_words
+from gateway.model.notice import Notice
 from gateway.runtime.clocks import RealClock
-from gateway.runtime.problems import Notice
 from tests.benches.modbus_host import modbus_host
 
 pytestmark = pytest.mark.simulated_time

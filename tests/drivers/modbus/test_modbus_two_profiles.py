@@ -9,8 +9,8 @@ from drivers.base import Quality, Reading, SystemClock
 from drivers.build import make_device
 from gateway.acquisition.acquisition import Acquisition
 from gateway.acquisition.line import Line
+from gateway.model.notice import Notice
 from gateway.runtime.clocks import RealClock
-from gateway.runtime.problems import Notice
 from tests.benches.rtu_talk import frame, line
 
 pytestmark = pytest.mark.simulated_time

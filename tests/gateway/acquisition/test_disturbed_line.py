@@ -20,8 +20,8 @@ from drivers.build import make_device
 from drivers.modbus.numbers import Block
 from gateway.acquisition.acquisition import Acquisition
 from gateway.acquisition.line import Line
+from gateway.model.notice import Notice
 from gateway.runtime.clocks import RealClock
-from gateway.runtime.problems import Notice
 from simulators.devices import M7015, RtuLine
 from simulators.devices.modbus_servers import crc16
 from simulators.devices.pta8d08 import Pta8d08

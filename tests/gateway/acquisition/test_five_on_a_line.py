@@ -16,8 +16,8 @@ from drivers.base import Quality, Reading, SystemClock
 from drivers.build import make_device
 from gateway.acquisition.acquisition import Acquisition
 from gateway.acquisition.line import Line
+from gateway.model.notice import Notice
 from gateway.runtime.clocks import RealClock
-from gateway.runtime.problems import Notice
 from simulators.devices import M7015, RtuLine
 from tests.benches.buses import make_bus
 

@@ -4,7 +4,9 @@ import logging
 
 from gateway.acquisition.line import Line
 from gateway.acquisition.reports import LineReports
-from gateway.runtime.problems import Notice, Problems
+from gateway.model.codes import NoticeCode
+from gateway.model.notice import Notice
+from gateway.runtime.problems import Problems
 from tests.benches.scripted_bus import ScriptedBus
 from tests.benches.stepped_clock import SteppedClock
 
@@ -26,11 +28,7 @@ def test_it_is_a_problem_of_the_line_and_not_of_its_devices() -> None:
     for evidence in ("", "3 frames", "4 frames", "", ""):
         bus.evidence = evidence
         reports.polled({}, 0)
-    assert notices == [
-        Notice(
-            "line of bus rtu1",
-            "bus rtu1: another master is on this line: 3 frames (only one may ask; end the other, or connect it to"
-            " another line)",
-        ),
-        Notice("line of bus rtu1", "bus rtu1: no other master is heard any more", ended=True),
+    assert [(notice.subject, notice.ended, notice.code, dict(notice.values)) for notice in notices] == [
+        ("line of bus rtu1", False, NoticeCode.OTHER_MASTER, {"bus": "rtu1", "evidence": "3 frames"}),
+        ("line of bus rtu1", True, NoticeCode.NO_OTHER_MASTER, {"bus": "rtu1"}),
     ]

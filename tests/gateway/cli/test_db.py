@@ -25,6 +25,7 @@ from gateway.model.events import (
     ReadingsTaken,
 )
 from gateway.model.sample import Sample
+from gateway.model.text import plain
 from gateway.nc.probing.cycle import Outcome
 from gateway.storage.history import History
 from gateway.storage.store import Store
@@ -57,7 +58,7 @@ def running(tmp_path: Path) -> Iterator[Path]:
         store.record(MeasurementEnded(Outcome(7, Why.INTERVAL, EPOCH, EPOCH, centres, (0.0, 0.0, 0.0), MEASURED, 0.4)))
         store.record(EventReported(Event(EventKind.PROBLEM, 'a "quoted", text'), 3))
         store.record(
-            CommandGiven(CommandOutcome(Command(CommandName.PAUSE, "anna"), EPOCH, accepted=True, text="it is"))
+            CommandGiven(CommandOutcome(Command(CommandName.PAUSE, "anna"), EPOCH, accepted=True, text=plain("it is")))
         )
         store.record(CompensationStepped(Write(EPOCH, "compensate", STILL, 4, {"X": 1.0}, True, None)))
         store.flush()

@@ -15,11 +15,12 @@ from gateway.config.sections import Probing
 from gateway.control.grid import GridSampler, Schedule
 from gateway.control.loop import GridLoop
 from gateway.control.measuring import Measuring
-from gateway.control.trainer import Trainings, has_failed, models_of_failure, train_apart
+from gateway.control.trainer import Trainings, models_of_failure, train_apart
 from gateway.nc.probing.schedule import schedule_of
 from gateway.runtime.workers.process import WorkError
 from talc.control import Controller
 from talc.frame import EventKind, Frame, Measurement, Phase, TrainingJob, Why
+from talc.models import ModelSet
 from talc.papers.training import train
 from talc.settings import ControlSettings, TalcSettings, TrainingSettings
 from tests.benches.kept_events import KeptEvents
@@ -69,7 +70,7 @@ async def test_the_old_models_go_on_after_a_crash(caplog: pytest.LogCaptureFixtu
         running.cancel()
         with pytest.raises(asyncio.CancelledError):
             await running
-    assert has_failed(log.adopted[0])
+    assert log.adopted[0].failed
     rejected = log.texts(EventKind.MODEL_REJECTED)
     assert len(rejected) == 1
     assert "IndexError" in rejected[0]
@@ -79,5 +80,11 @@ async def test_the_old_models_go_on_after_a_crash(caplog: pytest.LogCaptureFixtu
 
 
 def test_a_failed_training_is_distinguished_from_one_that_found_nothing() -> None:
-    assert has_failed(models_of_failure(JOB, WorkError("x")))
-    assert not has_failed(train(replace(JOB, measured=np.full_like(JOB.measured, np.nan))))
+    failed = models_of_failure(JOB, WorkError("x"))
+    nothing = train(replace(JOB, measured=np.full_like(JOB.measured, np.nan)))
+    assert (failed.failed, nothing.failed) == (True, False)
+    for models in (failed, nothing):
+        stored = models.to_dict()
+        assert ModelSet.from_dict(stored).failed is models.failed
+        stored.pop("failed", None)
+        assert ModelSet.from_dict(stored).failed is models.failed, "as an earlier program has stored it"

@@ -20,8 +20,8 @@ import pytest
 from drivers.base import Quality, Reading
 from gateway.acquisition.acquisition import Acquisition
 from gateway.acquisition.line import Line
+from gateway.model.notice import Notice
 from gateway.runtime.clocks import RealClock
-from gateway.runtime.problems import Notice
 from tests.benches.faults.actions import restarted, whole
 from tests.benches.faults.matrix import HARMLESS, MATRIX
 from tests.benches.faults.plant import FaultyPlant

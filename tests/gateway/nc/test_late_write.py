@@ -17,11 +17,12 @@ from drivers.base import NoAnswer
 from drivers.nc import Triple
 from gateway.config.sections import Compensation
 from gateway.model.compensation import Source, Write
+from gateway.model.notice import Notice
 from gateway.nc.lease import Lease
 from gateway.nc.routes import form_of
 from gateway.nc.settings import Identity
 from gateway.nc.writer import OffsetWriter
-from gateway.runtime.problems import Notice, Problems
+from gateway.runtime.problems import Problems
 from tests.benches.nc_link_bench import LinkBench, ScriptedControl, decision
 from tests.benches.stepped_clock import SteppedClock
 

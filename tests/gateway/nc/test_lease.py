@@ -8,10 +8,12 @@ import pytest
 from drivers.base import NoAnswer
 from drivers.nc import NumericalControl, WatchdogTerms
 from gateway.config.sections import Compensation
+from gateway.model.notice import Notice
+from gateway.model.text import plain
 from gateway.nc.lease import Lease
 from gateway.nc.settings import Identity
 from gateway.nc.states import Right
-from gateway.runtime.problems import Notice, Problems
+from gateway.runtime.problems import Problems
 from tests.benches.stepped_clock import SteppedClock
 
 SILENT, EAR = "NC: its watchdog does not answer the heartbeats", "NC: its watchdog did not receive the heartbeat"
@@ -105,10 +107,10 @@ async def test_the_control_is_told_what_is_declared_and_disarmed_it_does_that(
     await bench.lease.claim()
     assert bench.control.asked == [("claim", 7, WatchdogTerms(4.0, ramp, 2.0), 6)]
     assert not bench.lease.taken_back
-    bench.lease.disarm("another program wrote")
+    bench.lease.disarm(plain("another program wrote"))
     assert bench.lease.taken_back is taken
     assert (bench.lease.right, bench.lease.armed) == (Right.DISARMED, False)
-    assert bench.notices == [Notice("offsets of NC", "another program wrote")]
+    assert bench.notices == [Notice("offsets of NC", plain("another program wrote"))]
     bench.lease.lost()
     await bench.lease.claim()
     await bench.lease.release()
@@ -168,8 +170,8 @@ async def test_a_lost_connection_leaves_the_claim_to_be_made_again() -> None:
 async def test_what_happened_to_a_write_is_reported_and_it_goes_on() -> None:
     bench = LeaseBench()
     await bench.beats(True)
-    bench.lease.tell("a write arrived late")
-    assert bench.notices == [Notice("late write to NC", "a write arrived late")]
+    bench.lease.tell(plain("a write arrived late"))
+    assert bench.notices == [Notice("late write to NC", plain("a write arrived late"))]
     assert bench.lease.right is Right.HEARD
 
 
@@ -177,7 +179,7 @@ async def test_a_slow_ramp_takes_the_offsets_back_too_and_only_once_it_is_disarm
     bench = LeaseBench(slew_um_per_s=0.5)
     assert await bench.beats(True) == []
     assert not bench.lease.taken_back
-    bench.lease.disarm("another program wrote")
+    bench.lease.disarm(plain("another program wrote"))
     assert bench.lease.taken_back
 
 

@@ -2,21 +2,17 @@
 
 import pytest
 
-from gateway.nc.problems import (
-    CONNECTED_AGAIN,
-    DISARMED,
-    HEARD_AGAIN,
-    NOT_ANSWERED,
-    NOT_CONNECTED,
-    NOT_RECEIVED,
-    UNRECEIVED,
-    still_wrong,
-)
+from gateway.model.codes import NoticeCode
+from gateway.model.text import Text, plain
+from gateway.nc.problems import still_wrong
 
-LOST, REFUSED = f"{NOT_CONNECTED}device nc: silent", f"{NOT_CONNECTED}device nc: refused"
-UNHEARD, NEVER_HEARD = NOT_RECEIVED, f"{NOT_ANSWERED}: no offset is written"
-"""UNHEARD: as programs up to 2026-11 stored it."""
-WRONG = f"NC: wrote offsets 1 µm but 2 are in force; {DISARMED}. Does another program write them?"
+LOST = Text(NoticeCode.NC_NOT_CONNECTED, error="device nc: silent")
+REFUSED = Text(NoticeCode.NC_NOT_CONNECTED, error="device nc: refused")
+FOUND = Text(NoticeCode.NC_CONNECTED_AGAIN)
+UNHEARD, NEVER_HEARD = Text(NoticeCode.NC_WATCHDOG_UNHEARD), Text(NoticeCode.NC_WATCHDOG_SILENT)
+HEARD = Text(NoticeCode.NC_WATCHDOG_HEARD)
+WRONG = Text(NoticeCode.NC_OTHER_OFFSETS, wanted="1", found="2")
+COMES_AND_GOES = Text(NoticeCode.INTERMITTENT, problem=LOST, window_s=60.0)
 
 
 @pytest.mark.parametrize(
@@ -25,13 +21,14 @@ WRONG = f"NC: wrote offsets 1 µm but 2 are in force; {DISARMED}. Does another p
         ([], ()),
         ([LOST], (LOST,)),
         ([LOST, REFUSED], (REFUSED,)),
-        ([LOST, CONNECTED_AGAIN], ()),
-        ([LOST, UNHEARD, CONNECTED_AGAIN], (UNHEARD,)),
-        ([UNRECEIVED], (UNRECEIVED,)),
-        ([UNRECEIVED, HEARD_AGAIN], ()),
-        ([NEVER_HEARD, UNHEARD, HEARD_AGAIN], ()),
-        ([WRONG, LOST, CONNECTED_AGAIN], (WRONG,)),
-        ([f"device rtd1: {DISARMED}", "NC: cycles take longer than period_s"], ()),
+        ([LOST, FOUND], ()),
+        ([LOST, UNHEARD, FOUND], (UNHEARD,)),
+        ([UNHEARD, HEARD], ()),
+        ([NEVER_HEARD, UNHEARD, HEARD], ()),
+        ([WRONG, LOST, FOUND], (WRONG,)),
+        ([COMES_AND_GOES], (COMES_AND_GOES,)),
+        ([COMES_AND_GOES, FOUND], ()),
+        ([Text(NoticeCode.NC_SLOW, period_s=1.0), plain(str(LOST))], ()),
     ],
     ids=[
         "nothing",
@@ -39,12 +36,13 @@ WRONG = f"NC: wrote offsets 1 µm but 2 are in force; {DISARMED}. Does another p
         "for another reason",
         "and found",
         "and unheard",
-        "told what to do",
-        "and done",
         "heard",
+        "for two reasons",
         "disarmed",
+        "intermittent",
+        "steady",
         "of something else",
     ],
 )
-def test_what_is_not_ended_is_still_wrong(texts: list[str], wrong: tuple[str, ...]) -> None:
+def test_what_is_not_ended_is_still_wrong(texts: list[Text], wrong: tuple[Text, ...]) -> None:
     assert still_wrong(texts) == wrong

@@ -11,12 +11,12 @@ import pytest
 
 from drivers.nc import NineErrors, ProbingState, RequestStatus, TakesSlopes
 from gateway.model.compensation import Write
+from gateway.model.notice import Notice
 from gateway.nc.link import NcLink
 from gateway.nc.probing.cycle import End
 from gateway.nc.routes import AsGreeted, ByErrors, differ
 from gateway.nc.settings import Earlier, Identity, LinkSettings, Listeners
 from gateway.nc.slew import Slew
-from gateway.runtime.problems import Notice
 from talc import kinematics
 from talc.frame import Why
 from tests.benches.nc_link_bench import ScriptedControl, config, decision

@@ -2,8 +2,10 @@
 
 import logging
 
+from gateway.model.notice import Notice
+from gateway.model.text import plain
 from gateway.nc.pace import NcPace
-from gateway.runtime.problems import Notice, Problems
+from gateway.runtime.problems import Problems
 from tests.benches.stepped_clock import SteppedClock
 
 PERIOD_S = 0.5
@@ -41,7 +43,7 @@ def test_five_quick_periods_in_a_row_end_it() -> None:
     assert len(told(*[1] * 5, *[0] * 4, 1, *[0] * 4)) == 1
     begin, end = told(*[1] * 5, *[0] * 4, 1, *[0] * 5)
     assert not begin.ended
-    assert end == Notice("pace of NC", "NC: cycles are within period_s again", ended=True)
+    assert end == Notice("pace of NC", plain("NC: cycles are within period_s again"), ended=True)
     assert len(told(*[1] * 5, *[0] * 20)) == 2
 
 

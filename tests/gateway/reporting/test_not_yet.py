@@ -16,6 +16,7 @@ from gateway.config.model import GatewayConfig
 from gateway.control.restart.earlier import past_in
 from gateway.model.events import DecisionMade, FrameMade, MeasurementEnded, ReadingsTaken
 from gateway.model.sample import Sample
+from gateway.model.text import plain
 from gateway.nc.probing.cycle import End, Outcome
 from gateway.service.report_data import own_zone
 from gateway.storage.store import Store
@@ -45,7 +46,7 @@ def page_of(path: Path, config: GatewayConfig, steps: int, refused: bool = False
                         (0.0, 0.0, 0.0),
                         None,
                         float("nan"),
-                        REFUSED,
+                        plain(REFUSED),
                         End.REJECTED,
                     )
                 )

@@ -6,7 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gateway.runtime.problems import Notice, Problems, TurnTime
+from gateway.model.notice import Notice
+from gateway.model.text import plain
+from gateway.runtime.problems import Problems, TurnTime
 from tests.benches.manual_clock import ManualClock
 
 WINDOW_S = 60.0
@@ -24,23 +26,23 @@ class Seen:
     def bad(self, subject: str, kind: str, now_s: float) -> Notice | None:
         self.clock.move_to(now_s)
         self.notices.clear()
-        self.problems.report(subject, kind, f"{subject}: {kind}")
+        self.problems.report(subject, plain(f"{subject}: {kind}"), kind)
         return self.notices[0] if self.notices else None
 
     def well(self, subject: str, now_s: float) -> Notice | None:
         self.clock.move_to(now_s)
         self.notices.clear()
-        self.problems.clear(subject, f"{subject}: well")
+        self.problems.clear(subject, plain(f"{subject}: well"))
         return self.notices[0] if self.notices else None
 
 
 async def test_a_problem_is_reported_when_it_begins_and_when_it_ends() -> None:
     seen = Seen()
     assert seen.well("a", 0.0) is None
-    assert [seen.bad("a", "silent", t) for t in (1.0, 2.0, 3.0)] == [Notice("a", "a: silent"), None, None]
-    assert seen.bad("a", "noise", 4.0) == Notice("a", "a: noise")  # it turned into another
+    assert [seen.bad("a", "silent", t) for t in (1.0, 2.0, 3.0)] == [Notice("a", plain("a: silent")), None, None]
+    assert seen.bad("a", "noise", 4.0) == Notice("a", plain("a: noise"))  # it turned into another
     assert seen.bad("a", "silent", 5.0) is None
-    assert [seen.well("a", t) for t in (6.0, 7.0)] == [Notice("a", "a: well", ended=True), None]
+    assert [seen.well("a", t) for t in (6.0, 7.0)] == [Notice("a", plain("a: well"), ended=True), None]
 
 
 async def test_subjects_do_not_know_each_other() -> None:
@@ -58,7 +60,7 @@ async def test_what_is_intermittent_is_reported_so_and_then_only_when_it_is_stea
     assert said[:-1] == [(t, f"a: {'well' if t % 2 else 'silent'}", bool(t % 2)) for t in range(6)]
     assert said[-1] == (6, "a: silent; it is intermittent: reported again when it has been steady for 60 s", False)
     assert [t for t in range(600, 800) if seen.well("a", float(t))] == [659]  # well since 599
-    assert seen.bad("a", "silent", 900.0) == Notice("a", "a: silent")
+    assert seen.bad("a", "silent", 900.0) == Notice("a", plain("a: silent"))
 
 
 async def test_an_intermittent_problem_that_becomes_permanent_reports_new_kinds_again() -> None:
@@ -105,10 +107,10 @@ async def test_what_is_reported_is_logged_once_and_a_bug_with_its_traceback(capl
     caplog.set_level(logging.INFO, logger=LOG.name)
     seen, bug = Seen(), ValueError("no rows")
     for _ in range(3):
-        seen.problems.report("a", "ValueError", "a: unexpected", bug=bug)
-    seen.problems.report("a", "silent", "a: silent")
+        seen.problems.report("a", plain("a: unexpected"), "ValueError", bug=bug)
+    seen.problems.report("a", plain("a: silent"), "silent")
     for _ in range(2):
-        seen.problems.clear("a", "a: well")
+        seen.problems.clear("a", plain("a: well"))
     assert [(r.levelname, r.getMessage(), r.exc_info is not None) for r in caplog.records] == [
         ("WARNING", "a: unexpected", True),
         ("WARNING", "a: silent", False),
@@ -123,7 +125,7 @@ def test_of_reasons_that_are_always_others_ten_are_reported_until_the_problem_ha
     assert said[:9] == [f"a: line {n} is refused" for n in range(9)]
     assert said[9:] == ["a: line 9 is refused; what else goes wrong is not reported until this has ended"]
     assert seen.well("a", 100.0)
-    assert seen.bad("a", "line 100 is refused", 101.0) == Notice("a", "a: line 100 is refused")
+    assert seen.bad("a", "line 100 is refused", 101.0) == Notice("a", plain("a: line 100 is refused"))
 
 
 def test_a_quiet_one_logs_each_unexpected_exception_once_and_notifies_of_all(caplog: pytest.LogCaptureFixture) -> None:
@@ -131,9 +133,13 @@ def test_a_quiet_one_logs_each_unexpected_exception_once_and_notifies_of_all(cap
     problems = Problems(ManualClock(), 1.0, notices.append, LOG, quiet=True)
     bug = ValueError("no rows")
     for subject in ("a", "b", "a"):
-        problems.report(subject, "ValueError", f"{subject}: unexpected", bug=bug)
-    problems.report("c", "silent", "c: silent")
-    assert notices == [Notice("a", "a: unexpected"), Notice("b", "b: unexpected"), Notice("c", "c: silent")]
+        problems.report(subject, plain(f"{subject}: unexpected"), "ValueError", bug=bug)
+    problems.report("c", plain("c: silent"), "silent")
+    assert notices == [
+        Notice("a", plain("a: unexpected")),
+        Notice("b", plain("b: unexpected")),
+        Notice("c", plain("c: silent")),
+    ]
     assert [(r.getMessage(), r.exc_info is not None) for r in caplog.records] == [("a: unexpected", True)]
 
 
@@ -142,11 +148,11 @@ def test_what_is_given_its_time_at_each_turn_is_steady_by_that_time() -> None:
     problems = Problems(time, 1.0, notices.append, LOG, most=1)
     for now_s in (0.0, 10.0):
         time.now_s = now_s
-        problems.report("a", "silent", "silent")
-        problems.clear("a", "well")
+        problems.report("a", plain("silent"), "silent")
+        problems.clear("a", plain("well"))
     notices.clear()
     for now_s in (10.0 + WINDOW_S - 0.1, 10.0 + WINDOW_S):
         assert notices == []
         time.now_s = now_s
-        problems.clear("a", "well")
-    assert notices == [Notice("a", "well", ended=True)]
+        problems.clear("a", plain("well"))
+    assert notices == [Notice("a", plain("well"), ended=True)]

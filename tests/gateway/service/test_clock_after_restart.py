@@ -25,11 +25,11 @@ from gateway.control.restart.earlier import Past, past_of
 from gateway.control.restart.rebuild import controller_of
 from gateway.control.trainer import Trainings
 from gateway.model.events import DecisionMade, FrameMade, ReadingsTaken
+from gateway.model.notice import Notice
 from gateway.model.sample import Sample
 from gateway.model.step_time import StepTime
 from gateway.nc.probing.schedule import schedule_of
 from gateway.runtime.ages import Ages
-from gateway.runtime.problems import Notice
 from gateway.service.clock_watch import ClockWatch
 from gateway.storage.history import History
 from gateway.storage.store import Store

@@ -14,6 +14,7 @@ from gateway.config.file import parse
 from gateway.control.restart.earlier import Past
 from gateway.model.events import DecisionMade, HealthChecked, OutlookChanged, StoreHealth
 from gateway.model.standing import Standing
+from gateway.model.text import plain
 from gateway.nc.probing.schedule import Outlook
 from gateway.runtime.time_service import clock_synchronised
 from gateway.service.health import HealthWatch
@@ -37,7 +38,7 @@ class WatchedHealth:
         self.store = StoreHealth(free_mb=900.0)
         self.synchronised: bool | None = True
         self.watch = HealthWatch(
-            STEP_S, self.board, lambda: None, self.clock, lambda: self.store, lambda: self.synchronised, self.kept
+            STEP_S, self.board, None, self.clock, lambda: self.store, lambda: self.synchronised, self.kept
         )
 
     def read(self, channel: str, quality: Quality = Quality.GOOD, detail: str = "") -> None:
@@ -49,7 +50,7 @@ def test_a_gateway_with_all_that_it_needs_waits_for_nothing() -> None:
     at = WatchedHealth()
     at.read("t0")
     at.read("t1")
-    at.watch.take(DecisionMade(DECISION))
+    at.watch.decided(DecisionMade(DECISION))
     health = at.watch.health()
     assert (health.channels, health.channels_good, health.nc) == (2, 2, "none")
     assert (health.waits_for, health.store, health.clock_synchronised) == ((), at.store, True)
@@ -58,8 +59,10 @@ def test_a_gateway_with_all_that_it_needs_waits_for_nothing() -> None:
 def test_each_thing_that_is_missing_is_named_with_its_reason() -> None:
     at = WatchedHealth()
     at.read("t1", Quality.SENSOR_FAULT, "wire break")
-    at.store, at.synchronised = StoreHealth("database or disk is full"), False
-    at.watch.take(OutlookChanged(Outlook(Standing.BLOCKED, Why.INTERVAL, "alarm 21612", 2, "clean the sphere")))
+    at.store, at.synchronised = StoreHealth(plain("database or disk is full")), False
+    at.watch.outlook_changed(
+        OutlookChanged(Outlook(Standing.BLOCKED, Why.INTERVAL, plain("alarm 21612"), 2, plain("clean the sphere")))
+    )
     at.clock.spend(2 * STEP_S + 12.0)
     health = at.watch.health()
     assert health.channels_good == 0
@@ -93,7 +96,7 @@ def test_some_of_many_bad_channels_are_named_and_the_others_counted() -> None:
 @pytest.mark.parametrize("synchronised", [True, None])
 def test_an_unknown_clock_is_no_reason_to_wait(synchronised: bool | None) -> None:
     at = WatchedHealth(0)
-    at.watch.take(DecisionMade(DECISION))
+    at.watch.decided(DecisionMade(DECISION))
     at.synchronised = synchronised
     assert at.watch.health().waits_for == ()
 

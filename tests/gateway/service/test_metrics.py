@@ -32,6 +32,7 @@ from gateway.model.events import (
     StoreHealth,
 )
 from gateway.model.sample import Sample
+from gateway.model.text import plain
 from gateway.service.metrics import GatewayFigures, MetricsError, MetricsServer
 from gateway.service.serving import serve
 from tests.benches import telemetry_examples as example
@@ -55,8 +56,8 @@ def whole() -> GatewayFigures:
     figures.take(MeasurementEnded(example.OUTCOME))
     figures.take(MeasurementEnded(example.REFUSED))
     figures.take(EventReported(example.PROBLEM, None))
-    store = StoreHealth("disk is full", 5.0, 40, 3, 900.0)
-    figures.take(HealthChecked(Health(60.0, 30, 29, NcState.STALE, True, ("an operator",), store)))
+    store = StoreHealth(plain("disk is full"), 5.0, 40, 3, 900.0)
+    figures.take(HealthChecked(Health(60.0, 30, 29, NcState.STALE, True, (plain("an operator"),), store)))
     return figures
 
 

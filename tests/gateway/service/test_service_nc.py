@@ -16,6 +16,7 @@ from gateway.config.extended import validate
 from gateway.config.model import GatewayConfig
 from gateway.control.restart.earlier import Past
 from gateway.model.events import MeasurementEnded, StoreHealth
+from gateway.model.text import plain
 from gateway.nc.link import NcLink
 from gateway.nc.probing.cycle import End, Outcome
 from gateway.nc.settings import Identity
@@ -237,10 +238,10 @@ async def test_while_nothing_can_be_stored_the_offsets_go_where_it_is_configured
         await bench.clock.run_until(2.0)
         gateway.link.follow(decision(6.0))
         await bench.clock.run_until(15.0)
-        health = StoreHealth("database or disk is full", failing_s=59.0)
+        health = StoreHealth(plain("database or disk is full"), failing_s=59.0)
         await bench.clock.run_until(25.0)
         assert bench.in_force_um == pytest.approx((0.0, 0.0, 6.0)), "not at once"
-        health = StoreHealth("database or disk is full", failing_s=61.0)
+        health = StoreHealth(plain("database or disk is full"), failing_s=61.0)
         await bench.clock.run_until(40.0)
         assert bench.in_force_um == pytest.approx((0.0, 0.0, left))
         health = StoreHealth()

@@ -15,10 +15,12 @@ from gateway.cli.main import main
 from gateway.config.applied import ConfigurationApplied
 from gateway.config.file import load
 from gateway.config.model import GatewayConfig
+from gateway.model.codes import NoticeCode
 from gateway.model.commands import Command, CommandName, CommandOutcome
 from gateway.model.events import CommandGiven, DecisionMade, EventReported, FrameMade, ReadingsTaken
+from gateway.model.notice import Notice, problem_event
 from gateway.model.sample import Sample
-from gateway.nc.problems import CONNECTED_AGAIN, NOT_CONNECTED
+from gateway.model.text import Text, plain
 from gateway.service.status import file_system_of, is_locked, status_of
 from gateway.storage.store import Store
 from talc.frame import Event, EventKind, Frame
@@ -56,7 +58,9 @@ def test_a_gateway_that_runs_decides_and_reads_is_well_and_later_is_not(tmp_path
         assert well.problems[-1].endswith("device rtd1: silent")
         assert well.unarmed[0] == "nothing will be learnt and nothing corrected: there is no [nc]"
         assert well.paused is None
-        store.record(CommandGiven(CommandOutcome(Command(CommandName.PAUSE, "anna"), now, accepted=True, text="")))
+        store.record(
+            CommandGiven(CommandOutcome(Command(CommandName.PAUSE, "anna"), now, accepted=True, text=plain("")))
+        )
         store.flush()
         assert status_of(config, now).paused == "paused by anna since 2026-03-02 06:00 UTC"
         assert not status_of(config, now + timedelta(seconds=3 * STEP_S)).well, "it has stopped deciding"
@@ -89,26 +93,27 @@ def test_a_control_that_is_not_connected_is_not_well_until_it_is_again(tmp_path:
     config, clock = configured(tmp_path), SteppedClock()
     now = clock.utc()
     k = int(now.timestamp()) // STEP_S
+    silent = Text(NoticeCode.NC_NOT_CONNECTED, error="device nc: silent")
 
-    def problem(text: str, kind: EventKind = EventKind.PROBLEM) -> None:
-        store.record(EventReported(Event(kind, text), k))
+    def problem(subject: str, text: Text, *, ended: bool = False) -> None:
+        store.record(EventReported(problem_event(Notice(subject, text, ended)), k))
         store.flush()
 
     with Store(config.storage.path, "boot-1", clock) as store:
         store.begin(config.canonical(), config.fingerprint(), "", None)
         store.record(DecisionMade(decision(k)))
         store.record(ReadingsTaken([sample(20.5, Quality.GOOD, now)]))
-        problem(f"{NOT_CONNECTED}device nc: silent")
+        problem("NC", silent)
         for turn in range(20):
-            problem(f"bus rtu1, device rtd1: silent {turn}")
-            problem("device rtd1: answers again", EventKind.PROBLEM_ENDED)
+            problem("device rtd1", plain(f"bus rtu1, device rtd1: silent {turn}"))
+            problem("device rtd1", Text(NoticeCode.ANSWERS_AGAIN, subject="device rtd1"), ended=True)
         lost = status_of(config, now)
         assert (lost.well, lost.control) == (False, ("NC: not connected: device nc: silent",))
         assert [text[6:] for text in lost.problems] == [lost.control[0], "device rtd1: answers again"]
-        problem(CONNECTED_AGAIN, EventKind.PROBLEM_ENDED)
+        problem("NC", Text(NoticeCode.NC_CONNECTED_AGAIN), ended=True)
         again = status_of(config, now)
         assert (again.well, again.control) == (True, ())
-        problem(f"{NOT_CONNECTED}device nc: silent")
+        problem("NC", silent)
         clock.spend(1.0)
         store.record(ConfigurationApplied(config))  # without a control, or with another
         store.flush()

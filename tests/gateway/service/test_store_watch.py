@@ -4,7 +4,8 @@ from pathlib import Path
 
 from gateway.config.sections import Storage
 from gateway.model.events import GatewayEvent, StorageChanged, StoreHealth
-from gateway.runtime.problems import Notice
+from gateway.model.notice import Notice
+from gateway.model.text import plain
 from gateway.service.store_watch import StoreWatch
 from tests.benches.stepped_clock import SteppedClock
 from tests.benches.tasks import running
@@ -33,7 +34,7 @@ async def test_a_failure_is_reported_once_published_as_long_as_it_lasts_and_its_
         await at.clock.run_until(20.0)
         assert at.events == []
         assert at.notices == []
-        at.health = StoreHealth(FULL, 3.0, waiting=20, free_mb=9000.0)
+        at.health = StoreHealth(plain(FULL), 3.0, waiting=20, free_mb=9000.0)
         await at.clock.run_until(40.0)
         at.health = StoreHealth(free_mb=9000.0)
         await at.clock.run_until(60.0)
@@ -68,6 +69,6 @@ async def test_what_became_of_a_damaged_database_is_reported_once() -> None:
     text = "storage: gateway.sqlite was damaged (malformed) and is set aside as gateway.sqlite.damaged-20260302T060000"
     async with running(at.watch.run()):
         await at.clock.run_until(10.0)
-        at.health = StoreHealth(free_mb=9000.0, mended=text)
+        at.health = StoreHealth(free_mb=9000.0, mended=plain(text))
         await at.clock.run_until(60.0)
     assert at.told() == [(text, False)]

@@ -21,6 +21,7 @@ from gateway.model.events import (
     ModelsAdopted,
     ProbingRequested,
 )
+from gateway.model.text import plain
 from gateway.storage.history import History
 from gateway.storage.store import Store
 from tests.benches import telemetry_examples as example
@@ -32,7 +33,7 @@ LONG_S = 3600.0
 
 
 def given(name: CommandName, by: str, *, accepted: bool = True) -> CommandGiven:
-    return CommandGiven(CommandOutcome(Command(name, by), example.NOW, accepted, "text"))
+    return CommandGiven(CommandOutcome(Command(name, by), example.NOW, accepted, plain("text")))
 
 
 def count(path: Path, table: str) -> int:

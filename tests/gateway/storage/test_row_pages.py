@@ -24,6 +24,7 @@ from gateway.model.events import (
     ReasonsGiven,
 )
 from gateway.model.sample import Sample
+from gateway.model.text import plain
 from gateway.nc.probing.cycle import Outcome
 from gateway.storage.epochs import NUMBERS, Position
 from gateway.storage.faults import StoreError
@@ -123,7 +124,7 @@ def test_commands_and_starts_come_too(tmp_path: Path) -> None:
         with Store(path, f"boot-{run}", SteppedClock()) as store:
             store.begin(config.canonical(), config.fingerprint(), "python 3")
             store.record(
-                CommandGiven(CommandOutcome(Command(name, "anna"), EPOCH, accepted=run == 0, text=f"no {run}"))
+                CommandGiven(CommandOutcome(Command(name, "anna"), EPOCH, accepted=run == 0, text=plain(f"no {run}")))
             )
     asker.catch_up()
     assert asker.cells["commands"] == [[EPOCH, "pause", "anna", 1, "no 0"], [EPOCH, "resume", "anna", 0, "no 1"]]

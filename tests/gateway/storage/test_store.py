@@ -27,6 +27,7 @@ from gateway.model.events import (
     ReadingsTaken,
 )
 from gateway.model.sample import Sample
+from gateway.model.text import plain
 from gateway.nc.probing.cycle import End, Outcome
 from gateway.nc.settings import Identity
 from gateway.storage.faults import StoreError
@@ -130,7 +131,16 @@ def test_measurements_keep_the_raw_centres_and_why_they_were_refused(tmp_path: P
         store.record(
             MeasurementEnded(
                 Outcome(
-                    2, Why.RETRY, EPOCH, later, None, (0.0, 0.0, 0.0), None, math.nan, "refused: alarm", End.REFUSED
+                    2,
+                    Why.RETRY,
+                    EPOCH,
+                    later,
+                    None,
+                    (0.0, 0.0, 0.0),
+                    None,
+                    math.nan,
+                    plain("refused: alarm"),
+                    End.REFUSED,
                 )
             )
         )

@@ -15,6 +15,7 @@ import pytest
 from drivers.base import Quality
 from gateway.model.events import DecisionMade, FrameMade, ProbingRequested, ReadingsTaken
 from gateway.model.sample import Sample
+from gateway.model.text import NOTHING
 from gateway.storage.faults import StoreError
 from gateway.storage.history import History
 from gateway.storage.schema import make_schema
@@ -143,8 +144,8 @@ def test_stopped_while_an_old_record_is_deleted_it_stores_the_rest_and_deletes_l
         connection.execute("INSERT INTO event (time, kind, text) VALUES ('', '', 'in the transaction')")
         connection.execute("WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n) SELECT max(i) FROM n")
 
-    writer = DatabaseWriter(path, WriterTiming(commit_s=10.0, silent_s=0.2), endless, lambda _: None, lambda _: "")
-    writer.put("INSERT INTO event (time, kind, text) VALUES ('', '', ?)", [("waited",)])
+    writer = DatabaseWriter(path, WriterTiming(commit_s=10.0, silent_s=0.2), endless, lambda _: None, lambda _: NOTHING)
+    writer.put("event", "INSERT INTO event (time, kind, text) VALUES ('', '', ?)", [("waited",)])
     writer.start()
     assert begun.wait(LIMIT_S)
     assert writer.close()
@@ -165,7 +166,7 @@ def test_a_disk_that_refuses_to_delete_old_rows_counts_as_failing_until_it_does(
             often.set()
         raise sqlite3.OperationalError("disk I/O error")
 
-    writer = DatabaseWriter(path, WriterTiming(commit_s=10.0, retry_s=0.01), refused, lambda _: None, lambda _: "")
+    writer = DatabaseWriter(path, WriterTiming(commit_s=10.0, retry_s=0.01), refused, lambda _: None, lambda _: NOTHING)
     writer.start()
     assert often.wait(LIMIT_S)
     assert writer.close()
@@ -283,7 +284,7 @@ async def test_the_event_loop_runs_while_a_number_waits_for_another_programs_loc
 
 
 def item(number: int, kind: WaitingKind, rows: int = 1) -> Item:
-    return Item(number, "", [(number,)] * rows, kind, commit=False)
+    return Item(number, "", "", [(number,)] * rows, kind, commit=False)
 
 
 def test_of_too_many_rows_the_oldest_readings_go_and_never_a_decision() -> None:

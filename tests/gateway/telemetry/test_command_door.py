@@ -6,6 +6,7 @@ from datetime import UTC, datetime
 import pytest
 
 from gateway.model.commands import UNPROVED, Command, CommandName, CommandOutcome
+from gateway.model.text import plain
 from gateway.telemetry.answers import CommandAnswer, CommandTerms
 from gateway.telemetry.codec import decode_answer
 from gateway.telemetry.command_door import CommandDoor, Entitled
@@ -33,7 +34,7 @@ class Gate:
 
     def _give(self, command: Command, refused: str) -> CommandOutcome:
         self.given.append((command, refused))
-        return CommandOutcome(command, NOW, not refused, refused or "done")
+        return CommandOutcome(command, NOW, not refused, plain(refused or "done"))
 
     def terms(self) -> CommandTerms:
         return decode_answer(CommandTerms, self.door.answer(AskedQuery("", "", b"", b"")).payload)

@@ -15,6 +15,7 @@ from gateway.config.telemetry import Operator, Telemetry
 from gateway.model.commands import Command, CommandName, CommandOutcome, Pause
 from gateway.model.control_state import NcState
 from gateway.model.events import Health, HealthChecked, StoreHealth
+from gateway.model.text import plain
 from gateway.telemetry.client import Machine, MachineError
 from gateway.telemetry.codec import decode_refusal
 from gateway.telemetry.command_signer import CommandSigner
@@ -32,9 +33,9 @@ def key_file(folder: Path, name: str) -> Path:
     return path
 
 
-def publisher(port: int, *operators: Operator) -> TelemetryPublisher:
+def publisher(port: int, *operators: Operator, obey: "Obeyed | None" = None) -> TelemetryPublisher:
     settings = Telemetry(listen=(f"tcp/127.0.0.1:{port}",), operator=operators)
-    return TelemetryPublisher(settings, "mill", (), SystemClock(), "boot-1", simulated=False)
+    return TelemetryPublisher(settings, "mill", (), SystemClock(), "boot-1", simulated=False, obey=obey)
 
 
 class Obeyed:
@@ -43,16 +44,20 @@ class Obeyed:
     def __init__(self) -> None:
         self.commands: list[Command] = []
         self.refused: list[Command] = []
+        self.starting = False
 
     async def __call__(self, command: Command, refused: str) -> CommandOutcome:
+        if self.starting:
+            raise OSError("the gateway is starting or stopping; give the command again")
         (self.refused if refused else self.commands).append(command)
-        return CommandOutcome(command, NOW, not refused, refused or "it is done")
+        return CommandOutcome(command, NOW, not refused, plain(refused or "it is done"))
 
 
 async def test_a_program_and_the_command_line_give_commands_and_print_the_answer(tmp_path: Path) -> None:
     port, obeyed, key = free_port(), Obeyed(), key_file(tmp_path, "anna")
     anna = Operator(name="anna", key_file=key, may=(CommandName.MEASURE, CommandName.PAUSE))
-    async with publisher(port, anna) as gateway:
+    obeyed.starting = True
+    async with publisher(port, anna, obey=obeyed) as gateway:
         gateway.publish(HealthChecked(Health(1.0, 0, 0, NcState.READY, True, (), StoreHealth(), Pause("ben", NOW))))
 
         def give() -> None:
@@ -60,7 +65,7 @@ async def test_a_program_and_the_command_line_give_commands_and_print_the_answer
             with Machine(connect=where, operator=signer) as machine:
                 with pytest.raises(MachineError, match="mill: command: the gateway is starting"):
                     machine.pause()
-                gateway.take_commands(obeyed)
+                obeyed.starting = False
                 assert machine.measure_now().text == machine.pause().text == "it is done"
                 with pytest.raises(MachineError, match=r"mill: resume refused: anna may not give this command"):
                     machine.resume()
@@ -94,8 +99,7 @@ async def test_a_program_and_the_command_line_give_commands_and_print_the_answer
 async def test_a_reader_without_a_key_can_do_nothing(tmp_path: Path) -> None:
     port, obeyed = free_port(), Obeyed()
     anna = Operator(name="anna", key_file=key_file(tmp_path, "anna"), may=(CommandName.PAUSE,))
-    async with publisher(port, anna) as gateway:
-        gateway.take_commands(obeyed)
+    async with publisher(port, anna, obey=obeyed):
 
         def tried(session: zenoh.Session, selector: str) -> list[str]:
             replies = session.get(selector, payload=b'{"name":"pause"}', timeout=60.0)
@@ -122,8 +126,7 @@ async def test_a_reader_without_a_key_can_do_nothing(tmp_path: Path) -> None:
 
 async def test_without_operators_nothing_listens_for_commands(tmp_path: Path) -> None:
     port, key = free_port(), key_file(tmp_path, "anna")
-    async with publisher(port) as gateway:
-        gateway.take_commands(Obeyed())
+    async with publisher(port, obey=Obeyed()):
 
         def give() -> None:
             signer = CommandSigner.of_file("anna", key)

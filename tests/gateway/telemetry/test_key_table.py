@@ -29,6 +29,7 @@ from gateway.model.events import (
     StoreHealth,
 )
 from gateway.model.standing import Standing
+from gateway.model.text import plain
 from gateway.nc.probing.cycle import Outcome
 from gateway.nc.probing.schedule import Outlook
 from gateway.telemetry import keys
@@ -74,8 +75,7 @@ def test_the_page_lists_and_counts_the_keys_that_only_answer_queries() -> None:
 async def test_the_table_has_every_key_and_every_field_that_is_published() -> None:
     port, step = free_port(), Step((0.0, 0.0, 9.0), (0.0, 0.0, 3.0), Source.PREDICTION, (False, False, False))
     measured = Measurement(np.zeros(9), np.ones(9))
-    async with telemetry(port) as t:
-        t.count_missed(lambda: {"rtu1": 3})
+    async with telemetry(port, periods_missed=lambda: {"rtu1": 3}) as t:
         t.publish(ConfigurationApplied(configuration("mill")))
         t.publish(ReadingsTaken([reading(20.0)]))
         t.publish(FrameMade(Frame(7, np.array([20.5, math.nan]), np.array([True, False]))))
@@ -88,8 +88,8 @@ async def test_the_table_has_every_key_and_every_field_that_is_published() -> No
         t.publish(SensorsJudged(Judgement(), 7))
         t.publish(ReasonsGiven(example.REASONS))
         t.publish(ForecastMade(example.FORECAST, example.MISSES))
-        t.publish(OutlookChanged(Outlook(Standing.DUE, Why.INTERVAL, "", 0, "")))
-        t.publish(StorageChanged(StoreHealth("database is locked", 5.0, 40, 0, 900.0)))
+        t.publish(OutlookChanged(Outlook(Standing.DUE, Why.INTERVAL, plain(""), 0, plain(""))))
+        t.publish(StorageChanged(StoreHealth(plain("database is locked"), 5.0, 40, 0, 900.0)))
         t.publish(HealthChecked(Health(60.0, 30, 29, NcState.READY, True, (), StoreHealth())))
         t.publish(EventReported(Event(EventKind.PROBLEM, "the last"), 7))
         found = last_values(port)

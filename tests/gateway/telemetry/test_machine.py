@@ -19,6 +19,7 @@ from gateway.config.telemetry import Telemetry
 from gateway.model.control_state import NcState
 from gateway.model.events import DecisionMade, Health, HealthChecked, ReadingsTaken, StoreHealth
 from gateway.model.reading_blocks import READING_ROW, pack
+from gateway.model.text import plain
 from gateway.telemetry.answers import HistoryBlock, HistoryPage
 from gateway.telemetry.client import Machine, MachineError
 from gateway.telemetry.history_queries import HistoryRequest
@@ -64,7 +65,9 @@ async def test_last_messages_are_typed_and_by_key() -> None:
     async with telemetry(port) as publisher:
         publisher.publish(ReadingsTaken([reading(20.0)]))
         publisher.publish(DecisionMade(decision(7)))
-        publisher.publish(HealthChecked(Health(60.0, 30, 29, NcState.READY, None, ("an operator",), StoreHealth())))
+        publisher.publish(
+            HealthChecked(Health(60.0, 30, 29, NcState.READY, None, (plain("an operator"),), StoreHealth()))
+        )
         publisher.publish(problem("the last"))
         with Machine("mill", connect=here(port)) as machine:
             wait_until(lambda: machine.latest("event"))
@@ -262,7 +265,9 @@ async def test_the_example_of_the_page_follows_a_machine_and_reads_its_day() -> 
     async with TelemetryPublisher(
         settings, "mill", (), SystemClock(), "b", simulated=False, history=stored
     ) as publisher:
-        publisher.publish(HealthChecked(Health(60.0, 30, 29, NcState.READY, None, ("an operator",), StoreHealth())))
+        publisher.publish(
+            HealthChecked(Health(60.0, 30, 29, NcState.READY, None, (plain("an operator"),), StoreHealth()))
+        )
         process = await asyncio.create_subprocess_exec(
             *(sys.executable, "-uc", code), stdout=subprocess.PIPE, stderr=subprocess.PIPE
         )

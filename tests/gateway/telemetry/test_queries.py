@@ -12,6 +12,7 @@ import zenoh
 from drivers.base import SystemClock
 from gateway.config.telemetry import Telemetry
 from gateway.model.events import EventReported
+from gateway.model.text import Text
 from gateway.telemetry.answers import CoursePage, HistoryPage, ReportPage, StoredColumn, StoredRows, StoredTable
 from gateway.telemetry.codec import MESSAGE_TYPES, decode_answer, decode_refusal
 from gateway.telemetry.history_queries import CourseRequest, CourseSource, HistoryRequest, HistorySource
@@ -53,7 +54,7 @@ def with_history(
     )
 
 
-def ask(port: int, selector: str) -> tuple[list[zenoh.Sample], list[str]]:
+def ask(port: int, selector: str) -> tuple[list[zenoh.Sample], list[Text]]:
     """Replies, and what error replies say."""
     with client(port) as session:
         replies = list(session.get(selector, timeout=LIMIT_S))

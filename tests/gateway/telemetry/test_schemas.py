@@ -34,6 +34,7 @@ from gateway.model.events import (
     StorageChanged,
     StoreHealth,
 )
+from gateway.model.text import plain
 from gateway.runtime.clocks import RealClock
 from gateway.service.stored_answers import course_of, history_of, rows_of
 from gateway.storage.store import Store, boot_id
@@ -160,8 +161,8 @@ EVENTS: tuple[GatewayEvent, ...] = (
     ForecastMade(example.FORECAST, example.MISSES),
     OutlookChanged(example.OUTLOOK),
     OutlookChanged(example.NO_WISH),
-    StorageChanged(StoreHealth("database is locked", 5.0, 40, 0, 900.0)),
-    HealthChecked(Health(60.0, 30, 29, NcState.READY, True, ("an operator",), StoreHealth())),
+    StorageChanged(StoreHealth(plain("database is locked"), 5.0, 40, 0, 900.0)),
+    HealthChecked(Health(60.0, 30, 29, NcState.READY, True, (plain("an operator"),), StoreHealth())),
     *(EventReported(event, k) for event, k in ((example.PROBLEM, None), (example.LIMIT, 7), (example.NO_NUMBER, 7))),
 )
 """Events of each kind, with and without what may be missing."""

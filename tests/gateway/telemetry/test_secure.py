@@ -15,11 +15,12 @@ import zenoh
 from drivers.base import SystemClock
 from gateway.config.telemetry import Operator, Telemetry, TelemetryTls
 from gateway.model.commands import Command, CommandName, CommandOutcome
+from gateway.model.text import plain
 from gateway.telemetry.answers import HistoryPage
 from gateway.telemetry.client import Machine, MachineError
 from gateway.telemetry.command_signer import CommandSigner
 from gateway.telemetry.history_queries import HistoryRequest
-from gateway.telemetry.publisher import TelemetryPublisher
+from gateway.telemetry.publisher import Obey, TelemetryPublisher
 from gateway.telemetry.session import Access, TelemetryError
 from tests.benches.free_port import free_port
 from tests.benches.plant_authority import PlantAuthority
@@ -38,8 +39,8 @@ def stored(_: HistoryRequest) -> HistoryPage:
     return PAGE
 
 
-def publisher(settings: Telemetry) -> TelemetryPublisher:
-    return TelemetryPublisher(settings, "mill", (), SystemClock(), "boot-1", simulated=False, history=stored)
+def publisher(settings: Telemetry, obey: Obey | None = None) -> TelemetryPublisher:
+    return TelemetryPublisher(settings, "mill", (), SystemClock(), "boot-1", simulated=False, history=stored, obey=obey)
 
 
 def _utc(seconds: float) -> datetime:
@@ -286,7 +287,7 @@ async def test_behind_the_plants_router_only_a_panel_may_ask_for_commands(tmp_pa
     signer = CommandSigner.of_file("anna", key)
 
     async def obey(command: Command, refused: str) -> CommandOutcome:
-        return CommandOutcome(command, _utc(0.0), not refused, refused or "it is done")
+        return CommandOutcome(command, _utc(0.0), not refused, plain(refused or "it is done"))
 
     def give() -> None:
         with Machine("mill", connect=site.here, access=site.access("panel"), operator=signer) as machine:
@@ -298,7 +299,6 @@ async def test_behind_the_plants_router_only_a_panel_may_ask_for_commands(tmp_pa
 
     with router(site):
         to_router = Telemetry(mode="client", connect=(site.here,), tls=site.tls, operator=(anna,))
-        async with publisher(to_router) as gateway:
-            gateway.take_commands(obey)
+        async with publisher(to_router, obey) as gateway:
             gateway.publish(problem("by the router"))
             await asyncio.to_thread(give)

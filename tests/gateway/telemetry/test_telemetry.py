@@ -29,6 +29,7 @@ from gateway.model.events import (
 )
 from gateway.model.sample import Sample
 from gateway.model.standing import Standing
+from gateway.model.text import plain
 from gateway.nc.probing.schedule import Outlook
 from gateway.telemetry.session import TelemetryError
 from talc.frame import Event, EventKind, Frame, Why
@@ -189,7 +190,9 @@ async def test_offsets_are_published_in_every_mode_but_monitor(
 async def test_where_probing_stands_is_in_its_own_key_and_in_the_status() -> None:
     port = free_port()
     async with telemetry(port) as t:
-        t.publish(OutlookChanged(Outlook(Standing.BLOCKED, Why.INTERVAL, "alarm 21612", 2, "clean the sphere")))
+        t.publish(
+            OutlookChanged(Outlook(Standing.BLOCKED, Why.INTERVAL, plain("alarm 21612"), 2, plain("clean the sphere")))
+        )
         t.publish(EventReported(Event(EventKind.PROBLEM, "after it"), 7))
         found = last_values(port)
     expected = {

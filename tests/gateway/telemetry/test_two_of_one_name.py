@@ -17,11 +17,12 @@ from gateway.config.telemetry import Operator, Telemetry
 from gateway.model.commands import Command, CommandName, CommandOutcome
 from gateway.model.control_state import NcState
 from gateway.model.events import Health, HealthChecked, StoreHealth
+from gateway.model.text import plain
 from gateway.telemetry.answers import HistoryPage
 from gateway.telemetry.client import Machine, MachineError
 from gateway.telemetry.command_signer import CommandSigner
 from gateway.telemetry.history_queries import HistoryRequest
-from gateway.telemetry.publisher import TelemetryPublisher
+from gateway.telemetry.publisher import Obey, TelemetryPublisher
 from tests.benches.free_port import free_port
 from tests.benches.telemetry_peer import problem
 
@@ -44,9 +45,9 @@ def stored(_: HistoryRequest) -> HistoryPage:
     return HistoryPage(0.0, ("bed",), ("degC",), [BEGIN.timestamp()], [0], [20.0], ["good"], None)
 
 
-def gateway(where: str, boot: str, *operators: Operator) -> TelemetryPublisher:
+def gateway(where: str, boot: str, *operators: Operator, obey: Obey | None = None) -> TelemetryPublisher:
     settings = Telemetry(mode="client", listen=(), connect=(where,), operator=operators)
-    return TelemetryPublisher(settings, "mill", (), SystemClock(), boot, simulated=False, history=stored)
+    return TelemetryPublisher(settings, "mill", (), SystemClock(), boot, simulated=False, history=stored, obey=obey)
 
 
 def healthy() -> HealthChecked:
@@ -84,7 +85,7 @@ async def test_what_two_gateways_of_one_name_say_is_not_mixed(tmp_path: Path) ->
 
     async def obey(command: Command, no: str) -> CommandOutcome:
         obeyed.append(command)
-        return CommandOutcome(command, BEGIN, not no, no or "it is done")
+        return CommandOutcome(command, BEGIN, not no, plain(no or "it is done"))
 
     def ask(where: str) -> None:
         with Machine(connect=where, operator=CommandSigner.of_file("anna", key)) as machine:
@@ -106,10 +107,9 @@ async def test_what_two_gateways_of_one_name_say_is_not_mixed(tmp_path: Path) ->
             assert machine.pause().text == "it is done"
 
     with router() as where:
-        async with gateway(where, "a", anna) as first:
-            async with gateway(where, "b", anna) as second:
+        async with gateway(where, "a", anna, obey=obey) as first:
+            async with gateway(where, "b", anna, obey=obey) as second:
                 for one in (first, second):
-                    one.take_commands(obey)
                     one.publish(healthy())
                 await asyncio.to_thread(wait_until_known, where)
                 await asyncio.to_thread(ask, where)

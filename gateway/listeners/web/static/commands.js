@@ -1,7 +1,7 @@
 // The buttons that give the gateway commands.
 import { machine } from "./choice.js";
 import { $, put } from "./elements.js";
-import { word } from "./words.js";
+import { atom, word } from "./words.js";
 
 // Present only with a token, for users who may give commands by the settings.
 const commands = $("commands");
@@ -33,7 +33,7 @@ export const readyCommands = () => {
       const reply = await fetch(`/command/${encodeURIComponent(machine)}/${chosen}`, {
         method: "POST", headers: { "x-command-token": commands.dataset.token } });
       const told = await reply.json();
-      answer(word(told.accepted ? "command.accepted" : "command.refused").replace("{text}", () => told.text));
+      answer(word(told.accepted ? "command.accepted" : "command.refused").replace("{text}", () => atom(told.said)));
     } catch { answer(word("command.failed")); }
   });
 };

@@ -41,6 +41,7 @@ export const atom = (a) => {
   if ("say" in a) return sentence(a);
   if ("w" in a) return word(a.w);
   if ("s" in a) return a.s;
+  if ("x" in a) return a.x[document.documentElement.lang];
   if ("t" in a) return time(a.t);
   return amount(a);
 };

@@ -16,9 +16,12 @@ from gateway.commissioning.doctor.credential_files import unread_files
 from gateway.commissioning.doctor.health import health_findings, show
 from gateway.config.file import load
 from gateway.config.model import GatewayConfig
+from gateway.model.codes import NoticeCode
 from gateway.model.events import EventReported, FrameMade, MeasurementEnded
+from gateway.model.notice import Notice, problem_event
+from gateway.model.text import Text
 from gateway.storage.store import Store
-from talc.frame import Event, EventKind, Frame
+from talc.frame import Frame
 from tests.benches.plant_authority import DAY, PlantAuthority
 from tests.benches.stepped_clock import SteppedClock
 from tests.benches.telemetry_examples import OUTCOME
@@ -357,14 +360,14 @@ def test_probing_that_scatters_more_than_at_first_is_found(
 
 @pytest.mark.parametrize("ended", [False, True])
 def test_another_master_that_the_gateway_hears_is_found(ended: bool, config: GatewayConfig, root: Path) -> None:
-    heard = "bus rtu1: another master is on this line: 3 frames in the last minute are not ours"
-    texts = [(EventKind.PROBLEM, heard)]
+    heard = Text(NoticeCode.OTHER_MASTER, bus="rtu1", evidence="3 frames in the last minute are not ours")
+    notices = [Notice("line of bus rtu1", heard)]
     if ended:
-        texts.append((EventKind.PROBLEM_ENDED, "bus rtu1: no other master is heard any more"))
+        notices.append(Notice("line of bus rtu1", Text(NoticeCode.NO_OTHER_MASTER, bus="rtu1"), ended=True))
     with Store(config.storage.path, "boot-1", SteppedClock()) as store:
         store.begin(config.canonical(), config.fingerprint(), "", None)
-        for kind, text in texts:
-            store.record(EventReported(Event(kind, text), None))
+        for notice in notices:
+            store.record(EventReported(problem_event(notice), None))
         store.flush()
     assert found(config, root) == ([] if ended else [heard])
 

@@ -10,10 +10,12 @@ from gateway.config.model import GatewayConfig
 from gateway.control.restart.earlier import past_in
 from gateway.control.restart.proven import dry_run_wanted
 from gateway.model.events import EventReported, MeasurementEnded
+from gateway.model.notice import event_of
+from gateway.model.text import plain
 from gateway.nc.probing.cycle import End, Outcome
 from gateway.nc.probing.geometry import geometry_of, recorded
 from gateway.storage.store import Store
-from talc.frame import Event, EventKind, Measurement, Why
+from talc.frame import EventKind, Measurement, Why
 from tests.benches.service_file import MACHINE, adam6015
 from tests.benches.stepped_clock import SteppedClock
 
@@ -55,7 +57,7 @@ def ran(config: GatewayConfig, boot: str, end: End | None, clock: SteppedClock) 
             now = clock.utc()
             store.record(
                 MeasurementEnded(
-                    Outcome(5, Why.INTERVAL, now, now, np.zeros((6, 3)), (0.0, 0.0, 0.0), found, 0.1, "", end)
+                    Outcome(5, Why.INTERVAL, now, now, np.zeros((6, 3)), (0.0, 0.0, 0.0), found, 0.1, plain(""), end)
                 )
             )
 
@@ -84,7 +86,7 @@ def test_a_dry_run_counts_before_the_first_run(tmp_path: Path) -> None:
     assert geometry is not None
     assert not proven(config)
     with Store(config.storage.path, "dry", clock) as store:
-        store.record(EventReported(Event(EventKind.OPERATOR, recorded(geometry, "6 poses")), None))
+        store.record(EventReported(event_of(EventKind.OPERATOR, recorded(geometry, "6 poses")), None))
     assert proven(config)
     assert not proven(at(tmp_path, "= 120.0", "= 119.0"))
 

@@ -6,7 +6,10 @@ from pathlib import Path
 import pytest
 
 from gateway.listeners.collect.folder import SiteFolder
+from gateway.model.codes import NoticeCode
+from gateway.model.text import Text
 from gateway.telemetry.answers import StoredColumn, StoredRows, StoredTable
+from gateway.telemetry.asking import QueryRefusal
 from tests.benches.stored_site import StoredSite, catch_up, collector, expected, kept, rows, write
 
 
@@ -131,19 +134,32 @@ class EarlierSite(StoredSite):
     """Gateways of a program that does not have the table `reasons` yet; `renewed`: a program that has it."""
 
     renewed = False
+    refusal = QueryRefusal("reasons: no such table")
 
     def ask(self, machine: str, after: Mapping[str, tuple[str, int] | None], limit: int) -> StoredRows:
         if "reasons" in after and not self.renewed:
             self.asked.append(machine)
-            raise OSError("reasons: no such table; there are measurements, steps, events, readings, runs")
+            raise self.refusal
         return super().ask(machine, after, limit)
 
 
+HAS = ("measurements", "steps", "models", "events", "compensation", "minutes", "readings", "runs", "commands")
+
+
+@pytest.mark.parametrize(
+    "refusal",
+    [
+        QueryRefusal(Text(NoticeCode.NO_SUCH_TABLE, table="reasons", tables=HAS)),
+        QueryRefusal("in words that nobody knows"),
+    ],
+    ids=["that says which it has", "that has no codes"],
+)
 def test_a_gateway_of_an_earlier_program_gives_its_tables_and_the_others_after_its_next_start(
-    stored_site: StoredSite, tmp_path: Path
+    refusal: QueryRefusal, stored_site: StoredSite, tmp_path: Path
 ) -> None:
     write(stored_site, "mill", range(20))
     earlier = EarlierSite(stored_site.folder)
+    earlier.refusal = refusal
     with SiteFolder(tmp_path / "site") as folder:
         collecting = collector(earlier, folder)
         catch_up(collecting)
@@ -163,7 +179,10 @@ def test_a_gateway_that_says_to_have_no_table_at_all_is_asked_for_all_of_them_ag
     stored_site: StoredSite, tmp_path: Path
 ) -> None:
     write(stored_site, "mill", range(20))
-    odd = Liar(stored_site.folder, {"mill": OSError("readings: no such table; there are spectra")})
+    odd = Liar(
+        stored_site.folder,
+        {"mill": QueryRefusal(Text(NoticeCode.NO_SUCH_TABLE, table="readings", tables=("spectra",)))},
+    )
     with SiteFolder(tmp_path / "site") as folder:
         collecting = collector(odd, folder)
         catch_up(collecting)

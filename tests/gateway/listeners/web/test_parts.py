@@ -1,12 +1,15 @@
 """What the gateway waits for, heat, health: samples in, sentences out."""
 
+import math
 from datetime import timedelta
 
 import pytest
 
 from gateway.listeners.web import parts
-from gateway.listeners.web.sentences import Amount, Atom, SaidRow, Sentence, ToldName, at
+from gateway.listeners.web.sentences import Amount, Atom, SaidRow, Sentence, ToldName, at, in_each
+from gateway.model.notice import finding_text
 from gateway.telemetry.messages import SensorFinding
+from talc.sensor_check import Finding
 from tests.benches.heard import BEGAN, STEP, HeardMachine
 
 
@@ -21,7 +24,7 @@ def test_what_blocks_a_measurement_and_what_the_operator_should_do_stand_there()
     heard.decision()
     heard.probing("blocked", "interval", "alarm 21612", "clean the sphere")
     found = {row.label: row for row in parts.waits(heard.seen)}
-    assert found["label.waits_for"].said == Sentence("said.alarm", {"numbers": ToldName("21612")})
+    assert found["label.waits_for"].said == Sentence("sentence.text", {"text": ToldName("alarm 21612")})
     assert found["label.operator"].said == Sentence("sentence.text", {"text": ToldName("clean the sphere")})
     assert found["label.probing"].mark == "notice"
 
@@ -121,8 +124,10 @@ def test_abnormal_heat_says_where_how_much_and_since_when() -> None:
     warmer, colder, exchanged, without = parts.doubts(heard.seen)
     assert warmer == Sentence("doubt.warmer", values)
     assert (colder.say, colder.values["off"]) == ("doubt.colder", Amount(2.0, "K"))
-    assert exchanged == Sentence("doubt.finding", {"text": ToldName("a and b may be exchanged")})
-    assert without == Sentence("doubt.finding", {"text": ToldName("bed is off by +2.0 K")}), "of an earlier program"
+    both = finding_text(Finding("swap", ("a", "b"), math.nan, 1.2))
+    assert exchanged == Sentence("doubt.finding", {"text": in_each(both)})
+    off = finding_text(Finding("offset", ("bed",), 2.0, 1.2))
+    assert without == Sentence("doubt.finding", {"text": in_each(off)}), "of an earlier program"
     heard.sensors({"motor": 1.0}, motor, cold, loads=("spindle_speed",))
     warmer, colder = parts.doubts(heard.seen)
     assert warmer == Sentence("doubt.warmer_for_loads", values | {"loads": ToldName("spindle_speed")})

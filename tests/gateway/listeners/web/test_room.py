@@ -1,7 +1,7 @@
 """The page reserves room for every text that a verdict may say."""
 
 from gateway.listeners.web import room
-from gateway.listeners.web.catalogue import LANGUAGES, texts
+from gateway.model.text import languages, texts
 
 WITHOUT_HELP = {
     "because.gone",
@@ -17,7 +17,7 @@ WITHOUT_HELP = {
 
 def group(name: str) -> set[str]:
     """The texts of a group in the catalogue."""
-    return {key for key in texts(next(iter(LANGUAGES))) if key.startswith(name + ".")}
+    return {key for key in texts(next(iter(languages()))) if key.startswith(name + ".")}
 
 
 def test_every_word_and_reason_has_its_room() -> None:

@@ -6,10 +6,13 @@ import numpy as np
 import pytest
 
 from gateway.listeners.web.at_tool import WorkPoint, at_the_tool, half_width, moved
-from gateway.listeners.web.sentences import SaidRow, Sentence, ToldName, at
+from gateway.listeners.web.sentences import SaidRow, Sentence, ToldName, at, in_each, told
 from gateway.listeners.web.verdict import Colour, Viewpoint, verdict_of
 from gateway.listeners.web.view import listed, shown_course, view
+from gateway.model.codes import NoticeCode
 from gateway.model.compensation import Source
+from gateway.model.text import Text
+from gateway.telemetry.fields import coded
 from gateway.telemetry.messages import PauseStanding
 from gateway.telemetry.subscriber.machine import Applied, applied
 from gateway.telemetry.subscriber.site import SiteSeen
@@ -276,13 +279,13 @@ def test_a_gateway_that_is_connected_and_says_nothing_is_silent() -> None:
 
 
 def test_what_is_not_armed_is_said_first() -> None:
-    heard, text = HeardMachine(), "nothing will be learnt: probing is not armed ([probing] armed = true)"
-    heard.status(unarmed=(text,))
+    heard, text = HeardMachine(), Text(NoticeCode.OFF_PROBING)
+    heard.status(unarmed=(str(text),), unarmed_coded=(coded(text),))
     shown = view(heard.seen, within(10.0), heard.now_s)
     assert shown.unarmed
-    assert shown.waits[0] == SaidRow("label.unarmed", Sentence("said.not_probing"), "notice")
+    assert shown.waits[0] == SaidRow("label.unarmed", told(text), "notice")
     (listed_one,) = listed({"mill": heard.seen}, {"mill": within(10.0)}, heard.now_s)
-    assert listed_one.notices == (Sentence("notice.unarmed", {"text": Sentence("said.not_probing")}),)
+    assert listed_one.notices == (Sentence("notice.unarmed", {"text": in_each(text)}),)
     heard.seen.alive = False
     assert not view(heard.seen, within(10.0), heard.now_s).unarmed, "nothing is known of a gateway that is gone"
 

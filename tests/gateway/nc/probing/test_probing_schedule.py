@@ -8,7 +8,10 @@ import pytest
 
 from drivers.nc import NcSnapshot, OperatingMode, ProgramState
 from gateway.config.sections import Probing
+from gateway.model.codes import NoticeCode
+from gateway.model.notice import event_of
 from gateway.model.standing import Standing
+from gateway.model.text import Text, plain
 from gateway.nc.probing.cycle import End
 from gateway.nc.probing.schedule import Bulletin, Moment, Outlook, ProbingSchedule, moment, schedule_of
 from simulators.nc import Activity, CycleSettings, DayPart, LoadCase, MachineState, MeanLoads, Nck
@@ -140,7 +143,7 @@ def test_what_blocks_is_named_once_and_reported_to_the_operator_when_it_lasts(
     assert all(reason in e.text for e in events)
     plan.look(IDLE, 2400.0)
     plan.asked()
-    ended = bulletin.of(plan.ended(End.MEASURED, "", 2520.0))
+    ended = bulletin.of(plan.ended(End.MEASURED, plain(""), 2520.0))
     assert [e.kind for e in ended] == [EventKind.PROBLEM_ENDED]
 
 
@@ -152,7 +155,9 @@ def test_a_refusal_such_as_a_missing_probe_is_reported_once_and_asked_again_at_t
         events += bulletin.of(plan.look(IDLE, now))
         assert plan.asked() is Why.INTERVAL  # a refusal is no rejected result
         assert plan.look(IDLE, now + 1.0).standing is Standing.ASKED
-        events += bulletin.of(plan.ended(End.REFUSED, "the control refused the cycle: the touch probe is missing", now))
+        events += bulletin.of(
+            plan.ended(End.REFUSED, plain("the control refused the cycle: the touch probe is missing"), now)
+        )
     assert [e.text for e in events] == ["probing: the control refused the cycle: the touch probe is missing"]
 
 
@@ -167,7 +172,7 @@ def test_rejected_results_are_asked_for_again_a_limited_number_of_times() -> Non
         operator += [e for e in bulletin.of(outlook) if e.kind is EventKind.OPERATOR]
         if outlook.standing is Standing.DUE:
             asked.append((now, plan.asked()))
-            end = plan.ended(End.REJECTED, "the touches do not repeat", now + 120.0)
+            end = plan.ended(End.REJECTED, plain("the touches do not repeat"), now + 120.0)
             operator += [e for e in bulletin.of(end) if e.kind is EventKind.OPERATOR]
         if now == 3900.0:
             break
@@ -185,10 +190,10 @@ def test_a_good_result_forgets_the_rejected_ones() -> None:
         plan.want(Why.INTERVAL, now)
         plan.look(IDLE, now)
         plan.asked()
-        assert not plan.ended(End.REJECTED, "dirt", now).operator
+        assert not plan.ended(End.REJECTED, plain("dirt"), now).operator
         plan.look(IDLE, now + 300.0)
         assert plan.asked() is Why.RETRY
-        plan.ended(End.MEASURED, "", now + 420.0)
+        plan.ended(End.MEASURED, plain(""), now + 420.0)
     assert not plan.wanted
 
 
@@ -199,7 +204,7 @@ def test_a_measurement_no_longer_wanted_while_requested_is_not_requested_again(e
     plan.look(CUTTING, 0.0)
     plan.asked()
     plan.want(None, 100.0)  # a training has begun meanwhile
-    outlook = plan.ended(end, "dirt", 120.0)
+    outlook = plan.ended(end, plain("dirt"), 120.0)
     assert outlook == Outlook(Standing.NOT_WANTED, None)
     assert bulletin.of(outlook) == ()
     plan.want(Why.UNCERTAINTY, 86400.0)
@@ -211,18 +216,19 @@ def test_a_measurement_no_longer_wanted_while_requested_is_not_requested_again(e
 @pytest.mark.parametrize(
     ("wanted", "seen", "said"),
     [
-        (Why.INTERVAL, CUTTING, "probing, resolved: the control cannot be reached"),
-        (None, None, "probing: no measurement is wanted any more; until now: the control cannot be reached"),
+        (Why.INTERVAL, CUTTING, NoticeCode.PROBING_FREE),
+        (None, None, NoticeCode.PROBING_MOOT),
     ],
 )
 def test_a_problem_that_may_go_on_is_not_said_to_be_over(
-    wanted: Why | None, seen: NcSnapshot | None, said: str
+    wanted: Why | None, seen: NcSnapshot | None, said: NoticeCode
 ) -> None:
     plan, bulletin = schedule(), Bulletin()
     plan.want(Why.INTERVAL, 0.0)
     assert [event.kind for event in bulletin.of(plan.look(None, 0.0))] == [EventKind.PROBLEM]
     plan.want(wanted, 60.0)
-    assert bulletin.of(plan.look(seen, 60.0)) == (Event(EventKind.PROBLEM_ENDED, said),)
+    ended = event_of(EventKind.PROBLEM_ENDED, Text(said, reason=Text(NoticeCode.NC_UNREACHABLE)))
+    assert bulletin.of(plan.look(seen, 60.0)) == (ended,)
 
 
 def test_repeats_end_when_the_measurement_is_no_longer_wanted() -> None:
@@ -230,7 +236,7 @@ def test_repeats_end_when_the_measurement_is_no_longer_wanted() -> None:
     plan.want(Why.NO_GOOD, 0.0)
     plan.look(CUTTING, 0.0)
     plan.asked()
-    assert plan.ended(End.REJECTED, "dirt", 120.0).standing is Standing.WAITING
+    assert plan.ended(End.REJECTED, plain("dirt"), 120.0).standing is Standing.WAITING
     plan.want(None, 300.0)
     assert plan.look(CUTTING, 300.0) == Outlook(Standing.NOT_WANTED, None)
     plan.want(Why.UNCERTAINTY, 86400.0)
@@ -243,7 +249,7 @@ def test_the_pause_after_rejected_results_outlasts_the_reason_to_measure() -> No
     plan.look(CUTTING, 0.0)
     plan.asked()
     plan.want(None, 100.0)
-    outlook = plan.ended(End.REJECTED, "dirt", 120.0)
+    outlook = plan.ended(End.REJECTED, plain("dirt"), 120.0)
     assert outlook.standing is Standing.NOT_WANTED
     assert [event.kind for event in bulletin.of(outlook)] == [EventKind.OPERATOR]  # the sphere is dirty all the same
     plan.want(None, 300.0)
@@ -297,7 +303,7 @@ def probed(program: LoadCase, hours: float, every_s: float = 7200.0) -> list[tup
             nck.write_r(60, number, float(now))
         if len(nck.cycle.ended) > len(found):
             found.append((wanted_s, nck.cycle.ended[-1][0]))
-            plan.ended(End.MEASURED, "", float(now))
+            plan.ended(End.MEASURED, plain(""), float(now))
     return found
 
 
@@ -330,7 +336,7 @@ def test_a_command_is_urgent_and_ends_the_pause_after_rejected_results() -> None
     plan.want(Why.INTERVAL, 0.0)
     assert plan.look(IDLE, 0.0).standing is Standing.DUE
     plan.asked()
-    plan.ended(End.REJECTED, "a chip", 10.0)
+    plan.ended(End.REJECTED, plain("a chip"), 10.0)
     assert plan.look(IDLE, 20.0).standing is Standing.BLOCKED
     plan.order(30.0)
     due = plan.look(CUTTING, 30.0)
@@ -345,7 +351,7 @@ def test_the_controller_s_wishes_neither_end_nor_repeat_a_command() -> None:
     assert plan.look(CUTTING, 2.0).why is Why.COMMAND
     plan.asked()
     plan.want(Why.INTERVAL, 3.0)
-    plan.ended(End.REFUSED, "not now", 4.0)
+    plan.ended(End.REFUSED, plain("not now"), 4.0)
     waits = plan.look(CUTTING, 5.0)
     assert (waits.standing, waits.why) == (Standing.WAITING, Why.INTERVAL)
 

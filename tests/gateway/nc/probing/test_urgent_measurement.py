@@ -10,6 +10,7 @@ import pytest
 from drivers.nc import NcSnapshot, OperatingMode, ProgramState
 from gateway.config.sections import Probing
 from gateway.model.standing import Standing
+from gateway.model.text import plain
 from gateway.nc.probing.cycle import End
 from gateway.nc.probing.schedule import Outlook, excess, schedule_of
 from talc.frame import Decision, FloatArray, Phase, Why
@@ -45,7 +46,7 @@ def test_a_schedule_has_the_limits_of_its_configuration() -> None:
     plan.want(Why.UNCERTAINTY, 502.0, 3.1)
     assert plan.look(replace(CUTTING, tool=5), 502.0).standing is Standing.DUE
     plan.asked()
-    assert plan.ended(End.REJECTED, "a touch found no sphere", 600.0).standing is Standing.BLOCKED
+    assert plan.ended(End.REJECTED, plain("a touch found no sphere"), 600.0).standing is Standing.BLOCKED
     assert plan.look(IDLE, 649.0).standing is Standing.BLOCKED
     assert plan.look(IDLE, 651.0).standing is Standing.DUE
 
