@@ -64,13 +64,14 @@ audit:
 	$(PYTHON) deploy/advisories.py requirements/run.lock requirements/build.lock requirements/wheels.lock
 
 # Which mutants of a module its tests do not notice, by cosmic-ray, which changes the module in this tree meanwhile:
-# make mutation MODULE=gateway/nc/slew.py TESTS=tests/gateway/nc. Continues where it was stopped; cosmic-ray has its own
+# make mutation MODULE=gateway/nc/slew.py BY=tests/gateway/nc. Continues where it was stopped; cosmic-ray has its own
 # environment.
 MODULE ?= gateway/nc/slew.py
+BY ?= tests/gateway/nc
 MUTATION := out/mutation/$(subst /,.,$(MODULE))
 mutation: $(VENV)/.ready
 	test -x out/mutation/tool/bin/cosmic-ray || ($(PYTHON) -m venv out/mutation/tool && out/mutation/tool/bin/pip install --quiet cosmic-ray==8.7.0)
-	sed 's|MODULE|$(MODULE)|; s|TESTS|$(TESTS)|' tests/cosmic-ray.toml > $(MUTATION).toml
+	sed 's|MODULE|$(MODULE)|; s|TESTS|$(BY)|' tests/cosmic-ray.toml > $(MUTATION).toml
 	test -f $(MUTATION).sqlite || out/mutation/tool/bin/cosmic-ray init $(MUTATION).toml $(MUTATION).sqlite
 	out/mutation/tool/bin/cosmic-ray exec $(MUTATION).toml $(MUTATION).sqlite
 	out/mutation/tool/bin/cr-report --surviving-only --show-diff $(MUTATION).sqlite

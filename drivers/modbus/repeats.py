@@ -11,8 +11,10 @@ from dataclasses import dataclass, field
 from drivers.modbus.frames import alike, rtu_frame
 from drivers.modbus.numbers import Block
 
-_RECENT_S, _MOST_RECENT = 0.5, 16
-"""No copy comes later than this after its answer; how many answers of a unit are kept."""
+_RECENT_S = 0.5
+"""No copy comes later than this after its answer."""
+_MOST_RECENT = 16
+"""How many answers of a unit are kept."""
 _REMEMBERED_S = 60.0
 """How long after a copy more are expected of the unit."""
 _LONGEST_S = 0.2

@@ -1,7 +1,9 @@
 """Rests of busy units: how long a unit is left alone before it is asked again."""
 
-_FIRST_S, _NEXT_S = 0.05, 0.1
-"""The first rest, and each one after it until the unit answers."""
+_FIRST_S = 0.05
+"""The first rest."""
+_NEXT_S = 0.1
+"""Each one after it, until the unit answers."""
 
 
 class Rests:

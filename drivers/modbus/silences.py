@@ -6,8 +6,10 @@ from dataclasses import dataclass
 from drivers.base import NoAnswer
 from drivers.modbus.numbers import AddressRange, Block
 
-_FIRST_S, _LONGEST_S = 1.0, 60.0
-"""How long after a miss a single place is asked for again, and at most."""
+_FIRST_S = 1.0
+"""How long after a miss a single place is asked for again."""
+_LONGEST_S = 60.0
+"""The same, at most."""
 
 
 @dataclass(slots=True)

@@ -13,7 +13,8 @@ _READS = (*BIT_FUNCTIONS, *REGISTER_FUNCTIONS)
 _FIXED = (*_READS, 5, 6, 15, 16)
 """Functions whose request, or the answer to it, has eight bytes."""
 _LAST_UNIT = 247
-_ENOUGH, _WITHIN_S = 3, 60.0
+_ENOUGH = 3
+_WITHIN_S = 60.0
 _SEARCHED = 512
 """How many of the bytes heard are searched: a line that babbles must not cost more."""
 

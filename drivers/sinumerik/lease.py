@@ -11,8 +11,10 @@ from drivers.sinumerik.settings import SinumerikSettings
 
 ALIVE: Final = 1
 """State of the control's watchdog while it receives the gateway's heartbeat."""
-_POLL_S, _POLLS = 0.02, 12
-"""How long a beat may take to pass through the control's program, which runs in each interpolation cycle."""
+_POLL_S = 0.02
+"""Between two looks at a beat, which passes through the control's program in each interpolation cycle."""
+_POLLS = 12
+"""How often it is looked at."""
 
 
 class SinumerikLease:

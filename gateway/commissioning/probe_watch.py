@@ -25,7 +25,8 @@ from gateway.runtime.terminal import duration_text, terminal
 
 _WINDOW = 60
 """Number of reads over which rate and jitter are computed."""
-_TABLE_EVERY_S, _LINES_EVERY_S = 0.5, 10.0
+_TABLE_EVERY_S = 0.5
+_LINES_EVERY_S = 10.0
 _CELL = 17 + 1 + 14 + 1 + 6
 """Width of one channel, so that two fit side by side on 80 columns."""
 

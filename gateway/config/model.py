@@ -78,7 +78,7 @@ class GatewayConfig(Section):
     def with_profiles(self, profiles: Mapping[str, UserProfile]) -> Self:
         """A copy with these user profiles."""
         config = self.model_copy()
-        config._profiles = dict(profiles)
+        config._profiles = dict(profiles)  # noqa: SLF001 - a copy of this class
         return config
 
     @property
@@ -89,7 +89,7 @@ class GatewayConfig(Section):
     def with_prior(self, prior: PriorFile | None) -> Self:
         """A copy with this prior."""
         config = self.model_copy()
-        config._prior = prior
+        config._prior = prior  # noqa: SLF001 - a copy of this class
         return config
 
     @property

@@ -60,7 +60,7 @@ def endpoint(text: str) -> EndpointParts:
     found = _ENDPOINT.fullmatch(text)
     if found is None or found["protocol"] not in _PROTOCOLS or not 1 <= int(found["port"]) <= 0xFFFF:
         raise ValueError(f"{text!r}: expected PROTOCOL/HOST:PORT such as {LOOPBACK} or tls/0.0.0.0:7447")
-    return EndpointParts(text, found["protocol"], found["host"].strip("[]"), int(found["port"]))
+    return EndpointParts(text, found["protocol"], found["host"].removeprefix("[").removesuffix("]"), int(found["port"]))
 
 
 def _valid(text: str) -> str:

@@ -28,8 +28,10 @@ _LEAVINGS = (
     "report.png",
     PAGE_LOG,
 )
-_HEIGHT_MM, _POLL_S = 50.0, 2.0
+_HEIGHT_MM = 50.0
 """Of the dry run, which comes before everything else as at any machine."""
+_POLL_S = 2.0
+"""Between two looks at it."""
 _USE = "[machine.bench]\ntolerance_um = 8.0\nsphere_radius_mm = 200.0\nsphere_height_mm = 80.0\n"
 """What its page knows of it: a job's tolerance, and [probing] of simulators/bench/gateway.toml."""
 

@@ -22,8 +22,8 @@ from drivers.base import DriverError
 from drivers.linuxcnc.settings import LinuxCncSettings
 from gateway.config.extended import validate
 from gateway.config.model import GatewayConfig
+from gateway.model.probing import End, Outcome
 from gateway.nc.link import NcLink
-from gateway.nc.probing.cycle import End, Outcome
 from gateway.nc.settings import Earlier, Identity, LinkSettings, Listeners
 from gateway.runtime.clocks import RealClock
 from gateway.runtime.terminal import terminal
@@ -34,13 +34,18 @@ from talc.names import ERROR_UNITS, THERMAL_ERRORS
 
 HOURS = 4.0
 """Thermal time of the machine between reference and measurement."""
-SILENCE_S, SLEW_UM_PER_S = 6.0, 100.0
+SILENCE_S = 6.0
+SLEW_UM_PER_S = 100.0
 _IDLE_S = 12 * 3600.0
 _LOADS = MachineDrive(
     speed_x=6000.0, speed_y=6000.0, speed_a=15.0, speed_c=400.0, spindle_speed=6000.0, coolant_on=True
 )
-_RADIUS_MM, _HEIGHT_MM = 200.0, 80.0
-_CYCLE_LIMIT_S, _REFUSED_LIMIT_S, _POLL_S, _PERIOD_S = 240.0, 60.0, 0.2, 0.05
+_RADIUS_MM = 200.0
+_HEIGHT_MM = 80.0
+_CYCLE_LIMIT_S = 240.0
+_REFUSED_LIMIT_S = 60.0
+_POLL_S = 0.2
+_PERIOD_S = 0.05
 _MACHINE = {
     **HURRY,
     "SPHERE_RADIUS": _RADIUS_MM,

@@ -11,7 +11,8 @@ from gateway.model.text import Text
 
 UNPROVED: Final = "(unknown)"
 """Instead of an operator's name, which never has a bracket: of a command whose sender did not prove to be one."""
-_MOST_REFUSALS, _WITHIN_S = 10, 3600.0
+_MOST_REFUSALS = 10
+_WITHIN_S = 3600.0
 
 
 class CommandName(StrEnum):

@@ -52,13 +52,13 @@ class _Contained:
         self._logged: set[tuple[str, str, int | None]] = set()
 
     async def connect(self) -> None:
-        await self._call("connect", self._nc.connect())
+        await self.call("connect", self._nc.connect())
 
     async def close(self) -> None:
-        await self._call("close", self._nc.close())
+        await self.call("close", self._nc.close())
 
     async def snapshot(self) -> NcSnapshot:
-        snapshot = await self._call("snapshot", self._nc.snapshot())
+        snapshot = await self.call("snapshot", self._nc.snapshot())
         try:
             _check_snapshot(snapshot)
         except (AttributeError, TypeError, ValueError, OverflowError) as error:
@@ -68,19 +68,19 @@ class _Contained:
 
     async def request_probing(self, number: int, dry_run_mm: float = 0.0) -> None:
         if not dry_run_mm:  # a driver of another package may not know of dry runs
-            await self._call("request_probing", self._nc.request_probing(number))
+            await self.call("request_probing", self._nc.request_probing(number))
         elif isinstance(self._nc, RunsDry):
-            await self._call("request_probing", self._nc.request_probing(number, dry_run_mm))
+            await self.call("request_probing", self._nc.request_probing(number, dry_run_mm))
         else:
             raise Refused("the control's driver knows no dry runs", device="nc", hint="update its package")
 
     @property
     def runs_dry(self) -> bool:
         """Implements RunsDry."""
-        return self._told("runs_dry", lambda: isinstance(self._nc, RunsDry) and self._nc.runs_dry is True)
+        return self.told("runs_dry", lambda: isinstance(self._nc, RunsDry) and self._nc.runs_dry is True)
 
     async def probing_status(self, number: int) -> RequestStatus:
-        status = await self._call("probing_status", self._nc.probing_status(number))
+        status = await self.call("probing_status", self._nc.probing_status(number))
         try:
             _check_status(status, number)
         except (AttributeError, TypeError, ValueError, OverflowError) as error:
@@ -88,30 +88,30 @@ class _Contained:
         return status
 
     async def withdraw_probing(self, number: int) -> None:
-        await self._call("withdraw_probing", self._nc.withdraw_probing(number))
+        await self.call("withdraw_probing", self._nc.withdraw_probing(number))
 
     async def write_compensation(self, offsets_um: Triple) -> None:
-        await self._call("write_compensation", self._nc.write_compensation(offsets_um))
+        await self.call("write_compensation", self._nc.write_compensation(offsets_um))
 
     async def read_compensation(self) -> Triple:
-        answer = await self._call("read_compensation", self._nc.read_compensation())
-        return self._told("read_compensation", lambda: _triple(answer))
+        answer = await self.call("read_compensation", self._nc.read_compensation())
+        return self.told("read_compensation", lambda: _triple(answer))
 
     @property
     def late_write_s(self) -> float:
         """0 where the driver does not know."""
-        return self._told("late_write_s", lambda: _late(self._nc))
+        return self.told("late_write_s", lambda: _late(self._nc))
 
     async def claim(self, owner: int, terms: WatchdogTerms, predecessor: int | None = None) -> None:
-        await self._call("claim", self._nc.claim(owner, terms, predecessor))
+        await self.call("claim", self._nc.claim(owner, terms, predecessor))
 
     async def heartbeat(self, owner: int) -> bool:
-        return await self._call("heartbeat", self._nc.heartbeat(owner)) is True
+        return await self.call("heartbeat", self._nc.heartbeat(owner)) is True
 
     async def release(self, owner: int) -> None:
-        await self._call("release", self._nc.release(owner))
+        await self.call("release", self._nc.release(owner))
 
-    async def _call(self, operation: str, work: Awaitable[T]) -> T:
+    async def call(self, operation: str, work: Awaitable[T]) -> T:
         try:
             return await uncancelled(work)
         except (DriverError, NotSendable, MemoryError):
@@ -126,7 +126,7 @@ class _Contained:
             log.error("NC: unexpected %s in %s", type(error).__name__, operation, exc_info=error)
         raise unexpected(error, operation, device="nc") from error
 
-    def _told(self, name: str, tell: Callable[[], T]) -> T:
+    def told(self, name: str, tell: Callable[[], T]) -> T:
         """A property of the driver, checked. Raises DriverError."""
         try:
             return tell()
@@ -144,22 +144,22 @@ class _SlopesBehind:
 
     @property
     def pairs(self) -> frozenset[tuple[int, int]]:
-        return self._boundary._told("pairs", lambda: _pairs(self._slopes.pairs))
+        return self._boundary.told("pairs", lambda: _pairs(self._slopes.pairs))
 
     @property
     def reference_mm(self) -> Triple:
-        return self._boundary._told("reference_mm", lambda: _triple(self._slopes.reference_mm))
+        return self._boundary.told("reference_mm", lambda: _triple(self._slopes.reference_mm))
 
     @property
     def reach_mm(self) -> Triple:
-        return self._boundary._told("reach_mm", lambda: _lengths(_triple(self._slopes.reach_mm)))
+        return self._boundary.told("reach_mm", lambda: _lengths(_triple(self._slopes.reach_mm)))
 
     async def write_linear(self, offsets: LinearOffsets) -> None:
-        await self._boundary._call("write_linear", self._slopes.write_linear(offsets))
+        await self._boundary.call("write_linear", self._slopes.write_linear(offsets))
 
     async def read_linear(self) -> LinearOffsets:
-        answer = await self._boundary._call("read_linear", self._slopes.read_linear())
-        return self._boundary._told("read_linear", lambda: _linear(answer))
+        answer = await self._boundary.call("read_linear", self._slopes.read_linear())
+        return self._boundary.told("read_linear", lambda: _linear(answer))
 
 
 class _ContainedSlopes(_SlopesBehind, _Contained):
@@ -179,19 +179,19 @@ class _ContainedErrors(_Contained):
 
     @property
     def error_reach_mm(self) -> tuple[float, float] | None:
-        return self._told("error_reach_mm", lambda: _reach(self._errors.error_reach_mm))
+        return self.told("error_reach_mm", lambda: _reach(self._errors.error_reach_mm))
 
     @property
     def slopes(self) -> TakesSlopes | None:
-        slopes = self._told("slopes", lambda: self._errors.slopes)
+        slopes = self.told("slopes", lambda: self._errors.slopes)
         return None if slopes is None else _SlopesBehind(self, slopes)
 
     async def write_errors(self, errors: NineErrors) -> None:
-        await self._call("write_errors", self._errors.write_errors(errors))
+        await self.call("write_errors", self._errors.write_errors(errors))
 
     async def read_errors(self, radius_mm: float) -> tuple[float, ...]:
-        answer = await self._call("read_errors", self._errors.read_errors(radius_mm))
-        return self._told("read_errors", lambda: _numbers(answer, ERRORS))
+        answer = await self.call("read_errors", self._errors.read_errors(radius_mm))
+        return self.told("read_errors", lambda: _numbers(answer, ERRORS))
 
 
 _Types = type | tuple[type, ...]

@@ -14,12 +14,13 @@ from drivers.nc import FollowsErrors, ForgetsWrites, NcSnapshot, NumericalContro
 from gateway.model.codes import NoticeCode
 from gateway.model.commands import Disarmed, Pause
 from gateway.model.compensation import Source, Write
+from gateway.model.probing import Outcome
 from gateway.model.text import Text
 from gateway.nc.boundary import contained_control
 from gateway.nc.hold import Hold
 from gateway.nc.lease import Lease
 from gateway.nc.pace import NcPace
-from gateway.nc.probing.cycle import Held, NotBegun, Outcome, probe_of
+from gateway.nc.probing.cycle import Held, NotBegun, probe_of
 from gateway.nc.probing.foreign import CycleWatch
 from gateway.nc.probing.geometry import barrier
 from gateway.nc.probing.prober import Prober
@@ -237,7 +238,7 @@ class NcLink:
         async with self._hold.writing:
             k = self._k
             before, self._state = self._state, after(STATES, self._state, self._finding(snapshot))
-            if before is LinkState.NOT_READY is not self._state:
+            if before is LinkState.NOT_READY and self._state is not LinkState.NOT_READY:
                 await self._writer.begin()  # it may have been switched off meanwhile
             match self._state:
                 case LinkState.FOLLOWING:

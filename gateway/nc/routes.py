@@ -24,7 +24,7 @@ from drivers.nc import (
     Triple,
 )
 from gateway.model.compensation import Offsets
-from gateway.nc.probing.cycle import InForce
+from gateway.model.probing import InForce
 from gateway.nc.slew import as_offsets
 from talc import kinematics
 from talc.frame import FloatArray
@@ -69,7 +69,7 @@ def form_of(nc: NumericalControl, radius_m: float, bound_um: Triple) -> Form:
     """
     if isinstance(nc, FollowsPosition):
         return OverTravel(nc)
-    return AsGreeted(nc, radius_m, bound_um) if isinstance(nc, FollowsErrors) else HereAndNow(nc)
+    return AgentRoute(nc, radius_m, bound_um) if isinstance(nc, FollowsErrors) else HereAndNow(nc)
 
 
 class HereAndNow:
@@ -182,7 +182,7 @@ class ByErrors:
         await self._nc.write_errors(NineErrors(errors, self._radius_m * 1e3, self._bound_um))
 
 
-class AsGreeted:
+class AgentRoute:
     """Takes the form that the connected control accepts: the nine errors, slopes, or only a shift."""
 
     def __init__(self, nc: FollowsErrors, radius_m: float, bound_um: Triple) -> None:

@@ -15,7 +15,9 @@ from gateway.runtime.problems import Problems
 log = logging.getLogger(__name__)
 
 _LONGEST_RETRY_PERIODS = 30
-_SUBJECT, _VALUES, _AXES = "NC", "values of NC", "axes of NC"
+_SUBJECT = "NC"
+_VALUES = "values of NC"
+_AXES = "axes of NC"
 
 
 class Session:

@@ -17,8 +17,10 @@ _ALIKE = 0.1
 """Share of the largest line of a chart: a smaller line has its own axis."""
 _MOST_INPUTS = 8
 """Lines in a chart of inputs that can be told apart."""
-_LONGEST_TITLE, _LONGEST_NAME = 34, 23
-"""Characters beside a chart: of its inputs' names, and of one name."""
+_LONGEST_TITLE = 34
+"""Characters beside a chart: of its inputs' names."""
+_LONGEST_NAME = 23
+"""Characters beside a chart: of one name."""
 DEGREES = "degC"
 
 

@@ -13,7 +13,8 @@ from talc.names import ERROR_UNITS, MICROMETRE, THERMAL_ERRORS
 
 CYCLE_S = 120.0
 """Duration of a probing cycle (Z22)."""
-_LEAST_PERCENT, _MOST_PERCENT = 0.5, 100.0
+_LEAST_PERCENT = 0.5
+_MOST_PERCENT = 100.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,7 +16,8 @@ from gateway.reporting.charts import Chart, ChartGroup, Ink, inputs_of_model, sp
 from gateway.reporting.data import ReportData
 from talc.frame import FloatArray, Phase
 
-_DAY, _HOUR = 86400.0, 3600.0
+_DAY = 86400.0
+_HOUR = 3600.0
 _LIGHT = {
     Ink.BEFORE: "#8b97a5",
     Ink.AFTER: "#c2410c",
@@ -45,7 +46,8 @@ _VARIABLES = {
 _COLOUR = re.compile(r"#[0-9a-f]{6}\b")
 _METADATA = re.compile(r"<metadata>.*?</metadata>", re.DOTALL)
 _NAME = re.compile(r"""(\bid="|url\(#|href="#)""")
-_MOST_POINTS, _MOST_DOTS = 700, 250
+_MOST_POINTS = 700
+_MOST_DOTS = 250
 _STYLE: dict[Any, Any] = {
     "svg.fonttype": "none",
     "svg.hashsalt": "talc-gateway",

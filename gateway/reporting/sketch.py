@@ -10,8 +10,10 @@ _DIRECTIONS: dict[str, _SpacePoint] = {"X": (1, 0, 0), "Y": (0, 1, 0), "Z": (0, 
 _MOVED = 0.5
 """Length of a drawn shift; everything is drawn far too large."""
 _TURNED = 0.32
-_DISC, _TOP = 0.8, 0.3
-"""The table's radius and height."""
+_DISC = 0.8
+"""The table's radius."""
+_TOP = 0.3
+"""The table's height."""
 _WORDS = {
     "X": "in the direction X",
     "Y": "in the direction Y",

@@ -15,12 +15,15 @@ from drivers.section import matching
 _N, _R, _P = 2**14, 8, 1
 """16 MB and some 50 ms for each attempt (RFC 7914)."""
 _MOST_BYTES = 64 * 2**20
-_SALT, _LENGTH = 16, 32
+_SALT = 16
+_LENGTH = 32
 
 _FREE, _FIRST_S, _LONGEST_S = 5, 1.0, 300.0
 """Wrong passwords without a pause; the pause after the next one; the longest."""
-_MOST, _WITHIN_S = 20, 60.0
-"""Passwords that are checked, of all names together: each takes a processor for some 50 ms."""
+_MOST = 20
+"""Passwords that are checked within that time, of all names together: each takes a processor for some 50 ms."""
+_WITHIN_S = 60.0
+"""The time within which they are counted."""
 
 
 class GuessingBrake:

@@ -10,8 +10,10 @@ from gateway.model.codes import NoticeCode
 from gateway.model.notice import Notice, Notify
 from gateway.model.text import Text
 
-_STEADY_S, _STEADY_PERIODS = 60.0, 10
+_STEADY_S = 60.0
 """A problem unchanged for this long is steady; one that begins often within it is intermittent."""
+_STEADY_PERIODS = 10
+"""Or for this many periods, if that is longer."""
 _MOST_KINDS = 10
 """Of one problem, from its beginning to its end: the reason may be a text that is different each time."""
 

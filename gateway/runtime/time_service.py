@@ -19,7 +19,11 @@ CHRONYD_WAIT_S = 0.05
 """The service's loop waits this long at most; without chrony the kernel refuses at once."""
 
 # chrony's candm.h, version 6 of its protocol (since chrony 2.0): a request is as long as its answer.
-_REQUEST, _REPLY, _TRACKING, _TRACKING_REPLY, _SUCCESS = 1, 2, 33, 5, 0
+_REQUEST = 1
+_REPLY = 2
+_TRACKING = 33
+_TRACKING_REPLY = 5
+_SUCCESS = 0
 _LEAP_UNSYNCHRONISED = 3
 _LOCAL = 0x7F7F0101
 """Its reference is the computer's own clock (`local` in chrony.conf)."""

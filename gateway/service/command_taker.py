@@ -16,18 +16,19 @@ from gateway.model.codes import NoticeCode
 from gateway.model.commands import UNPROVED, Command, CommandName, CommandOutcome, Disarmed, Pause, Refusals
 from gateway.model.events import CommandGiven, EventReported, Sink
 from gateway.model.notice import event_of
-from gateway.model.standing import Standing
+from gateway.model.probing import Outlook, Standing
 from gateway.model.text import NOTHING, Text, failure, text_of
 from gateway.nc.link import NcLink
-from gateway.nc.probing.schedule import Outlook
 from gateway.runtime.clocks import ServiceClock
 from gateway.storage.faults import StoreError
 from talc.frame import EventKind
 
 log = logging.getLogger(__name__)
 
-_MOST, _WITHIN_S = 20, 60.0
-"""Commands that are taken, so that a program that repeats one does not fill the disk."""
+_MOST = 20
+"""Commands that are taken within that time, so that a program that repeats one does not fill the disk."""
+_WITHIN_S = 60.0
+"""The time within which they are counted."""
 _BY_CAUTION = frozenset({CommandName.PAUSE, CommandName.DISARM})
 """These only take away: they count although nothing can be stored, and however many were given."""
 

@@ -14,7 +14,8 @@ from gateway.runtime.problems import Problems
 
 log = logging.getLogger(__name__)
 
-_STORE, _DISK = "storage", "disk of storage"
+_STORE = "storage"
+_DISK = "disk of storage"
 _ENOUGH = 1.2
 """Above this many times the limit the disk counts as free again."""
 

@@ -23,7 +23,8 @@ from talc.frame import FloatArray, Frames
 from talc.names import THERMAL_ERRORS
 from talc.snapshot import BESIDE_INPUTS, from_plain, to_plain
 
-_FORMAT, _VERSION = "talc-gateway learnt", 1
+_FORMAT = "talc-gateway learnt"
+_VERSION = 1
 _LARGEST_BYTES = 2**30
 _LONGEST_STEP_S = 1e6
 _SHAPES = {

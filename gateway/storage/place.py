@@ -7,8 +7,10 @@ from gateway.storage.faults import DamagedError, GoneError
 
 _MAGIC = b"SQLite format 3\0"
 _HEADER = 100
-_PAGE_SIZE_AT, _PAGES_AT = 16, 28
-"""Big-endian numbers of two and of four bytes; a page of 65,536 bytes is written as 1."""
+_PAGE_SIZE_AT = 16
+"""Big-endian number of two bytes; a page of 65,536 bytes is written as 1."""
+_PAGES_AT = 28
+"""Big-endian number of four bytes."""
 
 
 class PlaceWatch:

@@ -21,7 +21,8 @@ from gateway.storage.faults import DamagedError
 
 log = logging.getLogger(__name__)
 
-_CHANNEL_BITS, _SEQUENCE_BITS = 11, 32
+_CHANNEL_BITS = 11
+_SEQUENCE_BITS = 32
 MOST_CHANNELS = 2**_CHANNEL_BITS - 1
 """Names with their units that one database can number in its life."""
 MOST_BOOTS = 2**20 - 1

@@ -21,7 +21,8 @@ from talc.frame import Frames, Why
 from talc.snapshot import from_plain, to_plain
 
 _NAME = b"talc-gateway snapshot 1\n"
-_CHECKSUM, _LENGTH = hashlib.sha256().digest_size, 8
+_CHECKSUM = hashlib.sha256().digest_size
+_LENGTH = 8
 ARRAY_KINDS = {"f": "<f8", "i": "<i8", "b": "|b1"}
 """How arrays are stored, by the kind of their numbers."""
 _SPARSE = "<f8"

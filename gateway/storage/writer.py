@@ -34,8 +34,10 @@ _STEPS_A_LOOK = 10_000
 """Steps of SQLite's machine: about a millisecond of a statement that takes long."""
 _YIELD_S = 0.05
 """How long a producer that is faster than the thread waits for it, as in a simulation that outruns the disk."""
-_GATHER_S, _MOST_GATHERED = 0.2, 1000
-"""How long readings wait for each other, real seconds, and how many do, so that the thread wakes up for all at once."""
+_GATHER_S = 0.2
+"""How long readings wait for each other, real seconds, so that the thread wakes up for all at once."""
+_MOST_GATHERED = 1000
+"""How many of them wait."""
 _REFUSED = (sqlite3.IntegrityError, sqlite3.DataError, sqlite3.InterfaceError, sqlite3.ProgrammingError, OverflowError)
 """What the database raises for rows that it would never accept: the gateway's own mistake."""
 

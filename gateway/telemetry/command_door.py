@@ -26,9 +26,12 @@ from gateway.telemetry.queries import AskedQuery, Replied
 log = logging.getLogger(__name__)
 
 VALID_S = 30.0
-ASKER, GATEWAY = "client", "gateway"
-"""Who signs."""
-_LONGEST, _LONGEST_REASON = 4096, 300
+ASKER = "client"
+"""Signs requests."""
+GATEWAY = "gateway"
+"""Signs answers."""
+_LONGEST = 4096
+_LONGEST_REASON = 300
 _TELL_EVERY_S = 60.0
 
 Give = Callable[[Command, Text], CommandOutcome]

@@ -35,10 +35,9 @@ from gateway.model.events import (
     StoreHealth,
 )
 from gateway.model.notice import finding_text, worded
+from gateway.model.probing import Outcome, Outlook
 from gateway.model.sample import Sample
 from gateway.model.text import Text, json_of
-from gateway.nc.probing.cycle import Outcome
-from gateway.nc.probing.schedule import Outlook
 from gateway.telemetry import keys
 from gateway.telemetry.fields import coded
 from gateway.telemetry.messages import (

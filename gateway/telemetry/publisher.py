@@ -43,8 +43,10 @@ from gateway.telemetry.stored_queries import StoredSource, stored_answer
 log = logging.getLogger(__name__)
 
 _MOST_LOOSE = 5000
-_MOST_FIRM, _MOST_FIRM_BYTES = 20_000, 32_000_000
+_MOST_FIRM = 20_000
 """A day of frames, decisions and events; a subscriber that stalls for longer misses the oldest."""
+_MOST_FIRM_BYTES = 32_000_000
+"""And as many bytes of them."""
 _GATHER_S = 0.05
 """How long a reading waits for others to leave with it."""
 _JSON = zenoh.Encoding.APPLICATION_JSON

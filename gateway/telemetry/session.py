@@ -15,7 +15,8 @@ _LARGEST_QUERY = 1 << 20
 _SENDING = ["put", "delete", "declare_queryable", "reply", "liveliness_token"]
 """What only the gateway itself does."""
 _READING = ["query", "declare_subscriber", "liveliness_query", "declare_liveliness_subscriber"]
-_TLS, _LOGIN = "transport/link/tls", "transport/auth/usrpwd"
+_TLS = "transport/link/tls"
+_LOGIN = "transport/auth/usrpwd"
 
 
 class TelemetryError(OSError):

@@ -31,7 +31,7 @@ DEEP_MM: Final = 0.6
 MORE_MM, STANDS_MM = 3.5, 1e-6
 AUTO: Final = 2
 BLOCKS: Final = (
-    *("G53 G1 F6000 X[#<_abs_x> + 5]", "G53 G1 F6000 Y[#<_abs_y> - 5]", "G53 G1 F600 C[#<_abs_c> + 0.01]"),
+    *("G53 G1 F2000 X[#<_abs_x> + 5]", "G53 G1 F2000 Y[#<_abs_y> - 5]", "G53 G1 F600 C[#<_abs_c> + 0.01]"),
     *("G91", "G20", "G55", "G92 X1", "G43.1 Z1", "G7", "G10 L2 P9 X1"),
 )
 """Executed between two blocks of the cycle, as LinuxCNC may do with one that arrives at the wrong moment."""

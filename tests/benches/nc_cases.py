@@ -14,7 +14,16 @@ from simulators.nc.axes import Reset
 from simulators.nc.synchronised import ProgramAlarm
 from tests.benches import nc_starts
 from tests.benches.probed_workshop import Workshop
-from tests.benches.probing_programs import SAFE_Z, Cell, off_the_way, program_texts, reported, started_at, unsafe
+from tests.benches.probing_programs import (
+    CLEARANCE_MM,
+    SAFE_Z,
+    Cell,
+    off_the_way,
+    program_texts,
+    reported,
+    started_at,
+    unsafe,
+)
 
 Texts = Mapping[str, str]
 _SPHERE = Cell().workshop.sphere_mm
@@ -76,6 +85,8 @@ def _failed(cell: Cell, reason: int) -> list[str]:
         wrong.append("the probe is left below TALC_SAFE_Z")
     if cell.state() != before:
         wrong.append(f"{before} became {cell.state()}")
+    if cell.moves and cell.workshop.gap(cell.moves[-1].path[-1:])[0] < CLEARANCE_MM:
+        wrong.append("the probe is left at what it met")
     if cell.axes.probe_on or cell.axes.coolant or any(number == 70 + 15 for number, _ in reported(cell)):
         wrong.append("the probe stays switched on, or the results are complete")
     return wrong
@@ -151,6 +162,13 @@ def _moved_sphere(texts: Texts) -> list[str]:
 def _post(texts: Texts) -> list[str]:
     """It meets the probe when the table turns to the second pose."""
     return _failed(Cell(Workshop(_SPHERE, post_mm=(85.0, -85.0, 305.0)), texts), 11)
+
+
+def _post_on_the_way(texts: Texts) -> list[str]:
+    """It meets the probe before it is over the sphere: no offset has been frozen."""
+    cell = Cell(Workshop(_SPHERE, post_mm=(75.0, -20.0, 505.0)), texts)
+    cell.axes.position["A"] = 0.0
+    return [*_failed(cell, 11), *(["R65 was 2"] if (65, 2.0) in reported(cell) else [])]
 
 
 def _met_in_dry_run(texts: Texts) -> list[str]:
@@ -239,9 +257,12 @@ def jogged_at(texts: Texts, at: int) -> list[str]:
 
 def jogged_within(texts: Texts, at: int) -> list[str]:
     """Stopped within a touch and moved aside by hand: what it then meets does not count."""
-    cell = Cell(texts=texts)
-    cell.axes.jogged[at] = {"Y": 3.0, "X": 1.0, "Z": 2.0}
-    return _failed(cell, 12)
+    wrong = []
+    for aside in ({"Y": 3.0, "X": 1.0, "Z": 2.0}, {"Z": 2.0}, {"Y": 2.0, "X": 2.0}):
+        cell = Cell(texts=texts)
+        cell.axes.jogged[at] = aside
+        wrong += _failed(cell, 12)
+    return wrong
 
 
 def stuck_at(texts: Texts, at: int) -> list[str]:
@@ -275,6 +296,7 @@ CASES: dict[str, Callable[[Texts], list[str]]] = {
     "no sphere": _no_sphere,
     "a sphere elsewhere": _moved_sphere,
     "a post on the table": _post,
+    "a post on the way": _post_on_the_way,
     "something met in a dry run": _met_in_dry_run,
     "withdrawn within the cycle": _withdrawn_within,
     "asked while an axis moves": _asked_late,

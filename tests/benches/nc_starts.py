@@ -189,6 +189,9 @@ def run(state: State, texts: Mapping[str, str] | None = None) -> tuple[str, list
         wrong.append(f"centres are off by {centres_off_um(cell, raised):.1f} um, R88 = {cell.r[88]:g}")
     if [number for number, _ in reported(cell)][-2:] != [67, 65]:
         wrong.append("R65 = 3 is not the last, after R67")
+    frozen = [at for number, value, at, _ in cell.channel.written if number == 65 and value in (2.0, 3.0)]
+    if [at["Z"] for at in frozen] != [SAFE_Z + raised] * 2 or frozen[0]["X"] != frozen[1]["X"]:
+        wrong.append("R65 becomes 2 or 3 elsewhere than over the sphere")
     return "the intended way", wrong
 
 

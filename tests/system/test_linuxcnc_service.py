@@ -13,8 +13,7 @@ import pytest
 from drivers.nc import OperatingMode
 from gateway.config.extended import validate
 from gateway.control.restart.earlier import Past
-from gateway.model.standing import Standing
-from gateway.nc.probing.cycle import End
+from gateway.model.probing import End, Standing
 from gateway.runtime.clocks import RealClock
 from gateway.service.service import Service
 from simulators.linuxcnc.machine import HURRY, MANUAL
@@ -41,12 +40,15 @@ async def test_an_idle_machine_is_probed_once_allowed_and_a_loose_sphere_is_reje
                     "period_s": 0.1,
                     "timeout_s": ANSWER_S,
                 },
-                "probing": {"armed": True, "lead_s": 0.0, "poll_s": 0.1, "timeout_s": 120.0, "reference_cycles": 1},
+                "probing": {
+                    **{"armed": True, "lead_s": 0.0, "poll_s": 0.1},
+                    **{"timeout_s": 240.0, "reference_cycles": 1},
+                },
                 "storage": {"path": str(tmp_path / "gateway.sqlite")},
             }
         )
         told, stop = KeptEvents(), asyncio.Event()
-        service = Service(config, RealClock(), told, Past(Controller(config.input_names, config.talc)))
+        service = Service(config, RealClock(), told, Past(Controller(config.input_names, config.talc), proven=True))
         at_work = asyncio.create_task(service.run(stop))
 
         async def said(*standings: Standing) -> bool:

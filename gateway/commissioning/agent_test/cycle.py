@@ -23,9 +23,12 @@ CYCLE = Clauses()
 _PROBE = frozenset({Capability.PROBE})
 _WAITING = {ProbingState.REQUESTED, ProbingState.ACCEPTED, ProbingState.RUNNING}
 _ENDED = {ProbingState.DONE, ProbingState.REFUSED, ProbingState.FAILED}
-_POLL_S, _VALID_S = 0.05, REQUEST_VALID_FOR_S
-_HEIGHT_MM, _NEAR_MM = 30.0, 1.0
-_HELD_UM, _LATER_UM = (3.0, -2.0, 1.0), (-3.0, 2.0, -1.0)
+_POLL_S = 0.05
+_VALID_S = REQUEST_VALID_FOR_S
+_HEIGHT_MM = 30.0
+_NEAR_MM = 1.0
+_HELD_UM = (3.0, -2.0, 1.0)
+_LATER_UM = (-3.0, 2.0, -1.0)
 
 
 def _drawn() -> int:

@@ -21,7 +21,8 @@ from gateway.commissioning.agent_test.connection import (
 
 LOGIN = Clauses()
 OFFSET_CAPABILITIES = frozenset({Capability.SHIFT, Capability.SLOPES, Capability.ERRORS})
-_STRANGERS, _LOGIN_S = 20, 10.0
+_STRANGERS = 20
+_LOGIN_S = 10.0
 _SILENT_S = 2.5
 """Less than the 3 s after which a client that says nothing may be replaced."""
 

@@ -22,8 +22,11 @@ from gateway.commissioning.agent_test.login import OFFSET_CAPABILITIES
 
 OFFSET = Clauses()
 OWNER, _OTHER, _THIRD = (1 + secrets.randbelow(LARGEST_NUMBER) for _ in range(3))
-SAME_UM, POLL_S = 0.05, 0.02
-_LONG_S, _SHORT_S, _FAST_UM_PER_S = 60.0, 1.0, 20.0
+SAME_UM = 0.05
+POLL_S = 0.02
+_LONG_S = 60.0
+_SHORT_S = 1.0
+_FAST_UM_PER_S = 20.0
 SHIFT = frozenset({Capability.SHIFT})
 SPHERE_MM = 120.0
 

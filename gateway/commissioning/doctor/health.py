@@ -27,10 +27,12 @@ from gateway.storage.history import History
 from talc.frame import FloatArray
 from talc.steps import DAY_S, steps_in
 
-_SCATTER_CYCLES, _SCATTER_GROWN = 10, 2.0
+_SCATTER_CYCLES = 10
+_SCATTER_GROWN = 2.0
 _MASTER = "/dev/ptmx"
 """The other end of a pseudo-terminal."""
-_SAME_K, _MOVED_K = 0.02, 0.5
+_SAME_K = 0.02
+_MOVED_K = 0.5
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,9 +11,11 @@ UNUSUAL_UNITS = (113, 114, 115)
 """Unit ids that are never used: a host that answers to all of them ignores the id, or refuses every unknown one."""
 _COUNTS = (16, 8, 1)
 """How many words are asked for at once: fewer, if that many are refused."""
-_REGISTERS, _BITS = (3, 4), (2, 1)
+_REGISTERS = (3, 4)
+_BITS = (2, 1)
 _MOST_ASKS = 4
-_SILENT, _CLOSED = "silent", "closed"
+_SILENT = "silent"
+_CLOSED = "closed"
 _UnitAnswer = tuple[int, ...] | str
 """Words, or in words why there are none."""
 

@@ -11,8 +11,10 @@ from gateway.config.wires import toml_value
 
 _MOST_ASKS = 8
 """How often a unit that is busy is asked."""
-_MOST_REGISTERS, _MOST_BITS = 125, 2000
+_MOST_REGISTERS = 125
 """In one answer (MODBUS Application Protocol V1.1b3)."""
+_MOST_BITS = 2000
+"""Likewise, of bits."""
 ORDERS: tuple[tuple[Order, Order], ...] = (
     ("big", "big"),
     ("big", "little"),

@@ -32,7 +32,8 @@ from gateway.listeners.collect.tables import by_day
 log = logging.getLogger(__name__)
 
 _PART_ROWS = 100_000
-_PROGRESS, _INCOMING = "progress", "incoming"
+_PROGRESS = "progress"
+_INCOMING = "incoming"
 _PART = re.compile(r"part-(\d{5})\.parquet")
 
 

@@ -16,13 +16,17 @@ _TYPES = {
     pa.float64(): "double precision",
     pa.int64(): "bigint",
 }
-_MACHINE, OTHER = "machine", "other"
-"""The columns that every table has: `other` is JSON, with what the table has no column for."""
+_MACHINE = "machine"
+"""A column that every table has: the machine's name."""
+OTHER = "other"
+"""Another one: JSON, with what the table has no column for."""
 _KEY = ("machine", "epoch", "row")
 _KEYS = {"gaps": ("machine", "table", "epoch", "upto")}
 """The columns that identify a row; a hypertable needs the time among them."""
-_MOST_COLUMNS, _MOST_BYTES = 800, 63
-"""Most columns of a table: a row with more numbers does not fit into a page of PostgreSQL. Longest name of a column."""
+_MOST_COLUMNS = 800
+"""Most columns of a table: a row with more numbers does not fit into a page of PostgreSQL."""
+_MOST_BYTES = 63
+"""Longest name of a column."""
 _AT_ONCE = 2000
 """Rows of a statement, as lists of Python objects take memory."""
 _CHUNK = "7 days"

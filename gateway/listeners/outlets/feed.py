@@ -19,7 +19,8 @@ from gateway.telemetry.subscriber.instants import instant
 
 log = logging.getLogger(__name__)
 
-_SHORTEST_PAUSE_S, _LONGEST_PAUSE_S = 1.0, 60.0
+_SHORTEST_PAUSE_S = 1.0
+_LONGEST_PAUSE_S = 60.0
 
 
 class Feed:

@@ -19,7 +19,8 @@ _LEVELS = matching(r"[^+#/\x00]+(/[^+#/\x00]+)*", "levels separated by /, withou
 Topic = Annotated[str, Field(max_length=1000), _LEVELS]
 """The first levels of topics."""
 
-ONLINE, OFFLINE = b"online", b"offline"
+ONLINE = b"online"
+OFFLINE = b"offline"
 OUTLET_LEVEL = "_outlet"
 """Level beside the machines', whose names begin with a letter."""
 

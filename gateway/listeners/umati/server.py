@@ -32,9 +32,12 @@ from gateway.telemetry.subscriber.site import SiteSeen
 log = logging.getLogger(__name__)
 
 _EVERY_S = 1.0
-_MOST_CONNECTIONS, _MOST_SUBSCRIPTIONS = 50, 200
-_MOST_BYTES, _CHUNK_BYTES = 1 << 20, 65535
-"""Limits of what a client sends: it only asks."""
+_MOST_CONNECTIONS = 50
+_MOST_SUBSCRIPTIONS = 200
+_MOST_BYTES = 1 << 20
+"""Limit of what a client sends: it only asks."""
+_CHUNK_BYTES = 65535
+"""Limit of each part of it."""
 _WHERE = "the OPC UA server"
 
 

@@ -134,7 +134,7 @@ def _state(nodes: Mapping[int, NodeData]) -> bytes:
 def serve_packed(space: AddressSpace, packs: Sequence[NodePack]) -> ServedNodes:
     """Let these be the nodes of an address space, as the library does with the file of nodes that it can write."""
     nodes = ServedNodes(packs)
-    space._nodes = nodes  # type: ignore[assignment]
+    space._nodes = nodes  # type: ignore[assignment]  # noqa: SLF001 - the library offers no other way
     return nodes
 
 

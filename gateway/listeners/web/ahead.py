@@ -20,8 +20,10 @@ from talc.frame import BoolArray, FloatArray
 from talc.indicators import TWO_SIDED_95
 from talc.names import THERMAL_ERRORS
 
-WAIT_S, WARM_S = 1800.0, 7200.0
-"""What waiting is judged after, and how long a warm-up takes."""
+WAIT_S = 1800.0
+"""What waiting is judged after."""
+WARM_S = 7200.0
+"""How long a warm-up takes."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -41,7 +41,8 @@ _UNBUFFERED = {"x-accel-buffering": "no"}
 """nginx, and others that follow it, would hold back a stream until it has filled a buffer."""
 _ENCODER = msgspec.json.Encoder()
 _DECODER = msgspec.json.Decoder(dict[str, dict[str, str]])
-_FARTHEST_MM, _LARGEST_TOLERANCE_UM = 10_000.0, 10_000.0
+_FARTHEST_MM = 10_000.0
+_LARGEST_TOLERANCE_UM = 10_000.0
 
 
 def _template(name: str) -> str:

@@ -12,7 +12,7 @@ from gateway.listeners.web.sentences import Amount, Atom, SaidRow, Sentence, Tol
 from gateway.model.compensation import Source
 from gateway.model.control_state import NcState
 from gateway.model.notice import finding_text
-from gateway.model.standing import Standing
+from gateway.model.probing import Standing
 from gateway.model.text import Text, plain, restored
 from gateway.telemetry.fields import text_from, texts_from
 from gateway.telemetry.messages import (
@@ -43,7 +43,8 @@ _BODIES = {
 _BAD = frozenset({EventKind.PROBLEM, EventKind.MEASUREMENT_REJECTED, EventKind.MODEL_REJECTED})
 _NC_MARKS: dict[str, str] = {NcState.READY: "good", NcState.PROBING: "good", NcState.NONE: ""}
 """Marks of the control's states; any other is a notice."""
-_RENEW_DAYS, _URGENT_DAYS = 30, 7
+_RENEW_DAYS = 30
+_URGENT_DAYS = 7
 _NOTABLE = frozenset({EventKind.OPERATOR, EventKind.SENSOR_SUSPECT, EventKind.LIMIT_EXCEEDED, EventKind.COMMAND})
 
 

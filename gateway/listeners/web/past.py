@@ -16,8 +16,10 @@ from talc.names import THERMAL_ERRORS
 
 MOST_POINTS = 500
 """Most points of one answer: more than a chart on a panel has columns."""
-EARLIEST_S, LATEST_S = 946684800.0, 7258118400.0
-"""2000 and 2200."""
+EARLIEST_S = 946684800.0
+"""2000."""
+LATEST_S = 7258118400.0
+"""2200."""
 
 
 @dataclass(frozen=True, slots=True)

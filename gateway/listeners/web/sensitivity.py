@@ -22,8 +22,10 @@ MOST_ESTIMATES = 1000
 """Most estimates of twelve weeks: one each two hours."""
 _LEAST_POINTS = 12
 """Fewest points of a week: a day."""
-_LEAST_MOVED_K, _LEAST_MOVED = 0.3, 0.1
-"""Standard deviations within a week, below which there is no slope to be seen: of a temperature, of an error."""
+_LEAST_MOVED_K = 0.3
+"""Standard deviation of a temperature within a week, below which there is no slope to be seen."""
+_LEAST_MOVED = 0.1
+"""The same of an error."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,9 +10,10 @@ from drivers.base import DriverError, Refused
 from drivers.nc import NcSnapshot, NumericalControl, Triple
 from gateway.config.sections import Probing
 from gateway.model.codes import NoticeCode
+from gateway.model.probing import End, InForce, Outcome
 from gateway.model.text import NOTHING, Text, failure
 from gateway.nc.probing.checks import Expected, MeasurementChecks
-from gateway.nc.probing.cycle import End, Held, InForce, NotBegun, Outcome, Probe, Rejected, at_rest, centres, run_cycle
+from gateway.nc.probing.cycle import Held, NotBegun, Probe, Rejected, at_rest, centres, run_cycle
 from gateway.nc.probing.foreign import CycleWatch
 from gateway.runtime.clocks import ServiceClock
 from talc.frame import Decision, FloatArray, Measurement, Why

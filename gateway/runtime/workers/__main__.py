@@ -12,7 +12,8 @@ import traceback
 from gateway.runtime.workers.control_group import join_learning
 
 _NICENESS = 10
-_STDIN, _STDOUT = 0, 1
+_STDIN = 0
+_STDOUT = 1
 
 
 def main() -> int:

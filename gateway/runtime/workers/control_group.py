@@ -11,12 +11,15 @@ import os
 from contextlib import suppress
 from pathlib import Path
 
-_GATEWAY, _LEARNING = "gateway", "learning"
-"""Names of the two groups, below the service's."""
+_GATEWAY = "gateway"
+"""Name of the gateway's own group, below the service's."""
+_LEARNING = "learning"
+"""Name of the group that learns."""
 WEIGHT = 10
 """Weight of the group `learning`; the gateway's is the kernel's default, 100."""
 
-_GROUPS, _OWN = Path("/sys/fs/cgroup"), Path("/proc/self/cgroup")
+_GROUPS = Path("/sys/fs/cgroup")
+_OWN = Path("/proc/self/cgroup")
 _DELEGATED = "user.delegate"
 """The attribute by which systemd marks a group that it has handed over (systemd.resource-control(5))."""
 

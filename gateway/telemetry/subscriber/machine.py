@@ -71,7 +71,8 @@ class Applied:
     """Axes at their bound, where more is not taken back."""
 
 
-_NONE, _UNKNOWN = (0.0, 0.0, 0.0), (math.nan, math.nan, math.nan)
+_NONE = (0.0, 0.0, 0.0)
+_UNKNOWN = (math.nan, math.nan, math.nan)
 _UNBOUNDED = (False, False, False)
 
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from drivers.nc import NcSnapshot, OperatingMode, ProbingState, ProgramState
+from gateway.model.probing import End, Outcome
 from gateway.nc.link import NcLink
-from gateway.nc.probing.cycle import End, Outcome
 from gateway.nc.probing.foreign import CyclePath, CycleWatch
 from gateway.nc.settings import Earlier, Identity, LinkSettings, Listeners
 from simulators.nc import Activity, CycleSettings, DayPart, LoadCase, MeanLoads, Nck

@@ -9,7 +9,7 @@ import pytest
 
 from drivers.nc import NcSnapshot, ProbingState, RequestStatus
 from gateway.model.compensation import Source
-from gateway.nc.probing.cycle import End
+from gateway.model.probing import End
 from talc.frame import Why
 from tests.benches.nc_link_bench import LinkBench, decision
 

@@ -12,9 +12,9 @@ import pytest
 from drivers.nc import NineErrors, ProbingState, RequestStatus, TakesSlopes
 from gateway.model.compensation import Write
 from gateway.model.notice import Notice
+from gateway.model.probing import End
 from gateway.nc.link import NcLink
-from gateway.nc.probing.cycle import End
-from gateway.nc.routes import AsGreeted, ByErrors, differ
+from gateway.nc.routes import AgentRoute, ByErrors, differ
 from gateway.nc.settings import Earlier, Identity, LinkSettings, Listeners
 from gateway.nc.slew import Slew
 from talc import kinematics
@@ -92,7 +92,7 @@ def test_the_step_tells_what_the_control_bounds_where_the_tool_is() -> None:
 
 async def test_a_control_that_does_not_greet_with_its_reach_gets_shifts() -> None:
     control = Following(SteppedClock(), error_reach_mm=None)
-    it = AsGreeted(control, RADIUS_M, BOUND_UM)
+    it = AgentRoute(control, RADIUS_M, BOUND_UM)
     assert not it.together
     await it.write(it.wanted(WARM, AT, RADIUS_M))
     assert control.writes[0][1] == pytest.approx(tuple(kinematics.tcp_offsets(WARM, AT, RADIUS_M)))

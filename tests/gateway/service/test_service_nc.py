@@ -16,9 +16,9 @@ from gateway.config.extended import validate
 from gateway.config.model import GatewayConfig
 from gateway.control.restart.earlier import Past
 from gateway.model.events import MeasurementEnded, StoreHealth
+from gateway.model.probing import End, Outcome
 from gateway.model.text import plain
 from gateway.nc.link import NcLink
-from gateway.nc.probing.cycle import End, Outcome
 from gateway.nc.settings import Identity
 from gateway.service.service import Service
 from gateway.storage.faults import StoreError

@@ -27,10 +27,9 @@ from gateway.model.events import (
     OutlookChanged,
     ReadingsTaken,
 )
+from gateway.model.probing import Outlook, Standing
 from gateway.model.sample import Sample
-from gateway.model.standing import Standing
 from gateway.model.text import plain
-from gateway.nc.probing.schedule import Outlook
 from gateway.telemetry.session import TelemetryError
 from talc.frame import Event, EventKind, Frame, Why
 from tests.benches.free_port import free_port
