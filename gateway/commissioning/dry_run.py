@@ -14,7 +14,7 @@ from drivers.nc import ProbingState, RunsDry
 from gateway.config.controls import Nc
 from gateway.config.model import GatewayConfig
 from gateway.model.events import EventReported, ProbingRequested
-from gateway.model.notice import event_of
+from gateway.model.wording import event_of
 from gateway.nc.boundary import contained_control
 from gateway.nc.build import control_of
 from gateway.nc.probing.cycle import NotBegun, Rejected, number_after

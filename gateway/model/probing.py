@@ -1,22 +1,13 @@
-"""A wanted measurement: its states, and the outcome of a request."""
+"""A wanted measurement: the outlook on it, and the outcome of a request."""
 
 from dataclasses import dataclass
 from datetime import datetime
 from enum import StrEnum
 
 from drivers.nc import Triple
+from gateway.model.standing import Standing
 from gateway.model.text import NOTHING, Text
 from talc.frame import FloatArray, Measurement, Why
-
-
-class Standing(StrEnum):
-    """State of a wanted measurement."""
-
-    NOT_WANTED = "not_wanted"
-    WAITING = "waiting"
-    BLOCKED = "blocked"
-    DUE = "due"
-    ASKED = "asked"
 
 
 class End(StrEnum):

@@ -12,7 +12,7 @@ from msgspec import Meta, Struct
 from drivers.base import Quality
 from gateway.model.compensation import Source
 from gateway.model.control_state import NcState
-from gateway.model.probing import Standing
+from gateway.model.standing import Standing
 from gateway.telemetry import keys
 from gateway.telemetry.fields import ByError, Coded, GridIndex, Number, OffsetsUm, Reason, Utc, one_of
 from talc.kinds import EventKind, Phase

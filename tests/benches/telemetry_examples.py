@@ -9,8 +9,9 @@ from drivers.base import Quality
 from gateway.config.extended import validate
 from gateway.config.model import GatewayConfig
 from gateway.model.compensation import Source, Step, Write
-from gateway.model.probing import End, Outcome, Outlook, Standing
+from gateway.model.probing import End, Outcome, Outlook
 from gateway.model.sample import Sample
+from gateway.model.standing import Standing
 from gateway.model.text import plain
 from talc.explanation import ErrorReason, Reasons
 from talc.forecast import Forecast, Misses

@@ -11,7 +11,7 @@ import numpy as np
 from gateway.listeners.web.ahead import advice, ahead, planned, planned_ahead, when
 from gateway.listeners.web.at_tool import ToolError, at_the_tool, course, half_width
 from gateway.listeners.web.sentences import Atom, Sentence, Word, at, um
-from gateway.model.probing import Standing
+from gateway.model.standing import Standing
 from gateway.telemetry.subscriber.machine import MachineSeen, applied, holds_s, is_old, nine
 from talc.frame import FloatArray, Phase
 

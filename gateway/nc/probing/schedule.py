@@ -21,9 +21,10 @@ import numpy as np
 from drivers.nc import NcSnapshot, OperatingMode, ProgramState
 from gateway.config.sections import Probing
 from gateway.model.codes import NoticeCode
-from gateway.model.notice import event_of
-from gateway.model.probing import End, Outlook, Standing
+from gateway.model.probing import End, Outlook
+from gateway.model.standing import Standing
 from gateway.model.text import NOTHING, Text
+from gateway.model.wording import event_of
 from talc.frame import Decision, Event, EventKind, Why
 from talc.indicators import TWO_SIDED_95
 

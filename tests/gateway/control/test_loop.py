@@ -19,7 +19,7 @@ from gateway.control.measuring import Measuring
 from gateway.control.trainer import Trainings
 from gateway.model.compensation import Source
 from gateway.model.events import CompensationStepped, DecisionMade, ForecastMade, FrameMade, ModelsAdopted, ReasonsGiven
-from gateway.model.probing import Standing
+from gateway.model.standing import Standing
 from gateway.nc.probing.schedule import ProbingSchedule, schedule_of
 from gateway.service.service import Service
 from gateway.storage.store import Store

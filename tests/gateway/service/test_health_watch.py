@@ -13,7 +13,8 @@ from gateway.config.applied import ConfigurationApplied
 from gateway.config.file import parse
 from gateway.control.restart.earlier import Past
 from gateway.model.events import DecisionMade, HealthChecked, OutlookChanged, StoreHealth
-from gateway.model.probing import Outlook, Standing
+from gateway.model.probing import Outlook
+from gateway.model.standing import Standing
 from gateway.model.text import plain
 from gateway.runtime.time_service import clock_synchronised
 from gateway.service.health import HealthWatch

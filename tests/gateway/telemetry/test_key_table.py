@@ -28,7 +28,8 @@ from gateway.model.events import (
     StorageChanged,
     StoreHealth,
 )
-from gateway.model.probing import Outcome, Outlook, Standing
+from gateway.model.probing import Outcome, Outlook
+from gateway.model.standing import Standing
 from gateway.model.text import plain
 from gateway.telemetry import keys
 from gateway.telemetry.codec import MESSAGE_TYPES

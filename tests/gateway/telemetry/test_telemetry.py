@@ -27,8 +27,9 @@ from gateway.model.events import (
     OutlookChanged,
     ReadingsTaken,
 )
-from gateway.model.probing import Outlook, Standing
+from gateway.model.probing import Outlook
 from gateway.model.sample import Sample
+from gateway.model.standing import Standing
 from gateway.model.text import plain
 from gateway.telemetry.session import TelemetryError
 from talc.frame import Event, EventKind, Frame, Why

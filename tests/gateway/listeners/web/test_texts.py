@@ -13,7 +13,7 @@ from gateway.listeners.web.catalogue import chosen_language, page_texts
 from gateway.listeners.web.settings import MachineUse, WebSettings
 from gateway.model.compensation import Source
 from gateway.model.control_state import NcState
-from gateway.model.probing import Standing
+from gateway.model.standing import Standing
 from gateway.model.text import languages, places, texts
 from gateway.telemetry.subscriber.site import SiteSeen
 from talc.frame import EventKind, Phase, Why

@@ -9,7 +9,8 @@ import pytest
 
 from drivers.nc import NcSnapshot, OperatingMode, ProgramState
 from gateway.config.sections import Probing
-from gateway.model.probing import End, Outlook, Standing
+from gateway.model.probing import End, Outlook
+from gateway.model.standing import Standing
 from gateway.model.text import plain
 from gateway.nc.probing.schedule import excess, schedule_of
 from talc.frame import Decision, FloatArray, Phase, Why
