@@ -1,7 +1,7 @@
 """One probing cycle from the request to the nine errors: ask the NC, wait, check, solve."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from typing import Protocol, assert_never
@@ -88,9 +88,15 @@ class Rejected(Exception):
 
 
 async def run_cycle(
-    nc: NumericalControl, number: int, clock: ServiceClock, *, poll_s: float, timeout_s: float
+    nc: NumericalControl,
+    number: int,
+    clock: ServiceClock,
+    *,
+    poll_s: float,
+    timeout_s: float,
+    told: Callable[[ProbingState], None] = lambda _: None,
 ) -> RequestStatus:
-    """Request cycle `number` and wait for its end.
+    """Request cycle `number` and wait for its end. told: gets its state at each look.
 
     Raises NotBegun when it is refused or has not begun within `timeout_s` (the request is then withdrawn), Rejected
     when it fails or has not ended by then, DriverError when the control cannot be reached.
@@ -107,6 +113,7 @@ async def run_cycle(
         await clock.sleep_until(clock.monotonic() + poll_s)
         with clock.hold():
             status = await to_its_end(nc.probing_status(number))
+        told(status.state)
         if ended(status):
             return status
         if clock.monotonic() > deadline:

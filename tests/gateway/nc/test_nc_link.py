@@ -9,6 +9,7 @@ import pytest
 
 from drivers.nc import NcSnapshot, ProbingState, RequestStatus
 from gateway.model.compensation import Source
+from gateway.model.probing import End
 from talc.frame import Why
 from tests.benches.nc_link_bench import LinkBench, decision
 
@@ -35,6 +36,17 @@ async def test_unarmed_probing_asks_for_nothing() -> None:
         await bench.clock.run_until(5.0)
         assert not bench.link.may_probe
         assert bench.link.present is not None
+    assert bench.control.requests == []
+
+
+async def test_before_a_dry_run_no_cycle_is_requested_whoever_wants_one() -> None:
+    bench = LinkBench("compensate", proven=False)
+    async with bench.running():
+        await bench.clock.run_until(5.0)
+        assert bench.link.may_probe
+        assert bench.link.barrier
+        outcome = await bench.link.measure(Why.COMMAND)
+    assert outcome.end is End.REFUSED
     assert bench.control.requests == []
 
 
