@@ -203,7 +203,7 @@ async def test_where_probing_stands_is_in_its_own_key_and_in_the_status() -> Non
         "operator": "clean the sphere",
     }
     assert expected.items() <= found["talc/mill/probing"].items()
-    assert found["talc/mill/status"]["probing"] == expected
+    assert expected.items() <= found["talc/mill/status"]["probing"].items()
 
 
 async def test_a_key_that_zenoh_refuses_is_reported_once_whatever_else_is_published(
