@@ -267,12 +267,19 @@ def jogged_at(texts: Texts, at: int) -> list[str]:
 
 
 def jogged_within(texts: Texts, at: int) -> list[str]:
-    """Stopped within a touch and moved aside by hand: what it then meets does not count."""
+    """Stopped within a touch and moved aside by hand: what it then meets does not count.
+
+    Moved along the touch's own way it meets the same point as before: that counts. So does a contact that came first.
+    """
     wrong = []
-    for aside in ({"Y": 3.0, "X": 1.0, "Z": 2.0}, {"Z": 2.0}, {"Y": 2.0, "X": 2.0}):
+    for aside in ({"Y": 1.0, "X": 1.0, "Z": 2.0}, {"Z": 2.0}, {"Y": 2.0, "X": 2.0}):
         cell = Cell(texts=texts)
         cell.axes.jogged[at] = aside
-        wrong += _failed(cell, 12)
+        faults = _failed(cell, 12)
+        path = cell.moves[at].path
+        across = ["XYZ".index(axis) for axis in aside if path[1]["XYZ".index(axis)] == path[0]["XYZ".index(axis)]]
+        if np.any(np.ptp(path[:, across], axis=0)):
+            wrong += faults
     return wrong
 
 
