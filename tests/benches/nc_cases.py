@@ -211,6 +211,17 @@ def _after_a_failure(texts: Texts) -> list[str]:
     return [*wrong, *(["R65 or R88 is wrong"] if cell.r[65] != 3.0 or cell.r[88] > 0.01 else [])]
 
 
+def _withdrawn_after_a_failure(texts: Texts) -> list[str]:
+    """The answer is why it failed, not that it was withdrawn too."""
+    cell = Cell(replace(Cell().workshop, present=False), texts)
+
+    def before(number: int) -> None:
+        cell.r[61] = 7.0 if number == 6 else cell.r[61]
+
+    cell.axes.before = before
+    return _failed(cell, 6)
+
+
 def reset_at(texts: Texts, at: int) -> list[str]:
     """RESET at a move: the control's hook reports a cycle that was stopped, and no result."""
     cell = Cell(texts=texts)
@@ -299,6 +310,7 @@ CASES: dict[str, Callable[[Texts], list[str]]] = {
     "a post on the way": _post_on_the_way,
     "something met in a dry run": _met_in_dry_run,
     "withdrawn within the cycle": _withdrawn_within,
+    "withdrawn after a failure": _withdrawn_after_a_failure,
     "asked while an axis moves": _asked_late,
     "after a failed dry run": _after_a_failure,
     "RESET": _some(reset_at, (0, 40, 300)),

@@ -110,6 +110,7 @@ def made(state: State, texts: Mapping[str, str] | None = None) -> Cell:
         axes.homed[state["not referenced"]] = False
     axes.stuck = state["deflected"]
     cell.r[63] = state["raised"]
+    cell.r[64:68] = [6.0, 3.0, 0.0, 6.0]
     return cell
 
 
@@ -174,7 +175,7 @@ def run(state: State, texts: Mapping[str, str] | None = None) -> tuple[str, list
         return "nothing happens", wrong
     if reasons := refused(state):
         wrong += ["something moved"] * bool(cell.moves) + ["a tool was changed"] * bool(cell.tools.changes)
-        if cell.r[65] != 4 or cell.r[66] not in reasons:
+        if cell.r[64] != 7 or cell.r[65] != 4 or cell.r[66] not in reasons or cell.r[67] != 0:
             wrong.append(f"R65 = {cell.r[65]:g}, R66 = {cell.r[66]:g}: expected refused for {reasons}")
         return f"refused for reason {min(reasons)}", wrong
     wrong += unsafe(cell, raised)
@@ -182,17 +183,23 @@ def run(state: State, texts: Mapping[str, str] | None = None) -> tuple[str, list
         moved = [*wrong, *(["a deflected probe moved elsewhere than up"] * _not_only_up(cell))]
         ended = cell.r[64:68] == [7, 5, 10, 0]
         return "the probe is deflected: failed", [*moved, *([f"R64 to R67 = {cell.r[64:68]}"] * (not ended))]
-    wrong += off_the_way(cell, start, raised)
+    return "the intended way", [*wrong, *off_the_way(cell, start, raised), *_answered_wrongly(cell, raised)]
+
+
+def _answered_wrongly(cell: Cell, raised: float) -> list[str]:
+    wrong = list[str]()
     if cell.r[64:68] != [7, 3, 0, 7]:
         wrong.append(f"R64 to R67 = {cell.r[64:68]}")
     elif centres_off_um(cell, raised) > 2.0 or cell.r[88] > 0.002:
         wrong.append(f"centres are off by {centres_off_um(cell, raised):.1f} um, R88 = {cell.r[88]:g}")
+    if reported(cell)[:3] != [(65, 0), (67, 0), (64, 7)]:
+        wrong.append("an old state or result stands under the new number")
     if [number for number, _ in reported(cell)][-2:] != [67, 65]:
         wrong.append("R65 = 3 is not the last, after R67")
     frozen = [at for number, value, at, _ in cell.channel.written if number == 65 and value in (2.0, 3.0)]
     if [at["Z"] for at in frozen] != [SAFE_Z + raised] * 2 or frozen[0]["X"] != frozen[1]["X"]:
         wrong.append("R65 becomes 2 or 3 elsewhere than over the sphere")
-    return "the intended way", wrong
+    return wrong
 
 
 def _not_only_up(cell: Cell) -> bool:
