@@ -191,6 +191,21 @@ def withdrawn_at(texts: Texts, at: int) -> list[str]:
     return [*wrong, *(["went on"] if len(cell.moves) > at + 2 + back else [])]
 
 
+def _height_changed(texts: Texts) -> list[str]:
+    """Another program writes R63 while the probe is changed in: the cycle keeps the height that was tested."""
+    cell = Cell(texts=texts)
+
+    class Changes(list[int]):
+        def append(self, tool: int) -> None:
+            super().append(tool)
+            cell.r[63] = -20.0
+
+    cell.tools.changes = Changes()
+    start = started_at(cell)
+    cell.safe_point()
+    return [*off_the_way(cell, start), *unsafe(cell)]
+
+
 def _asked_late(texts: Texts) -> list[str]:
     """The request comes while the block before the call still moves."""
     cell = Cell(texts={**texts, "part": "PROC PART_PROGRAM DISPLOF\nSUPA G1 Y=-60 F=1000\nTALC_SAFE_POINT\nRET"})
@@ -313,6 +328,7 @@ CASES: dict[str, Callable[[Texts], list[str]]] = {
     "a post on the way": _post_on_the_way,
     "something met in a dry run": _met_in_dry_run,
     "withdrawn within the cycle": _some(withdrawn_at, (0, 4, 150, 151, 152)),
+    "a height that changes": _height_changed,
     "withdrawn after a failure": _withdrawn_after_a_failure,
     "asked while an axis moves": _asked_late,
     "after a failed dry run": _after_a_failure,
