@@ -283,7 +283,7 @@ class Nck:
                 self._run_ahead(now_s)
         elif number == R_REQUEST and value > 0 and value != self.cycle.answer.number:
             valid_for, raised_mm = self.r[R_VALID_FOR], max(0.0, self.r[R_DRY_RUN])
-            if self.r[R_VERSION] < VERSION:
+            if self.r[R_VERSION] != VERSION:
                 raised_mm = 0.0  # an older program, which touches whatever the parameter says
             self.cycle.ask(now_s, int(value), valid_for if valid_for > 0 else math.inf, raised_mm)
         elif number == R_WITHDRAW and value > 0:
