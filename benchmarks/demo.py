@@ -20,9 +20,10 @@ from drivers.sinumerik.make import make_sinumerik
 from drivers.sinumerik.settings import SinumerikSettings
 from gateway.config.sections import Probing
 from gateway.control.grid import GridSampler, Instant
+from gateway.model.probing import End
 from gateway.model.standing import Standing
 from gateway.model.text import plain
-from gateway.nc.probing.cycle import End, Probe, probe_of
+from gateway.nc.probing.cycle import Probe, probe_of
 from gateway.nc.probing.schedule import excess, schedule_of
 from gateway.nc.routes import ByErrors
 from gateway.nc.slew import Slew

@@ -21,8 +21,8 @@ from gateway.control.restart.rebuild import controller_of
 from gateway.control.restart.snapshots import SnapshotKeeper
 from gateway.model.compensation import Source, Step, Write
 from gateway.model.events import CompensationStepped, DecisionMade, FrameMade, MeasurementEnded, ReadingsTaken
+from gateway.model.probing import Outcome
 from gateway.model.sample import Sample
-from gateway.nc.probing.cycle import Outcome
 from gateway.storage.readings import Retention
 from gateway.storage.store import Store
 from talc.frame import FloatArray, Frame, Measurement, Why

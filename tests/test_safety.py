@@ -75,6 +75,16 @@ BROKEN: dict[str, tuple[str, Break]] = {
         "gateway.nc.probing.prober:Prober.withdraw",
         gives("None"),
     ),
+    "before_a_dry_run_no_cycle_is_requested_whoever_wants_one": ("gateway.nc.link:NcLink.barrier", gives("''")),
+    "a_control_that_goes_down_to_the_sphere_is_told_to_stop_at_once": (
+        "gateway.nc.probing.dry_run:run_dry",
+        never("distance"),
+    ),
+    "a_height_that_another_program_changes_makes_no_measurement_and_no_dry_run": (
+        "drivers.sinumerik.control:Sinumerik._check_height",
+        gives("None"),
+    ),
+    "what_is_noticed_ends_the_cycle_at_once": ("gateway.nc.probing.foreign:CycleWatch.look", gives("False")),
     "offsets_that_moved_while_the_control_probed_make_no_measurement": (
         "gateway.nc.hold:HeldOffsets.still",
         never("differ"),

@@ -15,7 +15,12 @@ from tests.benches.pages import ROOT, commands
 pytestmark = [pytest.mark.peer, pytest.mark.slow]
 
 GIVEN = sorted(
-    {command for _, command in commands() if re.match(r"(apt|apt-get|uv) |dpkg --add-architecture", command)}
+    {
+        part.strip()
+        for _, command in commands()
+        for part in command.split("&&")
+        if re.match(r" *((apt|apt-get|uv) |dpkg --add-architecture)", part)
+    }
 )
 UV = "uv==0.13.9"
 

@@ -157,7 +157,7 @@ class Sinumerik:
 
     def _look_at_version(self, version: OpcUaNumber | None) -> None:
         """The program may be loaded, or first called, while the gateway is connected."""
-        self._runs_dry = code_of(version) >= _KNOWS_DRY_RUNS
+        self._runs_dry = code_of(version) == _KNOWS_DRY_RUNS
 
     async def _look_at_units(self) -> None:
         """Raises WrongDevice for an inch system. A gateway that only reads goes on if it may not read the unit."""
@@ -248,7 +248,7 @@ class Sinumerik:
         if dry_run_mm and not self._runs_dry:
             hand = self._settings.handshake
             raise Refused(
-                f"the program on the control knows no dry runs (R{hand.version} is not 2 or more)",
+                f"the program on the control knows no dry runs (R{hand.version} is not {_KNOWS_DRY_RUNS})",
                 device=self._settings.device,
                 hint="load all the present programs of deploy/nc/sinumerik, and call TALC_SAFE_POINT once",
             )

@@ -1,6 +1,7 @@
 """Claim and heartbeat of a SINUMERIK: docs/nc.md, Claim and watchdog."""
 
 import asyncio
+import math
 from typing import Final
 
 from drivers.base import Refused
@@ -15,6 +16,8 @@ _POLL_S = 0.02
 """Between two looks at a beat, which passes through the control's program in each interpolation cycle."""
 _POLLS = 12
 """How often it is looked at."""
+
+_SAME: Final = 1e-6
 
 
 class SinumerikLease:
@@ -32,6 +35,7 @@ class SinumerikLease:
         self._owner, self._beat, self._state = r(numbers.owner), r(numbers.beat), r(numbers.state)
         self._age = r(numbers.age)
         self.echo = r(numbers.echo)
+        self._terms: dict[str, float] = {}
 
     @property
     def nodes(self) -> tuple[str, ...]:
@@ -40,28 +44,31 @@ class SinumerikLease:
 
     async def holder(self) -> float:
         """Number of the gateway whose heartbeat is alive; 0: none."""
-        owner, _, state, _ = await self._look()
+        owner, _, state, *_ = await self._look()
         return owner if state == ALIVE else 0.0
 
     async def claim(self, owner: int, terms: dict[str, float], predecessor: int | None) -> None:
         """terms: what the watchdog does on silence, by node, written before the owner. Raises ValueError for an owner
         outside 1 .. 2**31 - 1."""
         check_number(owner, "owner")
-        holder, beat, state, echo = await self._look()
+        self._terms = {}
+        holder, beat, state, echo, _ = await self._look()
         if holder not in (0, owner, predecessor) and state == ALIVE:
             raise self._anothers(holder)
         await self._session.write(terms)
+        self._terms = dict(terms)
         await self._session.write({self._owner: float(owner)})
         await self._session.write({self._beat: next_beat(beat, echo)})
 
     async def heartbeat(self, owner: int) -> bool:
-        """Whether the watchdog was active before this beat, and this beat has passed through its program."""
+        """Whether the watchdog was active before this beat, with the terms of the claim, and this beat has passed
+        through its program."""
         check_number(owner, "owner")
-        holder, beat, state, echo = await self._look()
+        holder, beat, state, echo, kept = await self._look()
         if holder != owner:
             raise self._anothers(holder)
         passed = await self._passes(next_beat(beat, echo))
-        return state == ALIVE and echo == beat and passed
+        return state == ALIVE and echo == beat and passed and kept
 
     async def release(self, owner: int) -> None:
         check_number(owner, "owner")
@@ -78,11 +85,13 @@ class SinumerikLease:
             await asyncio.sleep(_POLL_S)
         return False
 
-    async def _look(self) -> tuple[float, float, float, float]:
-        """Owner, beat, state and echo."""
-        paths = self._owner, self._beat, self._state, self.echo
-        owner, beat, state, echo = finite_numbers(paths, await self._session.read(paths), self._device)
-        return owner, beat, state, echo
+    async def _look(self) -> tuple[float, float, float, float, bool]:
+        """Owner, beat, state and echo; whether the terms are still those of this gateway's claim."""
+        paths = self._owner, self._beat, self._state, self.echo, *self._terms
+        owner, beat, state, echo, *found = finite_numbers(paths, await self._session.read(paths), self._device)
+        wanted = self._terms.values()
+        kept = all(math.isclose(a, b, rel_tol=_SAME) for a, b in zip(found, wanted, strict=True))
+        return owner, beat, state, echo, kept
 
     def _anothers(self, holder: float) -> Refused:
         return Refused(

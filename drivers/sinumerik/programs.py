@@ -58,7 +58,7 @@ def errors_program(settings: SinumerikSettings, terms: ErrorTerms) -> str:
 
 
 def _start(settings: SinumerikSettings, terms: ErrorTerms) -> Iterator[str]:
-    lease, errors, comp = settings.lease, settings.errors, settings.compensation
+    lease, errors, comp, hand = settings.lease, settings.errors, settings.compensation, settings.handshake
     along, across = error_reach_mm(settings)
     yield "; Offsets of X, Y, Z from nine thermal errors and from where the tool is, in each interpolation cycle."
     yield "; Written by talc-gateway nc sinumerik-files: do not change it here. HAS NOT RUN ON A REAL CONTROL."
@@ -84,6 +84,7 @@ def _start(settings: SinumerikSettings, terms: ErrorTerms) -> Iterator[str]:
     yield " ".join(f"R[{errors.terms + i}] = {_nc_number(value)}" for i, value in enumerate(told))
     yield f"R[{errors.tool_range}] = {_nc_number(settings.tool_range_mm)}"
     yield f"R[{errors.echo}] = R[{lease.beat}] R[{lease.age}] = {_LONG_AGO_S}"
+    yield f"R[{hand.withdraw}] = R[{hand.request}]"  # one from before power off, whose age is not known
     yield "STOPRE"
     yield "TALC_RESET"
 

@@ -4,7 +4,7 @@ import asyncio
 import math
 import signal
 from collections.abc import Callable, Coroutine, Iterator
-from contextlib import suppress
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 import click
@@ -14,7 +14,7 @@ from drivers.nc import ProbingState, RunsDry
 from gateway.config.controls import Nc
 from gateway.config.model import GatewayConfig
 from gateway.model.events import EventReported, ProbingRequested
-from gateway.model.notice import event_of
+from gateway.model.wording import event_of
 from gateway.nc.boundary import contained_control
 from gateway.nc.build import control_of
 from gateway.nc.probing.cycle import NotBegun, Rejected, number_after
@@ -65,9 +65,10 @@ async def dry_run(
     Raises SetupError without a control that probes, StoreError while a gateway runs, DriverError.
     """
     section, geometry = _asked(config)
-    nc = contained_control(control_of(section, config, clock, dry=True))
-    with Store(config.storage.path, boot_id(), clock, origin=clock.origin()) as store:
-        with History(config.storage.path) as history:
+    with clock.hold():  # libraries are imported
+        nc = contained_control(control_of(section, config, clock, dry=True))
+    with _opened(config, clock) as store:
+        with clock.hold(), History(config.storage.path) as history:
             last = history.last_number()
         try:
             with clock.hold():
@@ -99,8 +100,20 @@ async def dry_run(
             lowest = min(pose.above_mm for pose in done.poses)
             what = f"{len(done.poses)} poses, at the lowest {lowest:.1f} mm above the sphere's centre"
             store.record(EventReported(event_of(EventKind.OPERATOR, recorded(geometry, what)), None))
-            store.flush()
     return done
+
+
+@contextmanager
+def _opened(config: GatewayConfig, clock: ServiceClock) -> Iterator[Store]:
+    """The database. Simulated time stands still while it is opened and closed."""
+    with ExitStack() as stack:
+        with clock.hold():
+            store = stack.enter_context(Store(config.storage.path, boot_id(), clock, origin=clock.origin()))
+        try:
+            yield store
+        finally:
+            with clock.hold():
+                stack.close()
 
 
 def report(run: DryRun, geometry: Geometry) -> Iterator[str]:

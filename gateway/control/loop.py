@@ -12,8 +12,8 @@ from gateway.control.grid import GridSampler, Instant, Schedule
 from gateway.control.measuring import Measuring
 from gateway.control.trainer import Trainings
 from gateway.model.events import DecisionMade, EventReported, FrameMade, Sink
-from gateway.model.notice import worded
 from gateway.model.step_time import StepTime
+from gateway.model.wording import worded
 from gateway.runtime.ages import Ages
 from gateway.runtime.clocks import ServiceClock
 from talc.control import Controller

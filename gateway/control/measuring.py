@@ -5,11 +5,11 @@ import logging
 
 from gateway.config.sections import Probing
 from gateway.model.events import EventReported, MeasurementEnded, OutlookChanged, Sink
-from gateway.model.notice import event_of
+from gateway.model.probing import End, Outcome, Outlook
 from gateway.model.standing import Standing
+from gateway.model.wording import event_of
 from gateway.nc.link import NcLink
-from gateway.nc.probing.cycle import End, Outcome
-from gateway.nc.probing.schedule import Bulletin, Outlook, ProbingSchedule, excess
+from gateway.nc.probing.schedule import Bulletin, ProbingSchedule, excess
 from gateway.runtime.clocks import ServiceClock
 from gateway.runtime.periodic import Periodic
 from talc.frame import Decision, EventKind, Measurement, Why

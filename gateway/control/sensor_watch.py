@@ -9,8 +9,9 @@ from dataclasses import dataclass
 from gateway.control.last_rows import LastRows
 from gateway.model.codes import NoticeCode
 from gateway.model.events import EventReported, SensorsJudged, Sink
-from gateway.model.notice import Notice, event_of, finding_text, problem_event
+from gateway.model.notice import Notice
 from gateway.model.text import Text, failure
+from gateway.model.wording import event_of, finding_text, problem_event
 from gateway.runtime.clocks import ServiceClock
 from gateway.runtime.problems import Problems
 from gateway.runtime.workers.process import WorkError, apart
@@ -221,7 +222,7 @@ class SensorWatch:
 
     def _tell(self, finding: Finding, k: int) -> None:
         self._suspect_since_k = k if self._suspect_since_k is None else self._suspect_since_k
-        text = finding_text(finding)
+        text = finding_text(finding.kind, finding.inputs, finding.offset_K, finding.alternatives)
         log.warning("sensors: %s", text)
         value = None if finding.kind == "swap" else finding.offset_K
         self._report(event_of(EventKind.SENSOR_SUSPECT, text, value), k)

@@ -6,8 +6,8 @@ from collections.abc import Awaitable, Callable
 
 from gateway.model.codes import NoticeCode
 from gateway.model.events import EventReported, ModelsAdopted, Sink
-from gateway.model.notice import worded
 from gateway.model.text import Text, failure
+from gateway.model.wording import worded
 from gateway.runtime.clocks import ServiceClock
 from gateway.runtime.workers.process import apart
 from talc.control import Controller

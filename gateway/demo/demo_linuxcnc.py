@@ -22,8 +22,8 @@ from drivers.base import DriverError
 from drivers.linuxcnc.settings import LinuxCncSettings
 from gateway.config.extended import validate
 from gateway.config.model import GatewayConfig
+from gateway.model.probing import End, Outcome
 from gateway.nc.link import NcLink
-from gateway.nc.probing.cycle import End, Outcome
 from gateway.nc.settings import Earlier, Identity, LinkSettings, Listeners
 from gateway.runtime.clocks import RealClock
 from gateway.runtime.terminal import terminal

@@ -78,6 +78,7 @@ class NoticeCode(StrEnum):
     GATEWAY_IS = "gateway_is"
     NUMBER_NOT_STORED = "number_not_stored"
     OFFSETS_MOVED = "offsets_moved"
+    CYCLE_VOID = "cycle_void"
     RESULT_NO_POINTS = "result_no_points"
     RESULT_COUNT = "result_count"
     RESULT_NOT_FINITE = "result_not_finite"
@@ -294,6 +295,7 @@ _PROBLEMS: Final = MUST_ACT - {NoticeCode.WAITS_ARM, NoticeCode.WAITS_RESUME} | 
     NoticeCode.NOT_FINISHED,
     NoticeCode.NOT_PUBLISHED,
     NoticeCode.OFFSETS_MOVED,
+    NoticeCode.CYCLE_VOID,
     NoticeCode.PROBING_BLOCKED,
     NoticeCode.REFERENCE_APART,
     NoticeCode.RESULT_ABSURD,

@@ -7,12 +7,12 @@ from typing import Any, TypeVar
 from gateway.model.commands import CommandOutcome, Disarmed, Pause
 from gateway.model.compensation import Write
 from gateway.model.control_state import NcState
-from gateway.model.notice import Notify, problem_event
+from gateway.model.notice import Notify
+from gateway.model.probing import Outcome, Outlook
 from gateway.model.sample import Sample
 from gateway.model.step_time import StepTime
 from gateway.model.text import NOTHING, Text
-from gateway.nc.probing.cycle import Outcome
-from gateway.nc.probing.schedule import Outlook
+from gateway.model.wording import problem_event
 from talc.explanation import Reasons
 from talc.forecast import Forecast, Misses, PlannedForecast
 from talc.frame import Decision, Event, Frame

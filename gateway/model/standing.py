@@ -1,4 +1,4 @@
-"""The states of a wanted measurement."""
+"""The states of a wanted measurement, for programs that only read messages."""
 
 from enum import StrEnum
 

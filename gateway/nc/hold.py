@@ -5,8 +5,9 @@ import asyncio
 import numpy as np
 
 from gateway.model.codes import NoticeCode
+from gateway.model.probing import InForce
 from gateway.model.text import Text
-from gateway.nc.probing.cycle import InForce, Rejected
+from gateway.nc.probing.cycle import Rejected
 from gateway.nc.probing.uninterrupted import to_its_end
 from gateway.nc.routes import Form, differ, offsets_text
 from gateway.runtime.clocks import ServiceClock

@@ -14,12 +14,14 @@ from drivers.nc import FollowsErrors, ForgetsWrites, NcSnapshot, NumericalContro
 from gateway.model.codes import NoticeCode
 from gateway.model.commands import Disarmed, Pause
 from gateway.model.compensation import Source, Write
+from gateway.model.probing import Outcome
 from gateway.model.text import Text
 from gateway.nc.boundary import contained_control
 from gateway.nc.hold import Hold
 from gateway.nc.lease import Lease
 from gateway.nc.pace import NcPace
-from gateway.nc.probing.cycle import Held, NotBegun, Outcome, probe_of
+from gateway.nc.probing.cycle import Held, NotBegun, probe_of
+from gateway.nc.probing.foreign import CycleWatch
 from gateway.nc.probing.geometry import barrier
 from gateway.nc.probing.prober import Prober
 from gateway.nc.probing.uninterrupted import to_its_end
@@ -100,6 +102,7 @@ class NcLink:
             earlier.first_number,
             earlier.abandoned,
             self._permit,
+            CycleWatch(settings.path),
         )
         measured = earlier.measured_s if earlier.measured_s is not None else [clock.monotonic()] * len(THERMAL_ERRORS)
         self._target = Target(
@@ -218,6 +221,7 @@ class NcLink:
             snapshot = await self._session.look()
             if not self._hold.on or self.disarmed is not None:
                 await self._prober.settle()
+            await self._prober.look(snapshot)
             if snapshot.quality is Quality.GOOD:
                 self._listeners.states(snapshot.states, snapshot.monotonic_s)
             await self._compensate(snapshot)

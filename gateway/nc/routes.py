@@ -24,7 +24,7 @@ from drivers.nc import (
     Triple,
 )
 from gateway.model.compensation import Offsets
-from gateway.nc.probing.cycle import InForce
+from gateway.model.probing import InForce
 from gateway.nc.slew import as_offsets
 from talc import kinematics
 from talc.frame import FloatArray

@@ -5,11 +5,13 @@ from collections.abc import Awaitable, Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from drivers.nc import LARGEST_NUMBER
+from gateway.config.controls import LinuxCncNc, SinumerikNc
 from gateway.config.model import GatewayConfig
 from gateway.config.sections import Compensation, Probing
 from gateway.model.commands import Disarmed, Pause
 from gateway.model.compensation import Write
 from gateway.model.notice import Notify
+from gateway.nc.probing.foreign import CyclePath
 from talc.frame import FloatArray
 
 
@@ -45,13 +47,18 @@ class LinkSettings:
     compensation: Compensation
     probing: Probing
     identity: Identity
+    path: CyclePath | None = None
+    """Where the control's cycle goes; None: its program is not ours."""
 
     @classmethod
     def of(cls, config: GatewayConfig, identity: Identity) -> "LinkSettings":
         """From the sections nc, compensation and probing. Raises ValueError without a section nc."""
         if config.nc is None:
             raise ValueError("config has no [nc] section")
-        return cls(config.nc.period_s, config.compensation, config.probing, identity)
+        probing, path = config.probing, None
+        if isinstance(config.nc, SinumerikNc | LinuxCncNc):
+            path = CyclePath(probing.poses_deg, probing.sphere_radius_mm, probing.sphere_height_mm)
+        return cls(config.nc.period_s, config.compensation, probing, identity, path)
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,11 +15,11 @@ from gateway.acquisition.reload import ReloadError
 from gateway.model.codes import NoticeCode
 from gateway.model.commands import UNPROVED, Command, CommandName, CommandOutcome, Disarmed, Pause, Refusals
 from gateway.model.events import CommandGiven, EventReported, Sink
-from gateway.model.notice import event_of
+from gateway.model.probing import Outlook
 from gateway.model.standing import Standing
 from gateway.model.text import NOTHING, Text, failure, text_of
+from gateway.model.wording import event_of
 from gateway.nc.link import NcLink
-from gateway.nc.probing.schedule import Outlook
 from gateway.runtime.clocks import ServiceClock
 from gateway.storage.faults import StoreError
 from talc.frame import EventKind

@@ -9,10 +9,10 @@ from gateway.acquisition.reports import channel_bad
 from gateway.model.codes import NoticeCode
 from gateway.model.control_state import NcState
 from gateway.model.events import DecisionMade, Health, HealthChecked, OutlookChanged, Sink, StoreHealth
+from gateway.model.probing import Outlook
 from gateway.model.standing import Standing
 from gateway.model.text import Text
 from gateway.nc.link import NcLink
-from gateway.nc.probing.schedule import Outlook
 from gateway.runtime.clocks import ServiceClock
 from gateway.runtime.periodic import Periodic
 

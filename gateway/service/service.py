@@ -38,8 +38,8 @@ from gateway.model.events import (
     StoreHealth,
     problems_to,
 )
-from gateway.model.notice import event_of
 from gateway.model.text import NOTHING, Text, failure
+from gateway.model.wording import event_of
 from gateway.nc.build import control_of
 from gateway.nc.link import NcLink
 from gateway.nc.probing.cycle import NotBegun, number_after

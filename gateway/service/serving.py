@@ -17,8 +17,8 @@ from gateway.control.restart.rebuild import Interrupted, Rebuilt
 from gateway.control.restart.snapshots import SnapshotKeeper
 from gateway.model.codes import NoticeCode
 from gateway.model.events import EventReported, Events, Sink
-from gateway.model.notice import event_of
 from gateway.model.text import Text
+from gateway.model.wording import event_of
 from gateway.nc.settings import Identity
 from gateway.runtime.clocks import ServiceClock
 from gateway.runtime.extras import missing_of

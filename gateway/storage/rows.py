@@ -15,10 +15,10 @@ import numpy as np
 from gateway.config.outline import inputs_if_known, outlined, step_s_of
 from gateway.model.commands import Command, CommandName, CommandOutcome
 from gateway.model.compensation import Write
-from gateway.model.notice import worded
+from gateway.model.probing import Outcome
 from gateway.model.step_time import StepTime
 from gateway.model.text import json_of, plain, restored, values_of
-from gateway.nc.probing.cycle import Outcome
+from gateway.model.wording import worded
 from gateway.storage.learnt import Reference
 from gateway.storage.stored import StoredCompensation, StoredMeasurement, StoredRun, StoredStep
 from talc.explanation import ErrorReason, Reasons

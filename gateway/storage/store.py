@@ -34,8 +34,8 @@ from gateway.model.events import (
     StorageChanged,
     StoreHealth,
 )
-from gateway.model.notice import worded
 from gateway.model.text import NOTHING, Text
+from gateway.model.wording import worded
 from gateway.storage import rows
 from gateway.storage.answers import long_work
 from gateway.storage.damage import unreadable_rows

@@ -34,11 +34,10 @@ from gateway.model.events import (
     StorageChanged,
     StoreHealth,
 )
-from gateway.model.notice import finding_text, worded
+from gateway.model.probing import Outcome, Outlook
 from gateway.model.sample import Sample
 from gateway.model.text import Text, json_of
-from gateway.nc.probing.cycle import Outcome
-from gateway.nc.probing.schedule import Outlook
+from gateway.model.wording import finding_text, worded
 from gateway.telemetry import keys
 from gateway.telemetry.fields import coded
 from gateway.telemetry.messages import (
@@ -350,7 +349,13 @@ def _storage(h: StoreHealth) -> StorageStanding:
 def _sensors(stamp: _Stamp, j: Judgement, k: int, since_k: tuple[int, ...]) -> SensorsMessage:
     findings = (
         SensorFinding(
-            f.kind, f.inputs, f.alternatives, finite(f.offset_K), finite(f.score), str(finding_text(f)), since
+            f.kind,
+            f.inputs,
+            f.alternatives,
+            finite(f.offset_K),
+            finite(f.score),
+            str(finding_text(f.kind, f.inputs, f.offset_K, f.alternatives)),
+            since,
         )
         for f, since in zip_longest(j.findings, since_k[: len(j.findings)])
     )

@@ -2,8 +2,8 @@
 
 import math
 from bisect import bisect_right
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 import numpy as np
@@ -73,6 +73,19 @@ class MachineState:
     alarms: tuple[int, ...]
 
 
+@dataclass(frozen=True, slots=True)
+class Interference:
+    """What somebody does at the control for some time, and the probing program does not notice."""
+
+    begin_s: float
+    end_s: float
+    mode: int | None = None
+    program_status: int | None = None
+    moved: Mapping[str, float] = field(default_factory=dict)
+    """Axis to how far it is moved, mm or degrees."""
+    tool: int | None = None
+
+
 class Nck:
     """Everything the control does, as a function of the time handed in.
 
@@ -139,6 +152,8 @@ class Nck:
         """Called when everything that was due has been processed, and so before what is written, with the time."""
         self.log: list[Logged] = []
         """Every change of SD43900 with its time."""
+        self.interference: Interference | None = None
+        """Only shown: the cycle goes on."""
         self.mode = AUTO
         self.alarms: tuple[int, ...] = ()
         self.referenced = True
@@ -222,7 +237,7 @@ class Nck:
             positions = probing_positions(self.cycle_settings, time_s - began, raised_mm)
             loads, tool = self._cycle_loads, PROBE_TOOL
         status = IN_PROGRESS if block.cutting or began is not None else STOPPED
-        return MachineState(
+        shown = MachineState(
             time_s=time_s,
             positions=positions,
             loads=MeanLoads() if self.alarms else loads,
@@ -232,6 +247,8 @@ class Nck:
             probing=began is not None,
             alarms=self.alarms,
         )
+        it = self.interference
+        return shown if it is None or not it.begin_s <= time_s < it.end_s else _interfered(shown, it)
 
     def mean_loads(self, start_s: float, end_s: float) -> MeanLoads:
         """Exact mean of the loads over a past stretch of time. It includes probing cycles, but not stops by alarms."""
@@ -266,7 +283,7 @@ class Nck:
                 self._run_ahead(now_s)
         elif number == R_REQUEST and value > 0 and value != self.cycle.answer.number:
             valid_for, raised_mm = self.r[R_VALID_FOR], max(0.0, self.r[R_DRY_RUN])
-            if self.r[R_VERSION] < VERSION:
+            if self.r[R_VERSION] != VERSION:
                 raised_mm = 0.0  # an older program, which touches whatever the parameter says
             self.cycle.ask(now_s, int(value), valid_for if valid_for > 0 else math.inf, raised_mm)
         elif number == R_WITHDRAW and value > 0:
@@ -451,3 +468,13 @@ class Nck:
         if index >= 0 and time_s < self.cycle.ended[index][1]:
             return self.cycle.ended[index][0]
         return None
+
+
+def _interfered(shown: MachineState, it: Interference) -> MachineState:
+    return replace(
+        shown,
+        positions={axis: at + it.moved.get(axis, 0.0) for axis, at in shown.positions.items()},
+        mode=shown.mode if it.mode is None else it.mode,
+        program_status=shown.program_status if it.program_status is None else it.program_status,
+        tool=shown.tool if it.tool is None else it.tool,
+    )

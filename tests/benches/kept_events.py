@@ -12,9 +12,8 @@ from gateway.model.events import (
     OutlookChanged,
     ReadingsTaken,
 )
+from gateway.model.probing import Outcome, Outlook
 from gateway.model.sample import Sample
-from gateway.nc.probing.cycle import Outcome
-from gateway.nc.probing.schedule import Outlook
 from talc.frame import Decision, Event, EventKind, Frame
 from talc.models import ModelSet
 

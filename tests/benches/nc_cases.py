@@ -181,14 +181,32 @@ def _met_in_dry_run(texts: Texts) -> list[str]:
     return _failed(cell, 11)
 
 
-def _withdrawn_within(texts: Texts) -> list[str]:
+def withdrawn_at(texts: Texts, at: int) -> list[str]:
+    """Withdrawn within a move: after it, and after the way back from what it met, it goes up only."""
     cell = Cell(texts=texts)
 
     def before(number: int) -> None:
-        cell.r[61] = 7.0 if number == 150 else cell.r[61]
+        cell.r[61] = 7.0 if number == at else cell.r[61]
 
     cell.axes.before = before
-    return [*_failed(cell, 4), *(["went on"] if len(cell.moves) > 250 else [])]
+    wrong = _failed(cell, 4)
+    back = any(move.met for move in cell.moves[at : at + 1])
+    return [*wrong, *(["went on"] if len(cell.moves) > at + 2 + back else [])]
+
+
+def _height_changed(texts: Texts) -> list[str]:
+    """Another program writes R63 while the probe is changed in: the cycle keeps the height that was tested."""
+    cell = Cell(texts=texts)
+
+    class Changes(list[int]):
+        def append(self, tool: int) -> None:
+            super().append(tool)
+            cell.r[63] = -20.0
+
+    cell.tools.changes = Changes()
+    start = started_at(cell)
+    cell.safe_point()
+    return [*off_the_way(cell, start), *unsafe(cell)]
 
 
 def _asked_late(texts: Texts) -> list[str]:
@@ -289,12 +307,19 @@ def jogged_at(texts: Texts, at: int, by: Mapping[str, float] | None = None) -> l
 
 
 def jogged_within(texts: Texts, at: int) -> list[str]:
-    """Stopped within a touch and moved aside by hand: what it then meets does not count."""
+    """Stopped within a touch and moved aside by hand: what it then meets does not count.
+
+    Moved along the touch's own way it meets the same point as before: that counts. So does a contact that came first.
+    """
     wrong = []
-    for aside in ({"Y": 3.0, "X": 1.0, "Z": 2.0}, {"Z": 2.0}, {"Y": 2.0, "X": 2.0}):
+    for aside in ({"Y": 1.0, "X": 1.0, "Z": 2.0}, {"Z": 2.0}, {"Y": 2.0, "X": 2.0}):
         cell = Cell(texts=texts)
         cell.axes.jogged[at] = aside
-        wrong += _failed(cell, 12)
+        faults = _failed(cell, 12)
+        path = cell.moves[at].path
+        across = ["XYZ".index(axis) for axis in aside if path[1]["XYZ".index(axis)] == path[0]["XYZ".index(axis)]]
+        if np.any(np.ptp(path[:, across], axis=0)):
+            wrong += faults
     return wrong
 
 
@@ -331,7 +356,8 @@ CASES: dict[str, Callable[[Texts], list[str]]] = {
     "a post on the table": _post,
     "a post on the way": _post_on_the_way,
     "something met in a dry run": _met_in_dry_run,
-    "withdrawn within the cycle": _withdrawn_within,
+    "withdrawn within the cycle": _some(withdrawn_at, (0, 4, 151, 152)),
+    "a height that changes": _height_changed,
     "withdrawn after a failure": _withdrawn_after_a_failure,
     "asked while an axis moves": _asked_late,
     "after a failed dry run": _after_a_failure,
@@ -353,6 +379,7 @@ def main() -> None:
     every = range(len(usual.moves))
     cases = CASES | {
         "RESET at every move": _some(reset_at, every),
+        "withdrawn within every move but touches": _some(withdrawn_at, [n for n in every if n not in touches]),
         "moved by hand after every move": _some(jogged_at, every),
         "moved by hand within every touch": _some(jogged_within, touches),
         "a probe that sticks after every move": _some(stuck_at, [n for n in every if n not in touches]),

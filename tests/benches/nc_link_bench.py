@@ -205,6 +205,7 @@ class LinkBench:
         measured: Sequence[float] | None = None,
         paused: Pause | None = None,
         disarmed: Disarmed | None = None,
+        proven: bool = True,
         **more: float,
     ) -> None:
         self.clock = SteppedClock()
@@ -217,7 +218,7 @@ class LinkBench:
             self.control,
             self.clock,
             LinkSettings.of(config(mode, when_stale=when_stale, armed=armed, shipped=shipped, **more), Identity()),
-            Earlier(first_number=41, abandoned=abandoned, measured_s=measured, paused=paused, disarmed=disarmed),
+            Earlier(41, abandoned, measured_s=measured, paused=paused, disarmed=disarmed, proven=proven),
             Listeners(
                 states=lambda states, _: self.states.append(states),
                 written=self.store,

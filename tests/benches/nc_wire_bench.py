@@ -16,8 +16,8 @@ from drivers.sinumerik.settings import SinumerikSettings
 from gateway.config.extended import validate
 from gateway.model.compensation import Write
 from gateway.model.notice import Notice
+from gateway.model.probing import Outcome
 from gateway.nc.link import NcLink
-from gateway.nc.probing.cycle import Outcome
 from gateway.nc.settings import Earlier, Identity, LinkSettings, Listeners
 from simulators.nc import Activity, CycleSettings, DayPart, EmulatedControl, LoadCase, MachineState, MeanLoads, User
 from talc.frame import Decision, Phase

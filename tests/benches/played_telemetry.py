@@ -59,7 +59,7 @@ class PlayedGateway:
             self._sequence += 1
             self._last[suffix] = message | {"boot": self._boot, "seq": self._sequence}
             if suffix == keys.PROBING and "status" in self._last:  # which repeats it, as a gateway's does
-                self._last["status"]["probing"] = {name: message[name] for name in _STANDING}
+                self._last["status"]["probing"] = {name: message[name] for name in _STANDING if name in message}
             whole = json.dumps(self._last[suffix])
             self._session.put(f"{self._root}/{suffix}", whole, congestion_control=zenoh.CongestionControl.BLOCK)
 

@@ -248,7 +248,8 @@ def _too_near(move: Move, before: Move | None, ball: Floats, body: Floats) -> It
         deepest = OVERTRAVEL_MM if _touches(move) else STOPPED_MM
         if nearest < -deepest:
             yield f"is stopped {-nearest:.2f} mm within what it touches"
-    elif nearest < (0.0 if _touches(move) else CLEARANCE_MM):
+    elif nearest < (0.0 if _touches(move) else CLEARANCE_MM) and np.any(np.diff(ball) < -1e-9):
+        # a move that only leaves began where another, which is judged too, or a hand had ended
         yield f"the ball is {nearest:.2f} mm from something"
 
 

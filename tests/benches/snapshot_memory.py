@@ -7,7 +7,7 @@ the most since the line before.
 import asyncio
 import os
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Awaitable, Callable, Sequence
 from pathlib import Path
 from unittest.mock import patch
 
@@ -19,6 +19,7 @@ from gateway.config.model import GatewayConfig
 from gateway.control.restart.earlier import past_in
 from gateway.control.restart.snapshots import SnapshotKeeper
 from gateway.model.events import DecisionMade, FrameMade, Sink
+from gateway.model.text import Text
 from gateway.runtime.clocks import ServiceClock
 from gateway.service.run import run_service
 from gateway.service.service import Service
@@ -71,6 +72,7 @@ def main(path: Path, count: int) -> None:
         more: Sequence[Sink],
         started: Callable[[Service], None],
         wire_log: WireLogWriter | None,
+        reload: Callable[[Service], Awaitable[Text]],
     ) -> None:
         taken(config, clock, count)
 

@@ -19,8 +19,8 @@ import numpy as np
 from drivers.base import Quality
 from gateway.control.restart.earlier import Past, past_in
 from gateway.model.events import DecisionMade, EventReported, FrameMade, MeasurementEnded, ReadingsTaken, Sink
+from gateway.model.probing import Outcome
 from gateway.model.sample import Sample
-from gateway.nc.probing.cycle import Outcome
 from gateway.storage.faults import StoreError
 from gateway.storage.history import History
 from gateway.storage.store import Store

@@ -8,7 +8,7 @@ import numpy as np
 from gateway.control.restart.earlier import past_in
 from gateway.model.compensation import Source, Step, Write
 from gateway.model.events import CompensationStepped, DecisionMade, EventReported, FrameMade, MeasurementEnded
-from gateway.nc.probing.cycle import Outcome
+from gateway.model.probing import Outcome
 from gateway.storage.store import Store
 from talc.frame import Event, EventKind, Frame, Measurement, Why
 from tests.benches.service_file import two_temperatures

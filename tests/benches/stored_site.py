@@ -12,8 +12,8 @@ from pyarrow import dataset
 from drivers.base import Quality
 from gateway.listeners.collect.collector import Collector, SiteKept
 from gateway.model.events import DecisionMade, EventReported, FrameMade, MeasurementEnded, ReadingsTaken, ReasonsGiven
+from gateway.model.probing import Outcome
 from gateway.model.sample import Sample
-from gateway.nc.probing.cycle import Outcome
 from gateway.service.stored_answers import rows_of
 from gateway.storage.store import Store
 from gateway.telemetry.answers import StoredRows

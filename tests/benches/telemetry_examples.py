@@ -9,11 +9,10 @@ from drivers.base import Quality
 from gateway.config.extended import validate
 from gateway.config.model import GatewayConfig
 from gateway.model.compensation import Source, Step, Write
+from gateway.model.probing import End, Outcome, Outlook
 from gateway.model.sample import Sample
 from gateway.model.standing import Standing
 from gateway.model.text import plain
-from gateway.nc.probing.cycle import End, Outcome
-from gateway.nc.probing.schedule import Outlook
 from talc.explanation import ErrorReason, Reasons
 from talc.forecast import Forecast, Misses
 from talc.frame import Decision, Event, EventKind, Frame, Measurement, Phase, Why

@@ -69,6 +69,17 @@ async def test_a_heartbeat_stops_the_ramp_and_reports_that_it_had_begun() -> Non
         assert await bench.nc.read_compensation() == pytest.approx((6.0, 0.0, 0.0))
 
 
+@pytest.mark.parametrize(("number", "value"), [(R_SILENCE, 99999.0), (R_RAMP, 0.0)])
+async def test_a_watchdog_with_other_terms_than_the_claim_s_does_not_count(number: int, value: float) -> None:
+    async with sinumerik_bench() as bench:
+        await bench.nc.claim(7, WATCH)
+        assert await beat_at(bench, 1.0, 2.0) == [True, True]
+        bench.control.nck.r[number] = value  # a part program uses it
+        assert await beat_at(bench, 3.0, 4.0) == [False, False]
+        await bench.nc.claim(7, WATCH)
+        assert (await beat_at(bench, 5.0, 6.0))[-1] is True
+
+
 async def test_a_second_gateway_is_refused_until_the_first_is_silent_or_gone() -> None:
     async with sinumerik_bench() as bench, second(bench) as other:
         await bench.nc.claim(7, WATCH)

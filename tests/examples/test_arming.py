@@ -10,7 +10,7 @@ from drivers.base import SystemClock
 from gateway.cli.main import main
 from gateway.config.file import load
 from gateway.model.events import EventReported
-from gateway.model.notice import event_of
+from gateway.model.wording import event_of
 from gateway.nc.probing.geometry import geometry_of, recorded
 from gateway.storage.store import Store
 from talc.frame import EventKind

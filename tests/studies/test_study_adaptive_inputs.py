@@ -89,7 +89,7 @@ def test_the_report_marks_the_papers_figures_and_draws_what_it_has(studied: Stud
     assert {row.cells[-1] for row in table.rows if row.paper} >= {f"{v:g}" for v in PAPER_MEAN_E_PV.values()}
     assert all(row.cells.count("not at hand") >= 8 for row in table.rows if row.paper)
     course: Any = report.sections[-1].blocks[0]
-    assert course.svg.startswith("<svg")
+    assert course.svg().startswith("<svg")
     drawn = next(run.result["drawn"] for run in small if run.parameters["inputs"] == "adaptive")
     assert len(drawn["left"][0]) == SMALL_STEPS / 3
     assert drawn["left"][0][0] is None

@@ -13,8 +13,8 @@ import pytest
 from drivers.nc import OperatingMode
 from gateway.config.extended import validate
 from gateway.control.restart.earlier import Past
+from gateway.model.probing import End
 from gateway.model.standing import Standing
-from gateway.nc.probing.cycle import End
 from gateway.runtime.clocks import RealClock
 from gateway.service.service import Service
 from simulators.linuxcnc.machine import HURRY, MANUAL

@@ -8,7 +8,13 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
-TESTS = ("test_free_running.py", "test_search.py", "test_group_lasso.py", "test_pso.py", "learner/test_mixture.py")
+TESTS = (
+    "papers/test_free_running.py",
+    "papers/test_search.py",
+    "papers/test_group_lasso.py",
+    "papers/test_pso.py",
+    "learner/test_mixture.py",
+)
 
 # Before anything imports it, the sanitized kernel takes the installed one's place.
 _PLUGIN = """

@@ -73,8 +73,9 @@ class ProbingPath:
             return f"the length of the touch probe is not known: tool {self.probe_tool} has Z0 in the tool table"
         tool = {axis: getattr(probe, f"{axis.lower()}offset") for axis in AXES}
         c = nc.joint_actual_position[self._machine.joints["C"][0]] - tool["C"]
-        turns_deg = 360.0 * round(c / 360.0)
-        return self.beyond(tool, limits_of(nc, self._machine), turns_deg, dry_run_mm)
+        limits = limits_of(nc, self._machine)
+        why = (self.beyond(tool, limits, turns_deg, dry_run_mm) for turns_deg in full_turns_deg(c))
+        return next(filter(None, why), "")
 
     def least_dry_run_mm(self) -> float:
         """At this height the ways to the sphere's sides end just over it."""
@@ -117,6 +118,12 @@ class ProbingPath:
                 "A": (a, a),
                 "C": (c, c),
             }
+
+
+def full_turns_deg(c_deg: float) -> list[float]:
+    """Where talc_begin.ngc may let C count from: the nearest full turn; half way between two of them, both."""
+    turns = c_deg / 360.0
+    return sorted({360.0 * math.floor(turns + 0.5 + margin) for margin in (-1e-6, 1e-6)})
 
 
 def limits_of(nc: Any, machine: MachineJoints) -> dict[str, Range]:

@@ -5,15 +5,14 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from statistics import median
-from typing import Literal
 
 from drivers.base import Quality
 from gateway.listeners.web.sentences import Amount, Atom, SaidRow, Sentence, ToldName, Word, at, in_each, name, told, um
 from gateway.model.compensation import Source
 from gateway.model.control_state import NcState
-from gateway.model.notice import finding_text
 from gateway.model.standing import Standing
 from gateway.model.text import Text, plain, restored
+from gateway.model.wording import finding_text
 from gateway.telemetry.fields import text_from, texts_from
 from gateway.telemetry.messages import (
     MeasurementMessage,
@@ -26,7 +25,6 @@ from gateway.telemetry.subscriber.instants import instant
 from gateway.telemetry.subscriber.machine import MachineSeen, believable
 from talc.frame import EventKind
 from talc.names import ERROR_UNITS, LEAST_NAMED, MOST_NAMED, THERMAL_ERRORS
-from talc.sensor_check import Finding
 
 _CELSIUS = "°C"
 _BODIES = {
@@ -185,8 +183,7 @@ def _found(finding: SensorFinding) -> Text:
     swapped = finding.kind == "swap" and len(finding.inputs) == 2
     if not swapped and (finding.kind != "offset" or finding.offset_K is None):
         return plain(finding.text)  # of a later program
-    kind: Literal["offset", "swap"] = "swap" if swapped else "offset"
-    return finding_text(Finding(kind, finding.inputs, believable(finding.offset_K), 0.0, finding.alternatives))
+    return finding_text(finding.kind, finding.inputs, believable(finding.offset_K), finding.alternatives)
 
 
 def watched(seen: MachineSeen) -> Sentence | None:

@@ -1,40 +1,26 @@
 """One probing cycle from the request to the nine errors: ask the NC, wait, check, solve."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import datetime
-from enum import StrEnum
 from typing import Protocol, assert_never
 
 import numpy as np
 
 from drivers.base import Refused
-from drivers.nc import FARTHEST_MM, NumericalControl, ProbingState, RequestStatus, Triple
+from drivers.nc import FARTHEST_MM, NumericalControl, ProbingState, RequestStatus
 from gateway.config.sections import Probing
 from gateway.model.codes import NoticeCode
-from gateway.model.text import NOTHING, Text, failure, plain
+from gateway.model.probing import InForce
+from gateway.model.text import Text, failure, plain
 from gateway.nc.probing.uninterrupted import to_its_end
 from gateway.runtime.clocks import ServiceClock
 from talc import probing
-from talc.frame import FloatArray, Measurement, Why
+from talc.frame import FloatArray
 
 _FIRST_NUMBER_BELOW = 1_000_000
 """Request numbers are sent in R-parameters (64-bit reals) and read by people."""
-
-
-class End(StrEnum):
-    """How a request ended."""
-
-    MEASURED = "measured"
-    REFUSED = "refused"
-    """The control did not begin the cycle, or could not be reached."""
-    REJECTED = "rejected"
-    """The cycle failed, or its result cannot be used."""
-
-
-InForce = Triple | tuple[Triple, ...]
-"""Compensation in force during a cycle, µm: the same at all poses, or one for each."""
 
 
 class Held(Protocol):
@@ -47,32 +33,6 @@ class Held(Protocol):
     async def still(self) -> None:
         """Raises Rejected if something else is in force by now; DriverError."""
         ...
-
-
-@dataclass(frozen=True, slots=True)
-class Outcome:
-    """Outcome of one request; `measurement` is None when it was refused, failed or implausible."""
-
-    number: int
-    """Number of the last cycle requested."""
-    why: Why
-    asked: datetime
-    ended: datetime
-    centres_mm: FloatArray | None
-    """(poses, 3) as the control reported them; for the reference, the mean of its cycles."""
-    in_force_um: InForce
-    """Compensation held during the cycle, removed from the centres before solving."""
-    measurement: Measurement | None
-    residual_um: float
-    """RMS of what the nine errors do not explain; NaN without a result."""
-    reason: Text = NOTHING
-    end: End = End.MEASURED
-
-    def __post_init__(self) -> None:
-        if (self.end is End.MEASURED) != (self.measurement is not None):
-            raise ValueError(
-                f"end = {self.end.value!r} with measurement = {self.measurement!r}: they contradict each other"
-            )
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,9 +88,15 @@ class Rejected(Exception):
 
 
 async def run_cycle(
-    nc: NumericalControl, number: int, clock: ServiceClock, *, poll_s: float, timeout_s: float
+    nc: NumericalControl,
+    number: int,
+    clock: ServiceClock,
+    *,
+    poll_s: float,
+    timeout_s: float,
+    told: Callable[[ProbingState], None] = lambda _: None,
 ) -> RequestStatus:
-    """Request cycle `number` and wait for its end.
+    """Request cycle `number` and wait for its end. told: gets its state at each look.
 
     Raises NotBegun when it is refused or has not begun within `timeout_s` (the request is then withdrawn), Rejected
     when it fails or has not ended by then, DriverError when the control cannot be reached.
@@ -147,6 +113,7 @@ async def run_cycle(
         await clock.sleep_until(clock.monotonic() + poll_s)
         with clock.hold():
             status = await to_its_end(nc.probing_status(number))
+        told(status.state)
         if ended(status):
             return status
         if clock.monotonic() > deadline:

@@ -89,7 +89,8 @@ async def run_dry(
     Rejected or DriverError.
     """
     began_s, seen, state = clock.monotonic(), list[NcSnapshot](), ProbingState.IDLE
-    await to_its_end(nc.request_probing(number, height_mm))
+    with clock.hold():
+        await to_its_end(nc.request_probing(number, height_mm))
     over = False
     try:
         while True:

@@ -29,9 +29,14 @@ class Geometry:
 
     def centre_mm(self, a_deg: float, c_deg: float) -> Triple:
         """Where the sphere's centre is at these angles of the rotary axes: Rx(a) Rz(c) (R, 0, h)."""
-        a, c = radians(a_deg), radians(c_deg)
-        y, z = self.radius_mm * sin(c), self.height_mm
-        return self.radius_mm * cos(c), y * cos(a) - z * sin(a), y * sin(a) + z * cos(a)
+        return centre_mm(self.radius_mm, self.height_mm, a_deg, c_deg)
+
+
+def centre_mm(radius_mm: float, height_mm: float, a_deg: float, c_deg: float) -> Triple:
+    """Where the sphere's centre is at these angles of the rotary axes: Rx(a) Rz(c) (R, 0, h)."""
+    a, c = radians(a_deg), radians(c_deg)
+    y, z = radius_mm * sin(c), height_mm
+    return radius_mm * cos(c), y * cos(a) - z * sin(a), y * sin(a) + z * cos(a)
 
 
 def geometry_of(config: GatewayConfig) -> Geometry | None:

@@ -7,12 +7,14 @@ from collections.abc import Awaitable, Callable
 import numpy as np
 
 from drivers.base import DriverError, Refused
-from drivers.nc import NumericalControl, Triple
+from drivers.nc import NcSnapshot, NumericalControl, Triple
 from gateway.config.sections import Probing
 from gateway.model.codes import NoticeCode
+from gateway.model.probing import End, InForce, Outcome
 from gateway.model.text import NOTHING, Text, failure
 from gateway.nc.probing.checks import Expected, MeasurementChecks
-from gateway.nc.probing.cycle import End, Held, InForce, NotBegun, Outcome, Probe, Rejected, at_rest, centres, run_cycle
+from gateway.nc.probing.cycle import Held, NotBegun, Probe, Rejected, at_rest, centres, run_cycle
+from gateway.nc.probing.foreign import CycleWatch
 from gateway.runtime.clocks import ServiceClock
 from talc.frame import Decision, FloatArray, Measurement, Why
 
@@ -33,6 +35,7 @@ class Prober:
     first_number: number of the first request; must differ from every earlier one
     abandoned: number of a request that an earlier run may have left behind
     requested: awaited with every number before it is sent; raises NotBegun if it cannot be stored
+    watch: judges the snapshots that `look` gets
     """
 
     def __init__(
@@ -45,12 +48,13 @@ class Prober:
         first_number: int,
         abandoned: int | None = None,
         requested: Callable[[int], Awaitable[None]] | None = None,
+        watch: CycleWatch | None = None,
     ) -> None:
         self._nc, self._settings, self._clock, self._probe = nc, settings, clock, probe
         self._checks = MeasurementChecks(settings, probe.radius_m)
         self._reference, self._number = reference_mm, first_number
         self._last: tuple[Measurement, float] | None = None
-        self._requested = requested
+        self._requested, self._watch = requested, watch or CycleWatch()
         self._waiting_for = abandoned if settings.armed else None
 
     async def measure(self, why: Why, hold: Callable[[], Awaitable[Held]], decision: Decision | None) -> Outcome:
@@ -119,17 +123,35 @@ class Prober:
         if self._requested is not None:
             await self._requested(number)  # a number that was not stored would be used again
         self._waiting_for = number
+        self._watch.begin()
         try:
             status = await run_cycle(
-                self._nc, number, self._clock, poll_s=self._settings.poll_s, timeout_s=self._settings.timeout_s
+                self._nc,
+                number,
+                self._clock,
+                poll_s=self._settings.poll_s,
+                timeout_s=self._settings.timeout_s,
+                told=self._watch.told,
             )
-        except (NotBegun, Rejected):
+        except (NotBegun, Rejected) as error:
             self._waiting_for = None
+            self._check_watch(error)
             raise
         self._waiting_for = None
+        self._check_watch()
         found = centres(status, len(self._probe.poses_rad))
         self._checks.repeats(None if status.spread_mm is None else status.spread_mm * 1e3)
         return found, status.in_force_um
+
+    async def look(self, snapshot: NcSnapshot) -> None:
+        """A snapshot while a cycle may run: one that shows what it did not command ends it. Raises DriverError."""
+        if self._watch.look(snapshot):
+            await self.settle()
+
+    def _check_watch(self, error: Exception | None = None) -> None:
+        """Raises Rejected if anything happened that the cycle did not command."""
+        if self._watch.found:
+            raise Rejected(Text(NoticeCode.CYCLE_VOID, text=self._watch.found)) from error
 
     def _expected(self, decision: Decision | None) -> Expected:
         nothing = np.full(9, np.nan)

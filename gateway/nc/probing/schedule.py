@@ -14,7 +14,6 @@ any but asked: the controller no longer wants a measurement                     
 A person's command wants one too, whatever the controller does: it is urgent, and for one request.
 """
 
-from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
@@ -22,10 +21,10 @@ import numpy as np
 from drivers.nc import NcSnapshot, OperatingMode, ProgramState
 from gateway.config.sections import Probing
 from gateway.model.codes import NoticeCode
-from gateway.model.notice import event_of
+from gateway.model.probing import End, Outlook
 from gateway.model.standing import Standing
 from gateway.model.text import NOTHING, Text
-from gateway.nc.probing.cycle import End
+from gateway.model.wording import event_of
 from talc.frame import Decision, Event, EventKind, Why
 from talc.indicators import TWO_SIDED_95
 
@@ -66,21 +65,6 @@ def excess(decision: Decision) -> float:
     """The largest uncertainty (95 %) of an estimate, as a multiple of its limit; 0: no error has both."""
     ratios = TWO_SIDED_95 * decision.sigma / decision.limits
     return float(np.max(ratios, initial=0.0, where=np.isfinite(ratios)))
-
-
-@dataclass(frozen=True, slots=True)
-class Outlook:
-    """State of the wanted measurement, and why."""
-
-    standing: Standing
-    why: Why | None
-    """Why the measurement is wanted; `retry` after a rejected one."""
-    reason: Text = NOTHING
-    """Why nothing is requested yet; equal while the reason is the same."""
-    rejected: int = 0
-    """Results rejected in a row."""
-    operator: Text = NOTHING
-    """Message for the operator; empty: none."""
 
 
 class ProbingSchedule:

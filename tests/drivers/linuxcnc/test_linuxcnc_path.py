@@ -96,6 +96,19 @@ def test_the_pivot_the_turns_of_c_and_a_dry_run_s_height_count(modules: Any) -> 
 
 
 @pytest.mark.parametrize(
+    ("c_deg", "turns_deg"),
+    [
+        (0.0, [0.0]), (179.9, [0.0]), (180.1, [360.0]), (-200.0, [-360.0]),
+        (180.0, [0.0, 360.0]), (-180.0, [-360.0, 0.0]), (900.0, [720.0, 1080.0]),
+    ],
+)  # fmt: skip
+def test_half_way_between_two_turns_both_count(c_deg: float, turns_deg: list[float], modules: Any) -> None:
+    """There ROUND of LinuxCNC goes away from zero, and an encoder may show either side."""
+    _, paths = modules
+    assert paths.full_turns_deg(c_deg) == turns_deg
+
+
+@pytest.mark.parametrize(
     ("changed", "said"),
     [
         ({"SAFE_Z": "157.3"}, ""),

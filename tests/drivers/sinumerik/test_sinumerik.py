@@ -123,9 +123,12 @@ async def test_refused_when_an_alarm_is_active(bench: OpcUaBench) -> None:
     assert (await bench.cycle(2)).state is ProbingState.DONE
 
 
-async def test_an_older_program_gets_no_dry_run_and_its_parameter_stays_with_others(bench: OpcUaBench) -> None:
+@pytest.mark.parametrize("version", [1.0, 7.0])  # 7: of a part program, beside an older program that shows none
+async def test_another_program_gets_no_dry_run_and_its_parameter_stays_with_others(
+    version: float, bench: OpcUaBench
+) -> None:
     nck = bench.control.nck
-    nck.r[R_VERSION], nck.r[R_DRY_RUN] = 1.0, 7.5
+    nck.r[R_VERSION], nck.r[R_DRY_RUN] = version, 7.5
     with pytest.raises(Refused, match="R89"):
         await bench.nc.request_probing(1, 50.0)
     assert (nck.r[R_REQUEST], nck.r[R_DRY_RUN]) == (0.0, 7.5)

@@ -114,6 +114,19 @@ def test_the_watchdog_s_programs_run_from_any_state_and_leave_it(program: str) -
         assert len(run.actions.numbers) == text.count("\nIDS=")
 
 
+@pytest.mark.parametrize("program", ["TALC_START", "TALC_ERRORS"])
+def test_a_request_from_before_power_off_is_withdrawn(program: str) -> None:
+    text = ERRORS if program == "TALC_ERRORS" else (FOLDER / f"{program}.SPF").read_text()
+    cell = Cell(texts={**program_texts(), program: text})
+    nc_starts.watched(cell)
+    cell.channel.start(program)
+    cell.safe_point()
+    assert (cell.moves, cell.r[64:67]) == ([], [7.0, 4.0, 4.0])
+    cell.r[60] = 8.0
+    cell.safe_point()
+    assert cell.r[65] == 3.0, "the next one runs"
+
+
 def test_the_judge_s_geometry_is_the_machine_s() -> None:
     """The table's own view of the probe, at random positions, against rotation matrices."""
     draw = np.random.default_rng(3)

@@ -24,9 +24,9 @@ from gateway.model.events import (
     MeasurementEnded,
     ReadingsTaken,
 )
+from gateway.model.probing import Outcome
 from gateway.model.sample import Sample
 from gateway.model.text import plain
-from gateway.nc.probing.cycle import Outcome
 from gateway.storage.history import History
 from gateway.storage.store import Store
 from talc.control import Controller

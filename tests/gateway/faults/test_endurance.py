@@ -30,7 +30,7 @@ from tests.benches.faults.play import done
 from tests.benches.processes import open_links
 
 PERIOD_S = 0.05
-WARM_UP, ROUNDS = 1, 3
+WARM_UP, ROUNDS = 2, 5
 LONGEST_WAIT_S = 120.0
 WIRES = {
     "modbus": ("rtu", "pta", "analogue", "tcp", "wago"),

@@ -13,11 +13,13 @@ from gateway.listeners.collect.collector import Collector
 from gateway.model import text as wording
 from gateway.model.codes import NoticeCode
 from gateway.model.events import EventReported
-from gateway.model.notice import Notice, event_of, problem_event
+from gateway.model.notice import Notice
+from gateway.model.probing import Outlook
 from gateway.model.standing import Standing
 from gateway.model.text import NOTHING, Text
+from gateway.model.wording import event_of, problem_event
 from gateway.nc.probing.geometry import geometry_of, recorded
-from gateway.nc.probing.schedule import Bulletin, Outlook
+from gateway.nc.probing.schedule import Bulletin
 from gateway.nc.problems import still_wrong
 from gateway.runtime.problems import Problems, TurnTime
 from gateway.storage.history import History

@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 from drivers.nc import NcSnapshot, ProbingState, RequestStatus
+from gateway.model.codes import NoticeCode
 from gateway.model.compensation import Source
+from gateway.model.probing import End
 from talc.frame import Why
 from tests.benches.nc_link_bench import LinkBench, decision
 
@@ -35,6 +37,17 @@ async def test_unarmed_probing_asks_for_nothing() -> None:
         await bench.clock.run_until(5.0)
         assert not bench.link.may_probe
         assert bench.link.present is not None
+    assert bench.control.requests == []
+
+
+async def test_before_a_dry_run_no_cycle_is_requested_whoever_wants_one() -> None:
+    bench = LinkBench("compensate", proven=False)
+    async with bench.running():
+        await bench.clock.run_until(5.0)
+        assert bench.link.may_probe
+        assert bench.link.barrier
+        outcome = await bench.link.measure(Why.COMMAND)
+    assert outcome.end is End.REFUSED
     assert bench.control.requests == []
 
 
@@ -181,11 +194,7 @@ async def test_a_watchdog_that_misses_the_first_beat_alone_is_not_reported() -> 
         await bench.clock.run_until(8.0)
         bench.control.watching = True
         await bench.clock.run_until(10.0)
-    assert bench.notices == [
-        "NC: its watchdog did not receive the heartbeat of this gateway: nothing is written until it does. Look at the "
-        "network, and whether TALC's program still runs on the control",
-        "NC: its watchdog is active again",
-    ]
+    assert [told.code for told in bench.notices] == [NoticeCode.NC_WATCHDOG_UNHEARD, NoticeCode.NC_WATCHDOG_HEARD]
 
 
 async def test_a_control_slower_than_the_period_is_reported_once_until_it_is_quick_again() -> None:

@@ -10,7 +10,7 @@ import pytest
 from drivers.nc import ProbingState
 from drivers.sinumerik.control import Sinumerik
 from drivers.sinumerik.settings import SinumerikSettings
-from gateway.nc.probing.cycle import End
+from gateway.model.probing import End
 from simulators.nc import ReasonCode
 from simulators.nc.nck import R_REQUEST, R_RESULTS, R_WITHDRAW
 from simulators.nc.variables import ALARMS_SHOWN

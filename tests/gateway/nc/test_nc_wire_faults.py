@@ -15,7 +15,7 @@ import pytest
 
 from drivers.nc import ProbingState
 from gateway.model.compensation import Source
-from gateway.nc.probing.cycle import End
+from gateway.model.probing import End
 from simulators.nc import ReasonCode, User
 from simulators.nc.variables import AccessRight
 from talc.frame import Why

@@ -12,8 +12,8 @@ import pytest
 from drivers.nc import NineErrors, ProbingState, RequestStatus, TakesSlopes
 from gateway.model.compensation import Write
 from gateway.model.notice import Notice
+from gateway.model.probing import End
 from gateway.nc.link import NcLink
-from gateway.nc.probing.cycle import End
 from gateway.nc.routes import AgentRoute, ByErrors, differ
 from gateway.nc.settings import Earlier, Identity, LinkSettings, Listeners
 from gateway.nc.slew import Slew

@@ -15,9 +15,9 @@ from gateway.cli.main import main
 from gateway.config.model import GatewayConfig
 from gateway.control.restart.earlier import past_in
 from gateway.model.events import DecisionMade, FrameMade, MeasurementEnded, ReadingsTaken
+from gateway.model.probing import End, Outcome
 from gateway.model.sample import Sample
 from gateway.model.text import plain
-from gateway.nc.probing.cycle import End, Outcome
 from gateway.service.report_data import own_zone
 from gateway.storage.store import Store
 from talc.frame import Frame, Why

@@ -1,6 +1,5 @@
 """Brackets and colons in names reach the terminal unchanged."""
 
-import re
 from pathlib import Path
 
 import pytest
@@ -8,7 +7,6 @@ from click.testing import CliRunner
 from rich.table import Table
 
 from gateway.cli.main import main
-from gateway.runtime import terminal as terminal_module
 from gateway.runtime.terminal import duration_text, terminal
 
 
@@ -52,10 +50,3 @@ def test_replay_names_sections_and_files_whole(tmp_path: Path) -> None:
 )
 def test_a_duration_in_words(seconds: float, text: str, with_tenths: str) -> None:
     assert (duration_text(seconds), duration_text(seconds, tenths=True)) == (text, with_tenths)
-
-
-def test_the_commands_have_no_words_of_their_own_for_a_duration() -> None:
-    """A unit of time is chosen by a comparison; these are the modules that format more than one."""
-    choosing = re.compile(r"\} s\".* if .*\} (min|h)\"|\} (min|h)\".* if ")
-    folder = Path(terminal_module.__file__).parents[1]
-    assert [path.name for path in sorted(folder.rglob("*.py")) if choosing.search(path.read_text("utf-8"))] == []

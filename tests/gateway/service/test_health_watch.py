@@ -13,9 +13,9 @@ from gateway.config.applied import ConfigurationApplied
 from gateway.config.file import parse
 from gateway.control.restart.earlier import Past
 from gateway.model.events import DecisionMade, HealthChecked, OutlookChanged, StoreHealth
+from gateway.model.probing import Outlook
 from gateway.model.standing import Standing
 from gateway.model.text import plain
-from gateway.nc.probing.schedule import Outlook
 from gateway.runtime.time_service import clock_synchronised
 from gateway.service.health import HealthWatch
 from gateway.service.service import Service

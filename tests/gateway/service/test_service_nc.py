@@ -4,10 +4,12 @@ import asyncio
 import math
 import shutil
 from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, nullcontext
+from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import NamedTuple
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -16,9 +18,9 @@ from gateway.config.extended import validate
 from gateway.config.model import GatewayConfig
 from gateway.control.restart.earlier import Past
 from gateway.model.events import MeasurementEnded, StoreHealth
+from gateway.model.probing import End, Outcome
 from gateway.model.text import plain
 from gateway.nc.link import NcLink
-from gateway.nc.probing.cycle import End, Outcome
 from gateway.nc.settings import Identity
 from gateway.service.service import Service
 from gateway.storage.faults import StoreError
@@ -79,7 +81,7 @@ async def serving(
     if learnt is not None:
         settings, past = learnt[0], Past(learnt[1], proven=True)
     if settings.storage.path.exists():
-        past = restarted(settings)
+        past = replace(restarted(settings), proven=True)
     stop = asyncio.Event()
     boot = f"{name} {bench.clock.monotonic()}"
     with Store(settings.storage.path, boot, bench.clock, retry_s=0.2, origin="here") as store:
@@ -89,18 +91,17 @@ async def serving(
             with bench.clock.hold():
                 await store.on_disk()
 
-        service = Service(
-            settings,
-            bench.clock,
-            store.record,
-            past,
-            health=health,
-            identity=Identity.of(boot, store.predecessor),
-            on_disk=on_disk or stored,
-        )
+        with patch.object(NcLink, "stop", NcLink.disconnect) if killed else nullcontext():
+            service = Service(
+                settings,
+                bench.clock,
+                store.record,
+                past,
+                health=health,
+                identity=Identity.of(boot, store.predecessor),
+                on_disk=on_disk or stored,
+            )
         assert service.link is not None
-        if killed:
-            service.link.stop = service.link.disconnect  # type: ignore[method-assign]
         running = asyncio.create_task(service.run(stop))
         try:
             yield RunningGateway(service.link, store)

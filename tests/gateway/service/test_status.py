@@ -18,9 +18,10 @@ from gateway.config.model import GatewayConfig
 from gateway.model.codes import NoticeCode
 from gateway.model.commands import Command, CommandName, CommandOutcome
 from gateway.model.events import CommandGiven, DecisionMade, EventReported, FrameMade, ReadingsTaken
-from gateway.model.notice import Notice, problem_event
+from gateway.model.notice import Notice
 from gateway.model.sample import Sample
 from gateway.model.text import Text, plain
+from gateway.model.wording import problem_event
 from gateway.service.status import file_system_of, is_locked, status_of
 from gateway.storage.store import Store
 from talc.frame import Event, EventKind, Frame

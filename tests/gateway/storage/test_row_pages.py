@@ -23,9 +23,9 @@ from gateway.model.events import (
     ReadingsTaken,
     ReasonsGiven,
 )
+from gateway.model.probing import Outcome
 from gateway.model.sample import Sample
 from gateway.model.text import plain
-from gateway.nc.probing.cycle import Outcome
 from gateway.storage.epochs import NUMBERS, Position
 from gateway.storage.faults import StoreError
 from gateway.storage.readings import Pruning, Retention

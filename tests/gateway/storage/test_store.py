@@ -26,9 +26,9 @@ from gateway.model.events import (
     ModelsAdopted,
     ReadingsTaken,
 )
+from gateway.model.probing import End, Outcome
 from gateway.model.sample import Sample
 from gateway.model.text import plain
-from gateway.nc.probing.cycle import End, Outcome
 from gateway.nc.settings import Identity
 from gateway.storage.faults import StoreError
 from gateway.storage.history import History

@@ -28,10 +28,9 @@ from gateway.model.events import (
     StorageChanged,
     StoreHealth,
 )
+from gateway.model.probing import Outcome, Outlook
 from gateway.model.standing import Standing
 from gateway.model.text import plain
-from gateway.nc.probing.cycle import Outcome
-from gateway.nc.probing.schedule import Outlook
 from gateway.telemetry import keys
 from gateway.telemetry.codec import MESSAGE_TYPES
 from gateway.telemetry.json_schema import schemas

@@ -25,7 +25,7 @@ from gateway.model.events import (
     ReasonsGiven,
     SensorsJudged,
 )
-from gateway.nc.probing.schedule import Outlook
+from gateway.model.probing import Outlook
 from gateway.telemetry.answers import HistoryPage
 from gateway.telemetry.codec import MESSAGE_TYPES, decode, decode_answer, decode_refusal, encode
 from gateway.telemetry.compose import Composer, Dropped, GatewayState

@@ -27,10 +27,10 @@ from gateway.model.events import (
     OutlookChanged,
     ReadingsTaken,
 )
+from gateway.model.probing import Outlook
 from gateway.model.sample import Sample
 from gateway.model.standing import Standing
 from gateway.model.text import plain
-from gateway.nc.probing.schedule import Outlook
 from gateway.telemetry.session import TelemetryError
 from talc.frame import Event, EventKind, Frame, Why
 from tests.benches.free_port import free_port
@@ -203,7 +203,7 @@ async def test_where_probing_stands_is_in_its_own_key_and_in_the_status() -> Non
         "operator": "clean the sphere",
     }
     assert expected.items() <= found["talc/mill/probing"].items()
-    assert found["talc/mill/status"]["probing"] == expected
+    assert expected.items() <= found["talc/mill/status"]["probing"].items()
 
 
 async def test_a_key_that_zenoh_refuses_is_reported_once_whatever_else_is_published(

@@ -19,7 +19,7 @@ import pytest
 from gateway.commissioning.dry_run import dry_run
 from gateway.config.file import parse
 from gateway.model.events import GatewayEvent, MeasurementEnded
-from gateway.nc.probing.cycle import End, Outcome
+from gateway.model.probing import End, Outcome
 from gateway.service.serving import serve
 from simulators.devices import Adam6015, TcpHost
 from simulators.nc import Activity, CycleSettings, DayPart, LoadCase, MeanLoads, Nck

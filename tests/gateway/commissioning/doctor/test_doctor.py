@@ -18,8 +18,9 @@ from gateway.config.file import load
 from gateway.config.model import GatewayConfig
 from gateway.model.codes import NoticeCode
 from gateway.model.events import EventReported, FrameMade, MeasurementEnded
-from gateway.model.notice import Notice, problem_event
+from gateway.model.notice import Notice
 from gateway.model.text import Text
+from gateway.model.wording import problem_event
 from gateway.storage.store import Store
 from talc.frame import Frame
 from tests.benches.plant_authority import DAY, PlantAuthority

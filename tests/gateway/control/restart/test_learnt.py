@@ -18,7 +18,7 @@ from gateway.config.model import GatewayConfig
 from gateway.control.replay.stored import replay
 from gateway.control.restart.earlier import Past
 from gateway.model.events import DecisionMade, FrameMade, MeasurementEnded, ModelsAdopted
-from gateway.nc.probing.cycle import Outcome
+from gateway.model.probing import Outcome
 from gateway.runtime.ages import Ages
 from gateway.storage.history import History
 from gateway.storage.learnt import learnt_text, parse_learnt

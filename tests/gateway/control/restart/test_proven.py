@@ -10,9 +10,9 @@ from gateway.config.model import GatewayConfig
 from gateway.control.restart.earlier import past_in
 from gateway.control.restart.proven import dry_run_wanted
 from gateway.model.events import EventReported, MeasurementEnded
-from gateway.model.notice import event_of
+from gateway.model.probing import End, Outcome
 from gateway.model.text import plain
-from gateway.nc.probing.cycle import End, Outcome
+from gateway.model.wording import event_of
 from gateway.nc.probing.geometry import geometry_of, recorded
 from gateway.storage.store import Store
 from talc.frame import EventKind, Measurement, Why

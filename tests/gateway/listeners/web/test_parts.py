@@ -7,9 +7,8 @@ import pytest
 
 from gateway.listeners.web import parts
 from gateway.listeners.web.sentences import Amount, Atom, SaidRow, Sentence, ToldName, at, in_each
-from gateway.model.notice import finding_text
+from gateway.model.wording import finding_text
 from gateway.telemetry.messages import SensorFinding
-from talc.sensor_check import Finding
 from tests.benches.heard import BEGAN, STEP, HeardMachine
 
 
@@ -124,9 +123,9 @@ def test_abnormal_heat_says_where_how_much_and_since_when() -> None:
     warmer, colder, exchanged, without = parts.doubts(heard.seen)
     assert warmer == Sentence("doubt.warmer", values)
     assert (colder.say, colder.values["off"]) == ("doubt.colder", Amount(2.0, "K"))
-    both = finding_text(Finding("swap", ("a", "b"), math.nan, 1.2))
+    both = finding_text("swap", ("a", "b"), math.nan)
     assert exchanged == Sentence("doubt.finding", {"text": in_each(both)})
-    off = finding_text(Finding("offset", ("bed",), 2.0, 1.2))
+    off = finding_text("offset", ("bed",), 2.0)
     assert without == Sentence("doubt.finding", {"text": in_each(off)}), "of an earlier program"
     heard.sensors({"motor": 1.0}, motor, cold, loads=("spindle_speed",))
     warmer, colder = parts.doubts(heard.seen)

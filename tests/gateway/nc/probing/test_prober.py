@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from drivers.nc import ProbingState, RequestStatus
-from gateway.nc.probing.cycle import End
+from gateway.model.probing import End
 from talc.frame import Why
 from tests.benches.idle_loop import idle
 from tests.benches.nc_link_bench import LinkBench, decision

@@ -9,11 +9,11 @@ import pytest
 from drivers.nc import NcSnapshot, OperatingMode, ProgramState
 from gateway.config.sections import Probing
 from gateway.model.codes import NoticeCode
-from gateway.model.notice import event_of
+from gateway.model.probing import End, Outlook
 from gateway.model.standing import Standing
 from gateway.model.text import Text, plain
-from gateway.nc.probing.cycle import End
-from gateway.nc.probing.schedule import Bulletin, Moment, Outlook, ProbingSchedule, moment, schedule_of
+from gateway.model.wording import event_of
+from gateway.nc.probing.schedule import Bulletin, Moment, ProbingSchedule, moment, schedule_of
 from simulators.nc import Activity, CycleSettings, DayPart, LoadCase, MachineState, MeanLoads, Nck
 from talc.frame import Event, EventKind, Why
 from tests.benches.still_machine import StillMachine

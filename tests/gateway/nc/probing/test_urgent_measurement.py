@@ -9,10 +9,10 @@ import pytest
 
 from drivers.nc import NcSnapshot, OperatingMode, ProgramState
 from gateway.config.sections import Probing
+from gateway.model.probing import End, Outlook
 from gateway.model.standing import Standing
 from gateway.model.text import plain
-from gateway.nc.probing.cycle import End
-from gateway.nc.probing.schedule import Outlook, excess, schedule_of
+from gateway.nc.probing.schedule import excess, schedule_of
 from talc.frame import Decision, FloatArray, Phase, Why
 
 POSITIONS = {"X": 0.0, "Y": 0.0, "Z": 0.0, "A": 0.0, "C": 0.0}
