@@ -34,6 +34,8 @@ CLEARANCE_MM, BODY_CLEARANCE_MM = 2.0, 1.0
 """Nothing comes nearer than this unless it touches."""
 OVERTRAVEL_MM, STOPPED_MM = 0.1, 2.5
 """How far a touch, and a move that is stopped, go on after the contact."""
+DEEPER_MM = 0.02
+"""How much deeper the way back may be: straight up from beside a sphere first goes along it."""
 _SAME_MM = 0.2
 DECLARED = {
     1: "G1",
@@ -242,8 +244,8 @@ def _too_near(move: Move, before: Move | None, ball: Floats, body: Floats) -> It
     if np.min(body) < BODY_CLEARANCE_MM:
         yield f"stylus or probe are {np.min(body):.2f} mm from something"
     if before is not None and before.met:
-        if np.any(np.diff(ball) < -1e-9):
-            yield "does not leave what was touched the shortest way"
+        if nearest < ball[0] - DEEPER_MM:
+            yield "does not leave what was touched"
     elif move.met:
         deepest = OVERTRAVEL_MM if _touches(move) else STOPPED_MM
         if nearest < -deepest:
