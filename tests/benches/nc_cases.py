@@ -317,8 +317,9 @@ def jogged_within(texts: Texts, at: int) -> list[str]:
         cell.axes.jogged[at] = aside
         faults = _failed(cell, 12)
         path = cell.moves[at].path
-        across = ["XYZ".index(axis) for axis in aside if path[1]["XYZ".index(axis)] == path[0]["XYZ".index(axis)]]
-        if np.any(np.ptp(path[:, across], axis=0)):
+        first = np.abs(path[1] - path[0])
+        across = [n for n, axis in enumerate("XYZ") if axis in aside and first[n] < 0.1 * np.max(first)]
+        if np.any(np.ptp(path[:, across], axis=0) > 0.1):
             wrong += faults
     return wrong
 
