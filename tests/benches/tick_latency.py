@@ -178,6 +178,17 @@ def run_ticks(way: str, seconds: float) -> TickRun:
     with TemporaryDirectory() as name, _machine(Path(name)) as addresses, zenoh.open(_listening(here)) as session:
         path = _configured(Path(name), addresses, here, WAYS[way])
         want_training(load(path))
+        dry_run = (
+            sys.executable,
+            "-m",
+            "gateway",
+            "nc",
+            "dry-run",
+            str(path),
+            "--output",
+            str(Path(name, "dry-run.txt")),
+        )
+        subprocess.run(dry_run, stdout=subprocess.DEVNULL, check=True, timeout=_READY_S)  # else nothing is measured
         hearing = [session.declare_subscriber("talc/bench/*", heard.take)]
         gateway = subprocess.Popen([sys.executable, "-m", "gateway", "run", str(path)], stderr=subprocess.DEVNULL)
         try:
