@@ -259,12 +259,12 @@ async def test_a_unit_that_answers_in_order_loses_little_more_than_it_must(timeo
     requests = (Block(4, 0, 6), Block(2, 128, 6))
     assert await lost_by_pymodbus(flipped(0.0), 0, requests) == 0, "or the comparison shows nothing"
     ours = theirs = patient = 0
-    for seed in range(4):
+    for seed in range(8):
         async with disturbed(slow(0.2, 0.6), seed, *TWO_BLOCKS, timeout_s) as bench:
             ours += bench.lost()
         theirs += await lost_by_pymodbus(slow(0.2, 0.6), seed, requests, timeout_s or 0.5)
         patient += await lost_by_pymodbus(slow(0.2, 0.6), seed, requests, PERIOD_S, retries=0)
-    least = sum(least_lost(seed, 0.2, 0.6, requests=2) for seed in range(4))
+    least = sum(least_lost(seed, 0.2, 0.6, requests=2) for seed in range(8))
     print(f"lost by us {ours}, at least {least}, by pymodbus {theirs}, if it waits a period {patient}")
     assert least <= ours <= 2 * least
     assert ours < theirs or timeout_s == PERIOD_S, "where no answer is too late for pymodbus, it loses what it must"
@@ -275,7 +275,7 @@ async def test_a_unit_that_answers_in_order_loses_little_more_than_it_must(timeo
 async def test_no_more_is_lost_than_by_another_master_that_asks_three_times(share: float) -> None:
     """pymodbus' own client with two retries, on a line with the same disturbance; both over all seeds."""
     ours = theirs = 0
-    for seed in range(4):
+    for seed in range(8):
         async with disturbed(flipped(share), seed, *ONE_BLOCK) as bench:
             ours += bench.lost()
         theirs += await lost_by_pymodbus(flipped(share), seed)
