@@ -92,7 +92,7 @@ class Surprise:
     outlier: NDArray[np.bool_]
     """(9,) treated as an outlier: it has little effect."""
     jump: NDArray[np.bool_]
-    """(9,) the second far measurement in a row: the level starts again."""
+    """(9,) a far measurement that is no outlier, or the second one in a row: the level starts again."""
 
 
 class Mixture:
@@ -338,9 +338,10 @@ class Mixture:
         ratio = centre / np.sqrt(total)
         outlier = jump = False
         change = 2.0 * own + (_FASTEST * UNIT) ** 2 * self._elapsed[j]
-        if abs(ratio) > _FAR and (y - self._last[j]) ** 2 > _FAR**2 * change:  # NaN compares false
-            jump = self._suspect[j] * centre > 0.0
-            outlier = not jump
+        if abs(ratio) > _FAR:
+            sudden = (y - self._last[j]) ** 2 > _FAR**2 * change  # NaN compares false
+            outlier = bool(sudden and self._suspect[j] * centre <= 0.0)
+            jump = not outlier
         self._suspect[j] = centre if outlier else 0.0
         if not outlier:
             self._last[j] = y
