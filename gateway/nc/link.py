@@ -245,7 +245,11 @@ class NcLink:
                     errors, source = self._target.errors(snapshot.quality, now)
                     at, radius_m = positions(snapshot), self._probe.radius_m
                     wanted = None if errors is None else self._form.wanted(errors, at, radius_m)
-                    await self._writer.follow(now, snapshot, wanted, source, k, send=may_write)
+                    if self._lease.armed and not may_write:
+                        # What is not sent is no base for the next step: both together would be more than a period's.
+                        self._writer.stand(now, snapshot, source, k)
+                    else:
+                        await self._writer.follow(now, snapshot, wanted, source, k, send=may_write)
                 case LinkState.HELD:
                     self._writer.stand(now, snapshot, Source.FROZEN, k)
                 case LinkState.NOT_READY:
