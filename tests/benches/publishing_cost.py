@@ -6,6 +6,7 @@ each 15 s. Whatever else the computer does is the same for all three. Prints eac
 more than the first it took in each window.
 """
 
+import os
 import subprocess
 import sys
 import tempfile
@@ -22,10 +23,21 @@ from benchmarks.acquisition import bench_config, emulated_machine
 from gateway.config.telemetry import Telemetry
 from gateway.telemetry.session import page_config
 from tests.benches.free_port import free_port
-from tests.benches.outlets_cost import used
 
 _READY_S, _SETTLED_S, _WINDOWS, _SCRAPED_S = 120.0, 15.0, 4, 15.0
 NO_TELEMETRY, PUBLISHING, SCRAPED = "without telemetry", "publishing", "publishing, and /metrics"
+
+
+def used(process: int) -> tuple[float, float, float]:
+    """Processor time, s, resident memory, and what of it no other process shares, MB."""
+    fields = Path(f"/proc/{process}/stat").read_text(encoding="ascii").rpartition(")")[2].split()
+    kilobytes = {
+        line.split(":")[0]: int(line.split()[1])
+        for line in Path(f"/proc/{process}/smaps_rollup").read_text(encoding="ascii").splitlines()[1:]
+    }
+    own = kilobytes["Private_Clean"] + kilobytes["Private_Dirty"]
+    cpu_s = (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+    return cpu_s, kilobytes["Rss"] * 1.024e-3, own * 1.024e-3
 
 
 @contextmanager
