@@ -67,7 +67,7 @@ async def _run(demo: Demo, console: Console) -> None:
         state = ViewState(machine=config.machine.name)
         state.progress_until_s = demo.hours * 3600.0
         view = feeding(state, config.input_names, clock, simulated=True)
-        with LiveView(state, plain=demo.plain):
+        with LiveView(state, plain=demo.plain, language=language_wanted(os.environ)):
             ender = asyncio.create_task(_end_at(clock, demo.hours * 3600.0, stop))
             try:
                 await serve(config, clock, stop, simulated=True, more=[view], started=lambda _: clock.start())

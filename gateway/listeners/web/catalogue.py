@@ -5,8 +5,10 @@ from functools import cache
 
 from gateway.model.text import languages, texts
 
-_ELSEWHERE = ("text.", "language.", "fault.")
-"""Groups that the server writes out itself."""
+_ELSEWHERE = (
+    "text.", "language.", "fault.", "matters.", "remedy.", "moment.", "slowed.", "doctor.", "status.", "watch."
+)  # fmt: skip
+"""Groups that the server writes out itself, or other programs."""
 
 
 @cache
