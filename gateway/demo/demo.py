@@ -1,6 +1,7 @@
 """`talc-gateway demo`: an emulated machine in a second process and the gateway in this one, over real protocols."""
 
 import asyncio
+import os
 import socket
 
 import click
@@ -10,6 +11,7 @@ from gateway.commissioning.dry_run import dry_run
 from gateway.demo.demo_machine import STEPS_PER_HOUR, Demo, on_emulated_machine
 from gateway.demo.demo_page import PAGE_LOG, demo_page
 from gateway.listeners.watch.view import LiveView, ViewState, feeding
+from gateway.model.text import language_wanted
 from gateway.runtime.signals import stop_on_signals
 from gateway.runtime.terminal import terminal
 from gateway.service.report_file import write

@@ -190,6 +190,10 @@ class Language:
         """The text of a `group.key`, with its values. Raises KeyError."""
         return _filled(texts(self.code)[key], values, self.code)
 
+    def number(self, value: float, form: str) -> str:
+        """In a form of Python, with the language's decimal sign."""
+        return _number(value, form, self.code)
+
     def word(self, group: str, published: str) -> str:
         """A published word; one that is not in the group as it is."""
         return texts(self.code).get(f"{group}.{published}", published)

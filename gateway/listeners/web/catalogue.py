@@ -6,8 +6,19 @@ from functools import cache
 from gateway.model.text import languages, texts
 
 _ELSEWHERE = (
-    "text.", "language.", "fault.", "matters.", "remedy.", "moment.", "slowed.", "doctor.", "status.", "watch."
-)  # fmt: skip
+    "text.",
+    "language.",
+    "fault.",
+    "matters.",
+    "remedy.",
+    "moment.",
+    "slowed.",
+    "doctor.",
+    "status.",
+    "watch.",
+    "report.",
+    "report_",
+)
 """Groups that the server writes out itself, or other programs."""
 
 
