@@ -2,6 +2,7 @@
 
 import ast
 import html
+import io
 import re
 from collections import deque
 from collections.abc import Iterator
@@ -114,14 +115,15 @@ def test_each_renderer_says_each_code_in_each_language(language: str) -> None:
         tuple((AT, text) for text in texts_said), True, False,
     )  # fmt: skip
     terminal_lines = "\n".join(written(status, 0, Language(language)))
-    view, console = ViewState("mill"), Console(width=100_000, markup=False, emoji=False)
+    view, drawn = ViewState("mill"), io.StringIO()
+    console = Console(width=100_000, markup=False, emoji=False, file=drawn)
     view.events = deque(((AT, EventKind.PROBLEM, text) for text in texts_said), maxlen=None)
     view.events_seen = len(texts_said)
-    with console.capture() as drawn, LiveView(view, plain=True, console=console, language=language):
+    with LiveView(view, plain=True, console=console, language=language):
         pass
     events = tuple((0.0, Event(EventKind.PROBLEM, text)) for text in texts_said)
     page = html.unescape(build(replace(small_run(), events=events, language=language)))
-    for rendered in (terminal_lines, drawn.get(), page):
+    for rendered in (terminal_lines, drawn.getvalue(), page):
         shown = " ".join(rendered.split())
         assert [text for text in wanted if text not in shown] == []
 
