@@ -23,8 +23,8 @@ class Explanation:
 class Weights:
     """What is known of how the errors follow the inputs.
 
-    As far as an error follows them linearly, its estimate is `share` times the sum of `level` and of all inputs' weights
-    times the deviation of the input from `reference` through a first-order lag. Each sigma is a standard uncertainty by
+    The estimate of an error is `share` times the sum of `level`, of `smooth`, and of all inputs' weights times the
+    deviation of the input from `reference` through a first-order lag. Each sigma is a standard uncertainty by
     itself: those of one error are correlated.
     """
 
@@ -34,6 +34,8 @@ class Weights:
     level: FloatArray
     """(9,) µm or µm/m."""
     level_sigma: FloatArray
+    smooth: FloatArray
+    """(9,) what is not linear in the inputs, at present; µm or µm/m."""
     share: FloatArray
     """(9,) 1; 0 where it is not corrected."""
     reference: FloatArray

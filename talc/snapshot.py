@@ -69,7 +69,8 @@ def from_plain(plain: Mapping[str, Any], arrays: Arrays, frames: Callable[[int, 
 
     frames: gives those from a grid index to another one, both included
 
-    Raises ValueError for a format that this program does not know, and KeyError or TypeError for values that no state has.
+    Raises ValueError for a format that this program does not know, and KeyError or TypeError for values that no state
+    has.
     """
     check_format(plain)
     last_k, rows = plain["last_k"], plain["rows"]

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from talc.control import ControllerState
-from talc.frame import FloatArray, IntArray
+from talc.frame import IntArray
 from talc.hold import HeldState, MeasureAndHold
 from talc.learner import CourseState, LearnerState, LearningCourse, MixtureState
 from talc.learner.mixture import Mixture

@@ -169,7 +169,9 @@ def _arrays(plain: object, inputs: int) -> dict[str, NDArray[Any]]:
                 raise ValueError(f"arrays.{name}: has the shape {found}, expected {known[letter]} instead of {size}")
     features, processes = known.get("p"), known.get("e")
     if features is not None and features != inputs * known["l"]:
-        raise ValueError(f"arrays.mixture.x: has {features} features, expected {inputs * known['l']} of {inputs} inputs")
+        raise ValueError(
+            f"arrays.mixture.x: has {features} features, expected {inputs * known['l']} of {inputs} inputs"
+        )
     if processes is not None and known["w"] != processes + 1:
         raise ValueError(f"arrays.mixture.share: has {known['w']} experts, expected {processes + 1}")
     return arrays

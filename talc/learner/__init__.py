@@ -1,4 +1,4 @@
-"""Thermal errors as weighted lags of the inputs, learnt at every measurement by a mixture of Kalman filters."""
+"""Thermal errors as functions of lagged inputs, learnt at every measurement by Gaussian processes."""
 
 from talc.learner.course import CourseState, LearningCourse
 from talc.learner.learner import LearnerState, RowLearner, learner_bytes

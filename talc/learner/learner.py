@@ -209,15 +209,16 @@ class RowLearner:
         return Explanation(inputs, np.nan_to_num(value) - inputs.sum(axis=1), mixture.share.copy(), mixture.believed)
 
     def weights(self) -> Weights:
-        """What is known of how the errors follow the inputs, as far as they do so linearly."""
+        """What is known of how the errors follow the inputs."""
         mixture, bank = self._mixture, self._bank
         shape, span = (self._errors, -1, bank.lags), bank.span[:, None]
-        level, level_variance = mixture.level()
+        x, (level, level_variance) = bank.features(), mixture.level()
         return Weights(
             inputs=mixture.weights().reshape(shape) / span,
             inputs_sigma=self._scale * np.sqrt(mixture.variances()).reshape(shape) / span,
             level=level,
             level_sigma=self._scale * np.sqrt(level_variance),
+            smooth=mixture.predict(x)[0] - level - mixture.weights() @ x,
             share=np.where(mixture.believed > _TRUSTED, 1.0, 0.0),
             reference=self._memory.reference.copy(),
             time_constants_s=TIME_CONSTANTS_S,

@@ -98,10 +98,10 @@ class Surprise:
 class Mixture:
     """Errors, each with the same experts; 9 in the shapes below stands for their number.
 
-    Every expert but one is a Gaussian process (`talc.learner.process`); the other one says that the error is zero at all
-    times. A prediction is the experts' mean, weighted by their first weights and the product of their predictive
-    likelihoods, tempered and discounted. So an estimate is shrunk towards zero by the probability that the error just is
-    zero. Its uncertainty is that of the processes alone: that an error cannot be shown does not make it zero.
+    Every expert but one is a Gaussian process (`talc.learner.process`); the other one says that the error is zero at
+    all times. A prediction is the experts' mean, weighted by their first weights and the product of their predictive
+    likelihoods, tempered and discounted. So an estimate is shrunk towards zero by the probability that the error just
+    is zero. Its uncertainty is that of the processes alone: that an error cannot be shown does not make it zero.
 
     Measured are the error, the noise of the reference, which every measurement contains, and a measurement's own noise.
 
@@ -171,7 +171,7 @@ class Mixture:
         each = np.stack([process.weights() for process in self._processes], axis=1)
         within = np.array([[np.diag(one.weight_covariance(j)) for one in self._processes] for j in range(self._errors)])
         mean, share = self.weights(), self._share[:, 1:]
-        return np.einsum("je,jep->jp", share / self.believed[:, None], within + (each - mean[:, None]) ** 2)
+        return np.asarray(np.einsum("je,jep->jp", share / self.believed[:, None], within + (each - mean[:, None]) ** 2))
 
     def weight_covariance(self, j: int) -> FloatArray:
         """(p, p) of one error's linear weights: of the processes, weighted by their shares without zero."""
@@ -231,8 +231,8 @@ class Mixture:
         self._jolted += variance
 
     def predict(self, x: FloatArray, ahead: float = 0) -> tuple[FloatArray, FloatArray]:
-        """(9,) means and variances with features x (p,), `ahead` steps from now. Before the first measurement of an error:
-        0 and 0."""
+        """(9,) means and variances with features x (p,), `ahead` steps from now. Before the first measurement of an
+        error: 0 and 0."""
         return self._mixed(*self._each(x, ahead, reference=False))
 
     def expect(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -272,7 +272,7 @@ class Mixture:
     def contributions(self, x: FloatArray) -> FloatArray:
         """(9, p) by feature: what it adds to the estimate with features x (p,). The rest is the level."""
         each = np.stack([process.contributions(x) for process in self._processes], axis=1)
-        return np.einsum("je,jep->jp", self._share[:, 1:], each)
+        return np.asarray(np.einsum("je,jep->jp", self._share[:, 1:], each))
 
     def level(self) -> tuple[FloatArray, FloatArray]:
         """(9,) mean and variance of the level."""
@@ -282,10 +282,9 @@ class Mixture:
         return self._mixed(mean, np.maximum(variance, 0.0))
 
     def widen(self, factor: FloatArray) -> None:
-        """(inputs,) features became this much smaller. A priori an input is in the new unit what it was in the old one."""
+        """(inputs,) features became this much smaller. A priori an input is in the new unit what it was in the old."""
         self._rows.rescale(np.repeat(1.0 / factor, self._features // max(self._inputs, 1)))
         for process in self._processes:
-            process.rescale(factor)
             process.rebuild()
         self._weights = None
 
@@ -329,8 +328,8 @@ class Mixture:
     def _weigh(
         self, j: int, y: float, noise: FloatArray, mean: FloatArray, variance: FloatArray
     ) -> tuple[float, bool, bool]:
-        """The experts' weights after a measurement y, which (E + 1,) mean and variance expected; enlarges the (9,) noise of
-        an outlier, and the level's variance at a jump."""
+        """The experts' weights after a measurement y, which (E + 1,) mean and variance expected; enlarges the (9,)
+        noise of an outlier, and the level's variance at a jump."""
         own, share = float(noise[j]), self._share[j]
         innovation = y - mean
         centre = float(share @ innovation)
@@ -372,8 +371,6 @@ class Mixture:
                 for process in self._processes:
                     process.renew(int(j))
         self._cursor = (self._cursor + many) % self._errors
-
-
 
 
 def mixture_bytes(inputs: int, lags: int) -> int:

@@ -81,7 +81,7 @@ class Rows:
         self.square[: self.n] = [row @ row for row in self.x[: self.n]]
 
     def thin(self) -> None:
-        """Merge the neighbours that are closest in time, as often as it takes: a row then stands for several measurements.
+        """Merge the neighbours that are closest in time, as often as it takes; a row then stands for several.
 
         A dense beginning so keeps its place, with fewer rows of less noise.
         """
@@ -99,7 +99,7 @@ class Rows:
             x[i], time[i] = (a * x[i] + b * x[i + 1]) / (a + b), (a * time[i] + b * time[i + 1]) / (a + b)
             jolt[i], weight[i] = (a * jolt[i] + b * jolt[i + 1]) / (a + b), a + b
             for values in (x, time, weight, jolt, y, noise):
-                del values[i + 1]  # type: ignore[attr-defined]
+                del values[i + 1]
         square = np.array([row @ row for row in x])
         self.put(*(np.array(v) for v in (x, square, time, weight, jolt, y, noise)))
 
@@ -230,13 +230,6 @@ class Process:
         most = np.minimum(_RELEVANCE[1] * self._first, _CHANGE[1] * before)
         self.relevance[j] = np.clip(found, least, most) / self._first
         self.rebuild(j)
-
-    def rescale(self, factor: FloatArray) -> None:
-        """(inputs,) features became this much smaller; what other machines learnt belongs to the former ones."""
-        if self._covariance is not None:
-            times = np.repeat(factor, self._lags)
-            self._mean *= times
-            self._covariance *= np.outer(times, times)
 
     # What was learnt -------------------------------------------------------------------------------------------------
 

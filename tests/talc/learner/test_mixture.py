@@ -21,7 +21,7 @@ REFERENCE = NOISE**2 / 5
 def features(count: int, seed: int = 0) -> Array:
     """The first row is the reference."""
     walk = np.cumsum(np.random.default_rng(seed).normal(size=(count, FEATURES)), axis=0) * 0.3
-    return walk - walk[0]
+    return np.asarray(walk - walk[0])
 
 
 def covariance(expert: Expert, x: Array, at: Array, other: Array, at_other: Array) -> Array:
