@@ -12,7 +12,7 @@ import pytest
 
 from gateway.demo.demo_linuxcnc import SILENCE_S, SLEW_UM_PER_S, show, silence
 
-pytestmark = [pytest.mark.peer, pytest.mark.slow]
+pytestmark = [pytest.mark.peer, pytest.mark.slow, pytest.mark.waits(140)]
 
 LATE_S, SHORT_S = 3.0, 0.1
 PAUSED = re.compile(r"stands still|takes longer than|heartbeat|no answer|connected again|resolved")

@@ -42,7 +42,7 @@ def ended(at_s: float, text: str = "device rtd1: answers again") -> Alarm:
 @pytest.mark.slow
 def test_hours_of_faults_and_restarts() -> None:
     """In a separate process, so that what other tests keep open is not counted."""
-    told = ["--days", "0.25", "--seed", "3", "--pause", "1800", "--run", "5400"]
+    told = ["--days", "0.125", "--seed", "3", "--pause", "1800", "--run", "5400"]
     command = [sys.executable, "-m", "tests.benches.soak", *told, "--begin", str(int(START))]
     ran = subprocess.run(command, cwd=Path(__file__).parents[2], capture_output=True, text=True)
     assert ran.returncode == 0, ran.stdout + ran.stderr
