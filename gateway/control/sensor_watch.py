@@ -14,7 +14,7 @@ from gateway.model.text import Text, failure
 from gateway.model.wording import event_of, finding_text, problem_event
 from gateway.runtime.clocks import ServiceClock
 from gateway.runtime.problems import Problems
-from gateway.runtime.workers.process import WorkError, apart
+from gateway.runtime.workers.process import WorkError, in_process
 from talc.frame import BoolArray, Event, EventKind, FloatArray, Frame, Frames
 from talc.sensor_check import Finding, judge, rows_needed
 from talc.sensor_model import SensorModel, learn
@@ -72,7 +72,7 @@ async def _learn_apart(
     loads: Sequence[str],
     step_s: float,
 ) -> SensorModel | None:
-    return await apart(learn, names, inputs, valid, settings, loads, step_s)
+    return await in_process(learn, names, inputs, valid, settings, loads, step_s)
 
 
 class SensorWatch:
@@ -185,7 +185,7 @@ class SensorWatch:
         if len(model.names) <= _MOST_IN_A_THREAD:
             judgement = await asyncio.to_thread(judge, *given)
         else:
-            judgement = await apart(judge, *given)
+            judgement = await in_process(judge, *given)
         self._sink(SensorsJudged(judgement, k, tuple(self._since(finding, k) for finding in judgement.findings)))
         if not judgement.smallest_offset_K:
             return False

@@ -104,7 +104,7 @@ def _passed(events: Iterable[WireEvent], wire: BusWire) -> Iterable[Passed]:
     """The events in the player's terms. The gateway's own actions on the connection are omitted."""
     for event in events:
         if event.passed == "note":
-            if wire == "tcp" and event.note.startswith("lost"):
+            if wire == "tcp" and event.lost:
                 yield Passed(event.at_s, False, None)
         else:
             identifier = event.identifier

@@ -18,8 +18,12 @@ _MOST_BYTES = 64 * 2**20
 _SALT = 16
 _LENGTH = 32
 
-_FREE, _FIRST_S, _LONGEST_S = 5, 1.0, 300.0
-"""Wrong passwords without a pause; the pause after the next one; the longest."""
+_FREE = 5
+"""Wrong passwords without a pause."""
+_FIRST_S = 1.0
+"""The pause after the next one."""
+_LONGEST_S = 300.0
+"""The longest pause."""
 _MOST = 20
 """Passwords that are checked within that time, of all names together: each takes a processor for some 50 ms."""
 _WITHIN_S = 60.0

@@ -21,7 +21,7 @@ from gateway.control.grid import GridSampler, Schedule
 from gateway.control.loop import GridLoop
 from gateway.control.measuring import Measuring
 from gateway.control.planned_loads import PlannedLoads
-from gateway.control.restart.earlier import Past
+from gateway.control.restart.earlier import EarlierRun
 from gateway.control.sensor_watch import SensorWatch
 from gateway.control.trainer import Trainings
 from gateway.model.codes import NoticeCode
@@ -97,7 +97,7 @@ class Service:
         config: GatewayConfig,
         clock: ServiceClock,
         sink: Sink,
-        past: Past,
+        past: EarlierRun,
         tap: Callable[[str], Tap] | None = None,
         health: Callable[[], StoreHealth] = StoreHealth,
         identity: Identity | None = None,
@@ -283,7 +283,7 @@ class Service:
                     task.cancel()
 
 
-def _earlier(past: Past, ages: Ages, clock: ServiceClock) -> Earlier:
+def _earlier(past: EarlierRun, ages: Ages, clock: ServiceClock) -> Earlier:
     """What an earlier run left, for the link."""
     return Earlier(
         first_number=number_after(past.last_number, clock.utc()),
@@ -298,9 +298,9 @@ def _earlier(past: Past, ages: Ages, clock: ServiceClock) -> Earlier:
     )
 
 
-def _measured_s(past: Past, ages: Ages) -> list[float]:
+def _measured_s(past: EarlierRun, ages: Ages) -> list[float]:
     return [ages.monotonic_of(k) for k in past.measured]
 
 
-def _missing_s(past: Past, ages: Ages) -> dict[str, float]:
+def _missing_s(past: EarlierRun, ages: Ages) -> dict[str, float]:
     return {name: ages.monotonic_of(k) for name, k in past.missing.items()}

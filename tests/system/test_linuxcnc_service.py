@@ -12,7 +12,7 @@ import pytest
 
 from drivers.nc import OperatingMode
 from gateway.config.extended import validate
-from gateway.control.restart.earlier import Past
+from gateway.control.restart.earlier import EarlierRun
 from gateway.model.probing import End
 from gateway.model.standing import Standing
 from gateway.runtime.clocks import RealClock
@@ -49,7 +49,9 @@ async def test_an_idle_machine_is_probed_once_allowed_and_a_loose_sphere_is_reje
             }
         )
         told, stop = KeptEvents(), asyncio.Event()
-        service = Service(config, RealClock(), told, Past(Controller(config.input_names, config.talc), proven=True))
+        service = Service(
+            config, RealClock(), told, EarlierRun(Controller(config.input_names, config.talc), proven=True)
+        )
         at_work = asyncio.create_task(service.run(stop))
 
         async def said(*standings: Standing) -> bool:

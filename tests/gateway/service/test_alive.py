@@ -10,7 +10,7 @@ import pytest
 from gateway.config.extended import validate
 from gateway.config.file import parse
 from gateway.config.model import GatewayConfig
-from gateway.control.restart.earlier import Past
+from gateway.control.restart.earlier import EarlierRun
 from gateway.service.alive import WatchedClock, feed
 from gateway.service.service import Service
 from gateway.service.service_manager import ServiceManager
@@ -79,7 +79,7 @@ async def test_no_loop_of_a_service_that_runs_is_stuck() -> None:
     steps = SteppedClock()
     clock = WatchedClock(steps)
     clock.expect(config)
-    service = Service(config, clock, KeptEvents(), Past(Controller(config.input_names, config.talc)))
+    service = Service(config, clock, KeptEvents(), EarlierRun(Controller(config.input_names, config.talc)))
     running = asyncio.create_task(service.run(stop))
     try:
         for now in range(20, 400, 20):
