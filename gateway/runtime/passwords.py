@@ -8,6 +8,7 @@ from binascii import Error as NotBase64
 from collections import deque
 from typing import Annotated
 
+import click
 from pydantic import AfterValidator
 
 from drivers.section import matching
@@ -114,3 +115,8 @@ def hash_printed_by(command: str) -> AfterValidator:
 
 UserName = Annotated[str, matching(r"[^:\x00-\x1f]+", "a name without a colon")]
 """The name of a user whose password hash is kept."""
+
+
+def ask_password() -> None:
+    """Ask for a password, twice on a terminal, and print its hash."""
+    click.echo(make_hash(click.prompt("password", hide_input=True, confirmation_prompt=True, err=True)))
