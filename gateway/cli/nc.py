@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import click
 
 from drivers.base import SetupError
-from drivers.nc import LARGEST_HEIGHT_MM
+from drivers.nc import LARGEST_HEIGHT_MM, LEAST_HEIGHT_MM
 from gateway.cli.arguments import ConfigPath, FiniteNumber, read_config
 
 if TYPE_CHECKING:
@@ -20,7 +20,7 @@ def nc() -> None:
 
 @nc.command("dry-run")
 @ConfigPath
-@click.option("--height-mm", type=FiniteNumber(1, LARGEST_HEIGHT_MM), default=50.0, show_default=True,
+@click.option("--height-mm", type=FiniteNumber(LEAST_HEIGHT_MM, LARGEST_HEIGHT_MM), default=50.0, show_default=True,
               help="How far the cycle's path is raised.")  # fmt: skip
 @click.option("-o", "--output", type=click.Path(dir_okay=False, path_type=Path),
               help="The report. Default: beside the database, .dry-run.txt.")  # fmt: skip

@@ -63,18 +63,19 @@ def test_no_state_comes_without_its_number_and_the_offsets_are_let_go_where_they
     written = reported(cell)
     assert written[:6] == answer
     results = range(HAND.results, HAND.results + 3 * len(POSES))
-    assert [number for number, _ in written[6:]] == [*results, HAND.spread, HAND.result_of, HAND.state]
-    assert written[-2:] == [(HAND.result_of, 7), (HAND.state, 3)]
-    places = {value: at for number, value, at, _ in cell.channel.written if number == HAND.state}
+    assert [number for number, _ in written[6 : 6 + len(results) + 1]] == [*results, HAND.spread]
+    assert written[-4:] == [(HAND.state, 1), (HAND.reason, 0), (HAND.result_of, 7), (HAND.state, 3)]
+    _, accepted, frozen, let_go, done = (at for number, _, at, _ in cell.channel.written if number == HAND.state)
     over = IDEAL.taught(*NOMINAL.poses_deg[0])[:2]
-    assert [places[2][axis] for axis in "XYZ"] == pytest.approx([*over, SAFE_Z])
-    assert places[1] != places[2]
-    assert [places[3][axis] for axis in "XYZA"] == [places[2][axis] for axis in "XYZA"]
-    assert (places[3]["C"] - places[2]["C"]) % 360.0 == pytest.approx(0.0)
+    assert [frozen[axis] for axis in "XYZ"] == pytest.approx([*over, SAFE_Z])
+    assert accepted != frozen
+    assert [let_go[axis] for axis in "XYZA"] == [frozen[axis] for axis in "XYZA"]
+    assert (let_go["C"] - frozen["C"]) % 360.0 == pytest.approx(0.0)
+    assert (let_go["T"], done["T"]) == (99.0, 3.0), "the last state comes with the tool of the part program"
 
 
 def test_every_reason_that_a_program_gives_has_a_text() -> None:
-    given = {1, 2, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15}
+    given = {1, 2, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16}
     assert given <= {code for code, text in PROBING_REASONS.items() if text}
     assert len(set(PROBING_REASONS.values())) == len(PROBING_REASONS)
 
