@@ -26,14 +26,11 @@ class PolledBus:
         self.breaker = Breaker(line.period_s, line.period_s * line.retry_max_periods)
         self.is_open = False
         self._bus, self._limit_s = line.bus, line.read_limit_s
+        self.subject = Text(NoticeCode.BUS, name=line.bus.name)
+        """Its name in reports."""
         self._limited = line.bus if isinstance(line.bus, LimitedBus) else None
         self.is_limited = self._limited is not None
         """Whether the bus can be told when the time for a request ends."""
-
-    @property
-    def subject(self) -> Text:
-        """Its name in reports."""
-        return Text(NoticeCode.BUS, name=self._bus.name)
 
     @contextmanager
     def limited(self, left_s: float) -> Iterator[None]:

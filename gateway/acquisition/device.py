@@ -27,6 +27,8 @@ class PolledDevice:
 
     def __init__(self, driver: Driver, line: Line, clock: ServiceClock) -> None:
         self.driver = driver
+        self.subject = Text(NoticeCode.DEVICE, name=driver.device)
+        """Its name in reports."""
         self.breaker = Breaker(line.period_s, line.period_s * line.retry_max_periods)
         self.cost_s = 0.0
         """How long its last failure took."""
@@ -50,11 +52,6 @@ class PolledDevice:
         self._connected = False
         self._units = dict.fromkeys(driver.channels, "")
         self._checks = {name: Check(limits) for name, limits in line.plausible.items() if name in self._units}
-
-    @property
-    def subject(self) -> Text:
-        """Its name in reports."""
-        return Text(NoticeCode.DEVICE, name=self.driver.device)
 
     async def read(self, *, again: bool = False) -> list[Reading]:
         """Its readings, each judged by the limits that the configuration states for its channel.

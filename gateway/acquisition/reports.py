@@ -17,6 +17,7 @@ class LineReports:
         self._bus, self._limit_s, self._problems = line.bus.name, line.read_limit_s, problems
         self._shared = line.bus if isinstance(line.bus, SharedLine) else None
         self._pace = Pace(line.period_s)
+        self._period, self._wire = (Text(code, name=self._bus) for code in (NoticeCode.BUS_PERIOD, NoticeCode.BUS_LINE))
 
     def failed(self, subject: Text, error: Exception, kind: str = "") -> str:
         """A bus could not be opened, or a device could not be read; returns why, in words.
@@ -55,28 +56,26 @@ class LineReports:
 
     def polled(self, answered_s: Mapping[str, float], missed: int) -> None:
         """A period has passed: how long each answering device took, s, and how many periods were missed meanwhile."""
-        subject = Text(NoticeCode.BUS_PERIOD, name=self._bus)
         self._pace.polled(answered_s, missed)
         if self._pace.slow:
-            self._problems.report(subject, self._pace.text(self._bus))
-        else:
-            self._problems.clear(subject, Text(NoticeCode.BUS_IN_TIME, bus=self._bus))
+            self._problems.report(self._period, self._pace.text(self._bus))
+        elif not self._problems.none_lately:
+            self._problems.clear(self._period, Text(NoticeCode.BUS_IN_TIME, bus=self._bus))
         if self._shared is not None:
             self._shared_by(self._shared)
 
     def _shared_by(self, line: SharedLine) -> None:
-        subject = Text(NoticeCode.BUS_LINE, name=self._bus)
         try:
             evidence = line.other_master()
         except MemoryError:
             raise
         except Exception as error:  # noqa: BLE001 - a driver's bug must not end the other buses
-            self.failed(subject, error)
+            self.failed(self._wire, error)
             return
         if evidence:
-            self._problems.report(subject, Text(NoticeCode.OTHER_MASTER, bus=self._bus, evidence=evidence))
-        else:
-            self._problems.clear(subject, Text(NoticeCode.NO_OTHER_MASTER, bus=self._bus))
+            self._problems.report(self._wire, Text(NoticeCode.OTHER_MASTER, bus=self._bus, evidence=evidence))
+        elif not self._problems.none_lately:
+            self._problems.clear(self._wire, Text(NoticeCode.NO_OTHER_MASTER, bus=self._bus))
 
 
 def channel_bad(reading: Reading) -> Text:

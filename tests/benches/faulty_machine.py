@@ -1,7 +1,7 @@
-"""`python -m tests.benches.faulty_machine FOLDER EPOCH SPEED SEED HOURS [PAUSE]`: the bench's machine on a bad day.
+"""`python -m tests.benches.faulty_machine FOLDER EPOCH SPEED SEED HOURS PAUSE`: the bench's machine on a bad day.
 
-One fault after the other occurs on every wire and on the control, and each ends by itself: in turn every 20 minutes, or
-at random with a pause of PAUSE seconds on average between two. Prints its addresses as one JSON line when ready, and
+One fault after the other occurs on every wire and on the control, at random with a pause of PAUSE seconds on average
+between two, and each ends by itself. Prints its addresses as one JSON line when ready, and
 writes what begins and ends into FOLDER/faults.jsonl; ends when its standard input closes.
 """
 
@@ -11,7 +11,6 @@ import sys
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterator, Mapping, Sequence
 from contextlib import AsyncExitStack, asynccontextmanager
 from datetime import datetime
-from itertools import cycle
 from pathlib import Path
 
 import numpy as np
@@ -23,8 +22,6 @@ from simulators.devices.source import Faults, SensorFault
 from simulators.nc import FollowingTerms, SimulatedClock
 from simulators.plant import load_machine
 
-FAULT_EVERY_S = 1200.0
-FAULT_LASTS_S = 480.0
 Act = Callable[[], Awaitable[object]]
 Planned = tuple[str, float, float]
 """A fault, when it begins (simulated s), and for how long."""
@@ -114,12 +111,12 @@ async def faulty_machine(
     clock: SimulatedClock,
     seed: int,
     hours: float,
-    pause_s: float | None = None,
+    pause_s: float,
     terms: FollowingTerms = DEMO_TERMS,
 ) -> AsyncIterator[dict[str, int]]:
-    """The machine and its bad day, in this process; yields its TCP ports. Faults at random: see `pause_s` above."""
+    """The machine and its bad day, in this process; yields its TCP ports."""
     async with breakable_machine(folder, clock, seed, hours, terms) as (machine, ports, faults):
-        plan = _in_turn(list(faults)) if pause_s is None else _at_random(seed, list(faults), pause_s)
+        plan = _at_random(seed, list(faults), pause_s)
         day = asyncio.create_task(_bad_day(clock, machine, faults, plan, folder / "faults.jsonl"))
         try:
             yield ports
@@ -128,7 +125,7 @@ async def faulty_machine(
             await asyncio.gather(day, return_exceptions=True)
 
 
-async def _run(folder: Path, epoch: datetime, speed: float, seed: int, hours: float, pause_s: float | None) -> None:
+async def _run(folder: Path, epoch: datetime, speed: float, seed: int, hours: float, pause_s: float) -> None:
     stop = asyncio.Event()
     asyncio.get_running_loop().add_reader(sys.stdin.fileno(), stop.set)
     clock = SharedClock(folder / "clock", epoch=epoch, speed=speed)
@@ -138,11 +135,6 @@ async def _run(folder: Path, epoch: datetime, speed: float, seed: int, hours: fl
             await stop.wait()
     finally:
         clock.close()
-
-
-def _in_turn(names: Sequence[str]) -> Iterator[Planned]:
-    for count, name in enumerate(cycle(names), start=1):
-        yield name, count * FAULT_EVERY_S, FAULT_LASTS_S
 
 
 def _at_random(seed: int, names: Sequence[str], pause_s: float) -> Iterator[Planned]:
@@ -178,6 +170,6 @@ async def _bad_day(
 
 
 if __name__ == "__main__":
-    folder_, epoch_, speed_, seed_, hours_, *pause_ = sys.argv[1:7]
+    folder_, epoch_, speed_, seed_, hours_, pause_ = sys.argv[1:]
     place_ = (Path(folder_), datetime.fromisoformat(epoch_))
-    asyncio.run(_run(*place_, float(speed_), int(seed_), float(hours_), float(pause_[0]) if pause_ else None))
+    asyncio.run(_run(*place_, float(speed_), int(seed_), float(hours_), float(pause_)))

@@ -27,6 +27,7 @@ def block(study: str) -> str:
     return before[-900:] + rest.partition("<!-- end -->")[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("folder", KEPT, ids=[folder.name for folder in KEPT])
 def test_every_kept_figure_is_on_the_page(folder: Path) -> None:
     page = published_page(folder)

@@ -1,7 +1,6 @@
 """The Debian package: built from the locks, installed in a Debian without a network, run, upgraded, removed, purged.
 
-Then its service, under a systemd that has booted in a container; on a kernel of its own by
-`python -m tests.benches.service_limits`.
+Then its service, under a systemd that has booted in a container.
 """
 
 import json

@@ -28,11 +28,3 @@ def test_whatever_it_does_when_it_is_killed_the_next_one_goes_on() -> None:
     assert done.returncode == 0, done.stdout
     rows = [line.strip("| ").split(" | ") for line in done.stdout.splitlines() if line.startswith("| ")]
     assert {name: int(killed) for name, killed, _ in rows[1:]} == KILLS
-
-
-@pytest.mark.slow
-def test_a_writer_that_is_killed_loses_nothing_that_it_reported_as_stored() -> None:
-    command = [sys.executable, "-m", "tests.benches.store_kills", "--count", "40"]
-    done = subprocess.run(command, cwd=Path(__file__).parents[2], stdout=subprocess.PIPE, text=True, check=False)
-    assert done.returncode == 0, done.stdout
-    assert "| 40 | " in done.stdout

@@ -78,7 +78,7 @@ def test_thresholds_are_students_quantile_and_markovs_bound() -> None:
 @pytest.mark.parametrize("seed", SEEDS)
 def test_a_healthy_machine_gives_no_finding(seed: int) -> None:
     x = plant_days(seed)
-    for end in range(3 * DAY + WINDOW, 5 * DAY, 36):
+    for end in range(3 * DAY + WINDOW, 5 * DAY, 72):
         assert judged(seed, x[end - WINDOW : end]).findings == ()
 
 

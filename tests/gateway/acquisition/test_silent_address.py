@@ -74,9 +74,13 @@ class _MutedRegisters(dict[int, int]):
 CHANNELS = "{ muteUNIT = 0, mute_tooUNIT = 1, loudUNIT = 2 }"
 
 
-@pytest.mark.parametrize("begins", ["falls silent", "silent from the start"])
-@pytest.mark.parametrize("mute", UNITS)
-@pytest.mark.parametrize("kind", MODBUS)
+@pytest.mark.parametrize(
+    ("kind", "mute", "begins"),
+    [
+        *((kind, unit, "falls silent") for kind, unit in zip(MODBUS, UNITS, strict=True)),
+        *((kind, unit, "silent from the start") for kind, unit in zip(MODBUS, reversed(UNITS), strict=True)),
+    ],
+)
 async def test_one_address_of_one_unit(kind: str, mute: int, begins: str, tmp_path: Path) -> None:
     readings: list[Reading] = []
     units = {unit: TwoBlocks() for unit in UNITS}

@@ -41,7 +41,7 @@ def stored(path: Path) -> list[int]:
     return [one.frame.k for one in found]
 
 
-@pytest.mark.parametrize("fault", ["ENOSPC", "EIO", "EROFS"])
+@pytest.mark.parametrize("fault", ["ENOSPC", "EIO"])
 def test_what_a_failing_disk_refuses_waits_and_is_stored_when_it_works_again(fault: str, tmp_path: Path) -> None:
     path = tmp_path / "g.sqlite"
     with store_process(path) as store:
@@ -64,17 +64,6 @@ def test_what_a_failing_disk_refuses_waits_and_is_stored_when_it_works_again(fau
     assert stored(path) == list(range(1, 30))
 
 
-def test_a_disk_that_hangs_delays_no_writer(tmp_path: Path) -> None:
-    path = tmp_path / "g.sqlite"
-    with store_process(path) as store:
-        store.ask("fault hangs")
-        took_s = [store.ask(f"step {k}") for k in range(50)]
-        assert max(took_s) < 60.0, "the disk hangs until the test releases it"
-        store.ask("fault ok")
-        assert store.ask("close") == ""
-    assert stored(path) == list(range(50))
-
-
 def test_what_was_written_but_not_synchronised_is_not_stored_twice(tmp_path: Path) -> None:
     path = tmp_path / "g.sqlite"
     with store_process(path) as store:
@@ -90,18 +79,19 @@ def test_what_was_written_but_not_synchronised_is_not_stored_twice(tmp_path: Pat
     assert stored(path) == [1, 2, 3]
 
 
-def test_a_disk_that_hangs_counts_as_failing_until_it_answers(tmp_path: Path) -> None:
+def test_a_disk_that_hangs_delays_no_writer_and_counts_as_failing_until_it_answers(tmp_path: Path) -> None:
     path = tmp_path / "g.sqlite"
     with store_process(path, hangs_after_s=0.2) as store:
         store.ask("fault hangs")
-        store.ask("step 1")
+        took_s = [store.ask(f"step {k}") for k in range(50)]
+        assert max(took_s) < 60.0, "the disk hangs until the test releases it"
         health = store.until(failing=True)
         assert health["problem"] == "the disk does not answer"
         assert health["failing_s"] >= 0.2
         store.ask("fault ok")
         store.until(failing=False)
         assert store.ask("close") == ""
-    assert stored(path) == [1]
+    assert stored(path) == list(range(50))
 
 
 def test_stopped_while_the_disk_is_full_it_says_how_much_is_lost(tmp_path: Path) -> None:

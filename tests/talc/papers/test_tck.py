@@ -22,6 +22,7 @@ def two_kinds(missing: float = 0.0) -> Array:
     return rows
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("missing", [0.0, 0.3])
 def test_series_of_one_kind_are_more_alike_than_of_two(missing: float) -> None:
     kernel = Ensemble(two_kinds(missing), seed=2).kernel()
@@ -72,6 +73,7 @@ def test_a_mirrored_series_is_found() -> None:
     assert alone[7] < np.median(alone), "as it is it would be among the least similar"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("column", [2, 9])
 def test_a_model_with_memory_finds_the_input_that_drives_it(column: int) -> None:
     """Without any input its one-step fit leaves nearly white residuals, which resemble no input at all."""

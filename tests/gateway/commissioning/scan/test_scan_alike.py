@@ -66,9 +66,13 @@ async def found(wire: str, served: Mapping[int, ModbusUnit], units: range) -> tu
         return [device.unit for device in report.found], "; ".join(report.remarks)
 
 
-@pytest.mark.parametrize("live", [False, True])
-@pytest.mark.parametrize("wire", WIRES)
-@pytest.mark.parametrize("after", [4, 8, 32])
+@pytest.mark.parametrize(
+    ("after", "wire", "live"),
+    [
+        *zip((4, 8, 32), WIRES, (False, True, False), strict=True),
+        *zip((32, 4, 8), WIRES, (True, False, True), strict=True),
+    ],
+)
 async def test_ids_that_repeat_are_named_once(after: int, wire: str, live: bool) -> None:
     served = wrapped({1: FilledRegisters(100, live=live), 3: FilledRegisters(300, live=live)}, after)
     units, told = await found(wire, served, range(1, 41))

@@ -265,9 +265,8 @@ def test_other_settings_learn_from_the_whole_record_again(tmp_path: Path) -> Non
     assert decision.trusted.any()
 
 
-@pytest.mark.parametrize("method", ["learner", "models"])
-def test_a_rebuild_that_was_interrupted_continues_where_it_was(method: str, tmp_path: Path) -> None:
-    config = config_of(tmp_path, method)
+def test_a_rebuild_that_was_interrupted_continues_where_it_was(tmp_path: Path) -> None:
+    config = config_of(tmp_path)
     run(config, fresh(config), 0, LONGER, "earlier")
     change(config.storage.path, "DELETE FROM snapshot")
     whole = restarted(config)

@@ -1,7 +1,4 @@
-"""The control group of what learns, in a folder that represents the kernel's files.
-
-With systemd and a kernel: tests/benches/limits_guest.py.
-"""
+"""The control group of what learns, in a folder that represents the kernel's files."""
 
 import os
 from collections.abc import Callable

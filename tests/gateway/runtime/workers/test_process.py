@@ -40,7 +40,6 @@ async def test_it_works_at_a_lower_priority_than_the_gateway() -> None:
 
 
 def test_it_joins_the_control_group_of_what_learns_before_it_works() -> None:
-    """With a kernel's groups: tests/benches/limits_guest.py."""
     program = subprocess.Popen([sys.executable, "-c", JOINING], stdin=subprocess.PIPE, stderr=subprocess.PIPE)
     with program:  # the end of its input would end the work
         assert program.stdin is not None
