@@ -278,6 +278,7 @@ class Sinumerik:
         await self._session.write(values)
         [found] = self._numbers((self._height,), await self._session.read((self._height,)))
         self._check_height(found, height)
+        self._unproven = None
         # The number is written last, in a separate request, because the control acts on it.
         await self._session.write({self._settings.r(hand.request): float(number)})
 
@@ -294,7 +295,6 @@ class Sinumerik:
         [version] = await self._session.read((self._shown,))
         if version == 0:
             return
-        self._unproven = None
         self._check_version(version)
         await self._check_free(number)
         await self._ask(number)

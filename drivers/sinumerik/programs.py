@@ -86,7 +86,6 @@ def _start(settings: SinumerikSettings, terms: ErrorTerms) -> Iterator[str]:
     yield f"R[{errors.echo}] = R[{lease.beat}] R[{lease.age}] = {_LONG_AGO_S}"
     yield f"R[{hand.version}] = 0"  # shown again by the first call of TALC_SAFE_POINT
     yield f"R[{hand.withdraw}] = R[{hand.request}]"  # one from before power off, whose age is not known
-    yield "STOPRE"
     yield "TALC_RESET"
 
 

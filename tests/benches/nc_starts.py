@@ -13,10 +13,8 @@ from collections import Counter
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from simulators.nc.main_run import MainRun
 from simulators.nc.modal import GROUPS
-from simulators.nc.nck import CEC_TABLES
-from simulators.nc.synchronised import ProgramAlarm, SystemVariable
+from simulators.nc.synchronised import ProgramAlarm
 from tests.benches.probing_programs import (
     PROBE_TOOL,
     SAFE_Z,
@@ -114,23 +112,6 @@ def made(state: State, texts: Mapping[str, str] | None = None) -> Cell:
     cell.r[63] = state["raised"]
     cell.r[64:68] = [6.0, 3.0, 0.0, 6.0]
     return cell
-
-
-def watched(cell: Cell) -> MainRun:
-    """The main run beside it takes the synchronised actions of its programs; all offsets are 0."""
-    settings = {
-        "SA_TEMP_COMP_ABS_VALUE": [0.0] * 3,
-        "SA_TEMP_COMP_SLOPE": [0.0] * 3,
-        "SN_CEC_TABLE_WEIGHT": [0.0] * len(CEC_TABLES),
-    }
-    numbers = {axis: number for number, axis in enumerate("XYZ")}
-    run = MainRun([], cell.r, settings, "XYZAC", 0.01, 0.0)
-    cell.channel.actions = run.actions.load
-    cell.channel.variables |= {
-        name: SystemVariable(values, numbers if name.startswith("SA_") else None) for name, values in settings.items()
-    }
-    cell.channel.variables["AC_PARAM"] = SystemVariable([0.0] * 64)
-    return run
 
 
 def _old_offset(state: State) -> bool:

@@ -154,7 +154,8 @@ async def test_a_program_that_shows_another_version_while_a_dry_run_waits_gets_n
     nck.r[R_VERSION] = version
     with pytest.raises(Refused, match="R89"):
         await bench.nc.probing_status(1)
-    assert nck.r[R_REQUEST] == 0.0
+    await bench.nc.withdraw_probing(1)
+    assert (nck.r[R_REQUEST], nck.r[R_WITHDRAW]) == (0.0, 0.0), "the control knows of nothing"
 
 
 async def test_a_dry_run_is_asked_for_once_a_call_has_shown_the_version_and_only_then(bench: OpcUaBench) -> None:
