@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.sinumerik.control import PROBING_REASONS
+from drivers.sinumerik.handshake import PROBING_REASONS
 from drivers.sinumerik.settings import Handshake
 from tests.benches import nc_starts
 from tests.benches.nc_cases import CASES, jogged_at, jogged_within, reset_at, stuck_at
