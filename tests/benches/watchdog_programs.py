@@ -6,11 +6,14 @@ and what was otherwise.
 """
 
 import argparse
+import math
 import sys
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import chain
 from typing import Any
+
+import numpy as np
 
 from drivers.sinumerik.programs import ErrorTerms, errors_program
 from drivers.sinumerik.settings import OffsetRoute, SinumerikSettings
@@ -33,6 +36,8 @@ _ZERO = {
     "SLOPES": (98,),
     "ERRORS": (*_LEASE_ZERO, *range(100, 109), *range(110, 119), 120, 121, 122, *range(130, 136)),
 }
+_TERMS = (1.0, 120.0, 60.0, 50.0, 70.0, 200.0, math.hypot(200.0, 300.0), 0.0)
+"""Slew, radius, bounds, and reach along X and across it, mm; range of the tool's length."""
 _ECHO = {"START": 68, "ERRORS": 119}
 _OWN = {
     "START": ("SA_TEMP_COMP_ABS_VALUE",),
@@ -77,7 +82,7 @@ class Control:
         }
 
     def _load(self, text: str) -> None:
-        self.version_before_an_action |= any(number == 99 and value for number, value, *_ in self.cell.channel.written)
+        self.version_before_an_action |= self.cell.r[99] != 0.0
         self.run.actions.load(text)
 
     def call(self, name: str, event: int = 4) -> None:
@@ -118,10 +123,10 @@ def run_at_power_on(state: State, name: str, texts: Texts) -> tuple[str, list[st
     if name != "SLOPES":
         if r[60:62] != [7.0, 7.0] or r[65:67] != [5.0, 7.0]:
             wrong.append("an earlier request or cycle is left")
-        if (r[_ECHO[name]], r[69 if name == "START" else r.index(_AGE)]) != (17.0, _AGE):
+        if (r[_ECHO[name]], r[69]) != (17.0, _AGE):
             wrong.append("the last beat could be taken for a new one")
-    if name == "ERRORS" and r[99] != 2.0:
-        wrong.append("R99 is not the version")
+    if name == "ERRORS" and (r[99] != 2.0 or not np.allclose([*r[123:130], r[136]], _TERMS)):
+        wrong.append(f"R99 = {r[99]:g} is not the version, or R123 to R129 = {r[123:130]}, R136 = {r[136]:g}")
     skipped = state["control is"] in ("searching", "testing", "simulating")
     if len(control.run.actions.numbers) != (0 if skipped else texts[name].count("\nIDS=")):
         wrong.append(f"{len(control.run.actions.numbers)} actions")
@@ -163,10 +168,11 @@ def _after_a_move(name: str) -> Callable[[Texts], list[str]]:
     def case(texts: Texts) -> list[str]:
         part = f"PROC PART_PROGRAM DISPLOF\nSUPA G1 Y=-60 F=1000\nTALC_{name}\nRET"
         control = Control(USUAL, texts, [part])
+        control.cell.r[99] = _MARK if name == "ERRORS" else 0.0
         control.call("PART_PROGRAM")
         early = [number for number, _, _, moves in control.cell.channel.written if not moves]
         wrong = [f"R{number} is written while an axis moves" for number in early]
-        return [*wrong, *["R99 is written before the last action"] * control.version_before_an_action]
+        return [*wrong, *["R99 tells a version before the last action"] * control.version_before_an_action]
 
     return case
 
