@@ -66,11 +66,13 @@ def test_irregular_measurements_are_enough() -> None:
     assert np.median(unseen_rmse(train(job(s, slice(0, 288))), s, 288)) < 1.0
 
 
+@pytest.mark.slow
 def test_the_same_job_gives_the_same_models_bit_for_bit() -> None:
     s = series(288, seed=6)
     assert train(job(s)).fingerprint() == train(job(s)).fingerprint()
 
 
+@pytest.mark.slow
 def test_order_of_inputs_does_not_matter() -> None:
     s = series(400, seed=7)
     turned = ThermalSeries(s.names[::-1], s.inputs[:, ::-1].copy(), s.truth, s.measured)
@@ -168,6 +170,7 @@ def test_threads_and_solver_seeds_change_nothing() -> None:
     assert set(prints) == {train(jobs[0]).fingerprint()}
 
 
+@pytest.mark.slow
 def test_a_masked_row_never_matters() -> None:
     s = series(288, seed=8)
     s.measured[40:90] = np.nan
