@@ -299,6 +299,16 @@ class RunsDry(Protocol):
 
 
 @runtime_checkable
+class MarksPath(Protocol):
+    """A control that tells when what its probing cycle is made of has changed: places, clearances, feeds."""
+
+    @property
+    def path_mark(self) -> str:
+        """The same for the same path alone; empty: it does not tell. Known once connected."""
+        ...
+
+
+@runtime_checkable
 class ForgetsWrites(Protocol):
     """A control that refuses what reaches it too late."""
 

@@ -99,6 +99,11 @@ class AgentControl:
         """Implements RunsDry."""
         return {Capability.PROBE, Capability.DRY_RUN} <= self._greeting.can
 
+    @property
+    def path_mark(self) -> str:
+        """Implements MarksPath."""
+        return self._greeting.path
+
     async def request_probing(self, number: int, dry_run_mm: float = 0.0) -> None:
         """Raises ValueError for a number outside 1 .. 2**31 - 1 or a height outside 0 .. 1000 mm, Refused when the
         control saw this number last or has another request pending."""

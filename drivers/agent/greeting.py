@@ -12,6 +12,7 @@ from drivers.nc import LINEAR_AXES, Triple
 PROTOCOL_VERSION: Final = 3
 """The newest version of the protocol that this driver speaks; it speaks every earlier one."""
 _SAME_DEG = 1e-3
+_LONGEST_MARK: Final = 64
 
 
 class Capability(StrEnum):
@@ -49,6 +50,8 @@ class Greeting:
     """With SLOPES."""
     poses: int | tuple[tuple[float, float], ...] | None = None
     """With PROBE: A and C of each pose, degrees, or how many there are; None: it does not tell."""
+    path: str = ""
+    """With PROBE: a mark of all that its path is made of; empty: it does not tell."""
 
     def check_poses(self, poses: int, poses_deg: tuple[tuple[float, float], ...], device: str) -> None:
         """Raises WrongDevice if the agent's cycle touches others than the configured ones."""
@@ -84,6 +87,7 @@ def greeting_of(answer: Json, device: str) -> Greeting:
         _reach(answer.get("reach_mm"), device) if Capability.ERRORS in can else None,
         _travel(answer.get("travel"), device) if Capability.SLOPES in can else None,
         _poses(answer.get("poses"), version, device) if Capability.PROBE in can else None,
+        _path(answer.get("path", ""), device) if Capability.PROBE in can else "",
     )
 
 
@@ -131,6 +135,12 @@ def _poses(told: Json, version: int, device: str) -> int | tuple[tuple[float, fl
     if count < 1 or count != int(count):
         raise BadAnswer(f"poses = {told!r}: expected the number of poses, or A and C of each", device=device)
     return int(count)
+
+
+def _path(told: Json, device: str) -> str:
+    if not isinstance(told, str) or len(told) > _LONGEST_MARK:
+        raise BadAnswer(f"path = {told!r}: expected a text of at most {_LONGEST_MARK} characters", device=device)
+    return told
 
 
 def _apart_deg(a: float, b: float) -> float:

@@ -10,7 +10,7 @@ from pathlib import Path
 import click
 
 from drivers.base import DriverError, Refused, SetupError
-from drivers.nc import ProbingState, RunsDry
+from drivers.nc import MarksPath, ProbingState, RunsDry
 from gateway.config.controls import Nc
 from gateway.config.model import GatewayConfig
 from gateway.model.events import EventReported, ProbingRequested
@@ -76,6 +76,7 @@ async def dry_run(
                 if not (isinstance(nc, RunsDry) and nc.runs_dry):
                     hint = 'drive its cycle by hand at reduced feed, then write [probing] dry_run = "not offered"'
                     raise Refused("the control's program knows no dry runs", device="nc", hint=hint)
+                path = nc.path_mark if isinstance(nc, MarksPath) else ""
                 if last is not None:
                     await nc.withdraw_probing(last)  # a gateway that was killed may have left it behind
                 number = number_after(last, clock.utc())
@@ -99,7 +100,7 @@ async def dry_run(
         if not done.wrong:
             lowest = min(pose.above_mm for pose in done.poses)
             what = f"{len(done.poses)} poses, at the lowest {lowest:.1f} mm above the sphere's centre"
-            store.record(EventReported(event_of(EventKind.OPERATOR, recorded(geometry, what)), None))
+            store.record(EventReported(event_of(EventKind.OPERATOR, recorded(geometry, what, path)), None))
     return done
 
 

@@ -24,6 +24,9 @@ from gateway.config.extended import validate
 from gateway.config.model import GatewayConfig
 from gateway.model.probing import End, Outcome
 from gateway.nc.link import NcLink
+from gateway.nc.probing.cycle import NotBegun, Rejected
+from gateway.nc.probing.dry_run import run_dry
+from gateway.nc.probing.geometry import geometry_of
 from gateway.nc.settings import Earlier, Identity, LinkSettings, Listeners
 from gateway.runtime.clocks import RealClock
 from gateway.runtime.terminal import terminal
@@ -45,6 +48,8 @@ _HEIGHT_MM = 80.0
 _CYCLE_LIMIT_S = 240.0
 _REFUSED_LIMIT_S = 60.0
 _POLL_S = 0.2
+_DRY_RUN, _DRY_RUN_MM = 1, 50.0
+"""Number of its request, and its height."""
 _PERIOD_S = 0.05
 _MACHINE = {
     **HURRY,
@@ -124,8 +129,12 @@ async def _scene(operator: LinuxCncMachine, key_file: Path, port: int, say: Anno
     config = _config(key_file, port)
     probing = config.probing
     told = Listeners(notify=lambda notice: say(notice.text))
-    link = NcLink(nc, clock, LinkSettings.of(config, Identity()), Earlier(first_number=1), told)
     try:
+        await nc.connect()
+        say(f"dry run: the path of a cycle, {_DRY_RUN_MM:g} mm above the sphere")
+        await _run_dry(nc, config, clock)
+        earlier = Earlier(first_number=_DRY_RUN + 1, paths=frozenset({nc.path_mark}))
+        link = NcLink(nc, clock, LinkSettings.of(config, Identity()), earlier, told)
         async with _running(link):
             say("cycle 1, the reference: A and C to six poses, nine to eleven touches at each")
             reference = (await _measured(link)).centres_mm
@@ -151,6 +160,28 @@ async def _scene(operator: LinuxCncMachine, key_file: Path, port: int, say: Anno
         after_um=(again - reference) * 1e3,
         silent_um=silent,
     )
+
+
+async def _run_dry(nc: AgentControl, config: GatewayConfig, clock: RealClock) -> None:
+    """As at any machine, before the first cycle. Raises DriverError unless it shows that the cycle is free."""
+    geometry = geometry_of(config)
+    if geometry is None:
+        raise DriverError("the configuration has no [nc]")
+    try:
+        done = await run_dry(
+            nc,
+            _DRY_RUN,
+            geometry,
+            clock,
+            height_mm=_DRY_RUN_MM,
+            poll_s=_POLL_S,
+            timeout_s=_CYCLE_LIMIT_S,
+            told=lambda _: None,
+        )
+    except (NotBegun, Rejected) as error:
+        raise DriverError(f"dry run: {error}") from error
+    if done.wrong:
+        raise DriverError(f"dry run: {'; '.join(done.wrong)}")
 
 
 async def _looked(operator: LinuxCncMachine, poses: int) -> FloatArray:

@@ -96,6 +96,7 @@ class NoticeCode(StrEnum):
     DRY_RUN_OFFERED = "dry_run_offered"
     DRY_RUN_UNKNOWN = "dry_run_unknown"
     DRY_RUN_WANTED = "dry_run_wanted"
+    DRY_RUN_CHANGED = "dry_run_changed"
     DRY_RUN_TOO_NEAR = "dry_run_too_near"
     DRY_RUN_NOT_ENDED = "dry_run_not_ended"
     DRY_RUN_POSITIONS = "dry_run_positions"
@@ -251,6 +252,7 @@ MUST_ACT: Final = frozenset(
         NoticeCode.CLOCK_UNKNOWN,
         NoticeCode.DISK_LOW,
         NoticeCode.DRY_RUN_WANTED,
+        NoticeCode.DRY_RUN_CHANGED,
         NoticeCode.DRY_RUN_UNKNOWN,
         NoticeCode.DRY_RUN_OFFERED,
         NoticeCode.NC_ALARM,

@@ -17,6 +17,7 @@ from drivers.nc import (
     FollowsPosition,
     ForgetsWrites,
     LinearOffsets,
+    MarksPath,
     NcSnapshot,
     NineErrors,
     NotSendable,
@@ -78,6 +79,11 @@ class _Contained:
     def runs_dry(self) -> bool:
         """Implements RunsDry."""
         return self.told("runs_dry", lambda: isinstance(self._nc, RunsDry) and self._nc.runs_dry is True)
+
+    @property
+    def path_mark(self) -> str:
+        """Implements MarksPath."""
+        return self.told("path_mark", lambda: str(self._nc.path_mark) if isinstance(self._nc, MarksPath) else "")
 
     async def probing_status(self, number: int) -> RequestStatus:
         status = await self.call("probing_status", self._nc.probing_status(number))

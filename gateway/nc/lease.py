@@ -46,6 +46,8 @@ class Lease:
         self._right = Right.UNCLAIMED if settings.mode == "compensate" else Right.NONE
         self._heard_before: bool | None = None
         self._beat_s = -math.inf
+        self._before_s = -math.inf
+        """Before the control's last beat."""
 
     @property
     def right(self) -> Right:
@@ -65,15 +67,21 @@ class Lease:
     async def claim(self) -> None:
         """Become the only gateway that writes, if the mode requires it. Raises DriverError; Refused if another is."""
         if self.armed:
+            self._before_s = self._clock.monotonic()
             await self._nc.claim(self._owner, self._terms, self._predecessor)
             self._right = after(RIGHTS, self._right, Reply.CLAIMED)
 
     async def beat(self) -> bool:
         """Send a heartbeat; returns whether offsets may be written. False if the control's watchdog was not active
-        until this beat, so that the offsets may have moved. Raises DriverError."""
+        until this beat, so that the offsets may have moved. Raises DriverError.
+
+        A driver that reads the watchdog's state and then writes the beat does not see a silence in between: from one
+        beat to the answer to the next it must not have been possible.
+        """
         began = self._clock.monotonic()
         heard = await self._nc.heartbeat(self._owner)
-        self._beat_s = began  # not now: this process may have been suspended since the control received it
+        heard = heard and self._clock.monotonic() - self._before_s < self._terms.silence_s
+        self._beat_s = self._before_s = began  # not now: this process may have been suspended since the control got it
         self._right = after(RIGHTS, self._right, Reply.HEARD if heard else Reply.UNHEARD)
         if heard:
             self._problems.clear(_WATCHDOG, Text(NoticeCode.NC_WATCHDOG_HEARD))

@@ -10,7 +10,7 @@ from contextlib import AsyncExitStack
 from typing import assert_never
 
 from drivers.base import DriverError, Quality
-from drivers.nc import FollowsErrors, ForgetsWrites, NcSnapshot, NumericalControl, RunsDry
+from drivers.nc import FollowsErrors, ForgetsWrites, MarksPath, NcSnapshot, NumericalControl, RunsDry
 from gateway.model.codes import NoticeCode
 from gateway.model.commands import Disarmed, Pause
 from gateway.model.compensation import Source, Write
@@ -91,7 +91,8 @@ class NcLink:
             self._store,
         )
         self._hold = Hold(self._form, clock)
-        self._nc, self._proven = nc, earlier.proven
+        self._nc, self._proven, self._paths = nc, earlier.proven, earlier.paths
+        self._same_path = True
         self._runs_dry: bool | None = None
         self._prober = Prober(
             nc,
@@ -127,7 +128,7 @@ class NcLink:
     @property
     def barrier(self) -> Text:
         """Why no cycle may be requested before a dry run; empty: nothing stands against it."""
-        return barrier(self._probing, proven=self._proven, runs_dry=self._runs_dry)
+        return barrier(self._probing, proven=self._proven, runs_dry=self._runs_dry, same_path=self._same_path)
 
     @property
     def tried(self) -> bool:
@@ -214,6 +215,7 @@ class NcLink:
             if self._state is LinkState.AWAY:
                 await self._session.connect()
                 self._runs_dry = isinstance(self._nc, RunsDry) and self._nc.runs_dry
+                self._same_path = self._is_proven_path()
                 await self._lease.claim()
                 await self._writer.begin()
                 self._state = after(STATES, self._state, Condition.CONNECTED)
@@ -232,6 +234,10 @@ class NcLink:
             return
         self._session.works()
 
+    def _is_proven_path(self) -> bool:
+        path = self._nc.path_mark if isinstance(self._nc, MarksPath) else ""
+        return not path or self._paths is None or path in self._paths
+
     async def _compensate(self, snapshot: NcSnapshot) -> None:
         may_write = self._lease.armed and await self._beat()
         now = self._clock.monotonic()
@@ -245,7 +251,11 @@ class NcLink:
                     errors, source = self._target.errors(snapshot.quality, now)
                     at, radius_m = positions(snapshot), self._probe.radius_m
                     wanted = None if errors is None else self._form.wanted(errors, at, radius_m)
-                    await self._writer.follow(now, snapshot, wanted, source, k, send=may_write)
+                    if self._lease.armed and not may_write:
+                        # What is not sent is no base for the next step: both together would be more than a period's.
+                        self._writer.stand(now, snapshot, source, k)
+                    else:
+                        await self._writer.follow(now, snapshot, wanted, source, k, send=may_write)
                 case LinkState.HELD:
                     self._writer.stand(now, snapshot, Source.FROZEN, k)
                 case LinkState.NOT_READY:

@@ -83,6 +83,8 @@ class Earlier:
     proven: bool = True
     """Whether a dry run has gone well, or a cycle has measured, with this control, poses and sphere: without, no cycle
     is requested."""
+    paths: frozenset[str] | None = None
+    """Marks of the control's path with which dry runs have gone well; None: any."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -294,6 +294,7 @@ def _earlier(past: Past, ages: Ages, clock: ServiceClock) -> Earlier:
         paused=past.paused,
         disarmed=past.disarmed,
         proven=past.proven,
+        paths=past.paths,
     )
 
 

@@ -37,7 +37,7 @@ BLOCKS: Final = (
 """Executed between two blocks of the cycle, as LinuxCNC may do with one that arrives at the wrong moment."""
 QUEUED: Final = ("G0 X5", "G91", "G20", "G55", "G43.1 Z1", "M3 S500")
 """Commanded in MDI meanwhile: LinuxCNC keeps it for after the cycle."""
-KINDS: Final = ("block", "mdi", "mode", "stop", "estop", "off", "limit", "travel", "transformation", "contact")
+KINDS: Final = ("block", "mdi", "mode", "stop", "estop", "off", "limit", "travel", "transformation", "contact", "probe")
 STOPS: Final = ("mode", "stop", "estop", "off", "limit", "travel")
 """After these LinuxCNC itself has stopped the program, as after a contact in a rapid move: the machine stands until the
 operator retracts."""
@@ -82,7 +82,12 @@ async def disturbable(folder: Path, **settings: object) -> AsyncIterator[AgentBe
         )
         near = (nc / "talc_near.ngc").read_text()
         (nc / "talc_near.ngc").write_text(near.replace("o<talc_check> call\n", "o<foreign> call\no<talc_check> call\n"))
-        for words in "newsig sphere-size float", f"sets sphere-size {BALL_MM}", "linkps sphere-touch.in1 sphere-size":
+        for words in (
+            *("newsig sphere-size float", f"sets sphere-size {BALL_MM}", "linkps sphere-touch.in1 sphere-size"),
+            *("loadrt or2 names=felt-or-dead", "addf felt-or-dead servo-thread", "unlinkp motion.probe-input"),
+            *("net sphere-felt => felt-or-dead.in0", "net probe-dead => felt-or-dead.in1 talc.probe-error"),
+            "net probe-input felt-or-dead.out => motion.probe-input",
+        ):
             await bench.operator.ask("hal", *words.split())
         await bench.operator.ask("hal", "setp", "talc.may-start", "1")
         yield bench
@@ -110,7 +115,8 @@ async def _disturb(bench: AgentBench, kind: str, draw: random.Random) -> None:
         case "transformation":
             await hal.ask("hal", "setp", "motion.switchkins-type", "1")
         case _:
-            await hal.ask("hal", "sets", "sphere-size", str(BALL_MM + MORE_MM))
+            signals = {"probe": ("probe-dead", "1"), "contact": ("sphere-size", str(BALL_MM + MORE_MM))}
+            await hal.ask("hal", "sets", *signals[kind])
 
 
 async def _mend(bench: AgentBench) -> None:
@@ -119,6 +125,7 @@ async def _mend(bench: AgentBench) -> None:
     await hal.ask("hal", "setp", "motion.analog-in-20", "0")
     await hal.ask("hal", "setp", "motion.switchkins-type", "0")
     await hal.ask("hal", "setp", "ini.z.max_limit", "300")
+    await hal.ask("hal", "sets", "probe-dead", "0")
     for joint in range(5):
         await hal.ask("hal", "setp", f"joint.{joint}.pos-lim-sw-in", "0")
     if not await hal.sees(on=True):

@@ -31,6 +31,8 @@ class ScriptedControl:
     writes: list[tuple[float, Offsets]] = field(default_factory=list)
     requests: list[int] = field(default_factory=list)
     withdrawn: list[int] = field(default_factory=list)
+    runs_dry: bool = False
+    path_mark: str = ""
     busy: bool = False
     """Takes no request for probing."""
     absent: bool = False
@@ -206,6 +208,7 @@ class LinkBench:
         paused: Pause | None = None,
         disarmed: Disarmed | None = None,
         proven: bool = True,
+        paths: frozenset[str] | None = None,
         **more: float,
     ) -> None:
         self.clock = SteppedClock()
@@ -218,7 +221,7 @@ class LinkBench:
             self.control,
             self.clock,
             LinkSettings.of(config(mode, when_stale=when_stale, armed=armed, shipped=shipped, **more), Identity()),
-            Earlier(41, abandoned, measured_s=measured, paused=paused, disarmed=disarmed, proven=proven),
+            Earlier(41, abandoned, measured_s=measured, paused=paused, disarmed=disarmed, proven=proven, paths=paths),
             Listeners(
                 states=lambda states, _: self.states.append(states),
                 written=self.store,

@@ -52,6 +52,7 @@ class Settings:
             "version": VERSION,
             "capabilities": CAPABILITIES,
             "poses": POSES if self.path.unfit else self.path.poses,
+            "path": self.path.mark,
             "units": machine.unit,
             "joints": machine.joints,
             "bound_um": machine.bound_um,
@@ -198,7 +199,7 @@ def component() -> Any:
         it.newpin(name, hal.HAL_FLOAT, hal.HAL_IN)
     for name in ("beat", "free"):
         it.newpin(name, hal.HAL_BIT, hal.HAL_OUT)
-    for name in ("watching", "beat-seen", "may-start"):
+    for name in ("watching", "beat-seen", "may-start", "probe-error"):
         it.newpin(name, hal.HAL_BIT, hal.HAL_IN)
     it.newpin("lapse", hal.HAL_S32, hal.HAL_IN)
     it.newpin("of-lapse", hal.HAL_S32, hal.HAL_OUT)

@@ -13,16 +13,19 @@ from talc_path import POSES, ProbingPath
 from talc_server import Refusal
 
 OFF, BY_OTHERS = "the machine is off or not homed", "somebody else moved the machine or changed its modes"
+EXTERNAL = "an external offset is in force (axis.*.eoffset)"
 STATES = {1: "accepted", 2: "running", 3: "done", 4: "refused", 5: "failed"}
 FINAL = ("done", "refused", "failed")
 REASONS = {
     0: "",
-    2: "the touch probe is missing or its contact is closed",
+    2: "the touch probe is missing, does not answer, or its contact is closed",
     3: "the kinematics are not the identity",
     4: "withdrawn",
+    5: EXTERNAL,
     6: "a touch found no sphere",
     20: "a touch where none may be",
     21: BY_OTHERS,
+    22: "the touch probe does not answer",
 }
 START_LIMIT_S, IDLE_LIMIT_S = 10.0, 0.5
 HIGHEST_MM = 1000.0
@@ -96,7 +99,9 @@ class Cycle:
         return "the machine is being moved by hand" if _moves(nc) else ""
 
     def _impossible(self, nc: Any, dry_run_mm: float) -> str:
-        return OFF if not _is_ready(nc) else self._path.obstacle(nc, dry_run_mm)
+        if not _is_ready(nc):
+            return OFF
+        return EXTERNAL if hal.get_value("motion.eoffset-active") else self._path.obstacle(nc, dry_run_mm)
 
     def step(self, now: float, nc: Any, command: Any) -> None:
         """Check program and control. nc: a fresh linuxcnc.stat, or None when LinuxCNC does not answer."""

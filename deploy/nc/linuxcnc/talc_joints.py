@@ -126,6 +126,15 @@ class MachineJoints:
         """A text of the section [TALC]."""
         return self._text("TALC", name) or default
 
+    @property
+    def takes_back(self) -> str:
+        """Why LinuxCNC does not call talc_abort when it stops a program; empty: it does."""
+        section, name = "RS274NGC", "ON_ABORT_COMMAND"
+        if re.fullmatch(r"o<talc_abort>call", re.sub(r"\s", "", self._text(section, name)), re.IGNORECASE):
+            return ""
+        what = "write O <talc_abort> call, or a stopped cycle leaves its own modes and coordinates in force"
+        return str(self._unfit(section, name, f"{what}; what your own command does goes into talc_abort.ngc"))
+
     def _letters(self) -> str:
         """The axis of each joint, in the order of the joints."""
         kinematics, parameters = self.kinematics, self._text("KINS", "KINEMATICS").split()[1:]

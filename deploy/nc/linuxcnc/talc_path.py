@@ -3,6 +3,8 @@
 The same geometry as talc_over.ngc and talc_touch.ngc. Lengths in mm, angles in degrees.
 """
 
+import hashlib
+import json
 import math
 from collections.abc import Iterator, Mapping
 from typing import Any
@@ -52,6 +54,8 @@ class ProbingPath:
         machine = self._machine
         if machine.mm != 1.0:
             return f"[TRAJ] LINEAR_UNITS = {machine.unit}: the probing program works in mm only"
+        if machine.takes_back:
+            return machine.takes_back
         for name, value in self._of.items():
             if not math.isfinite(value):
                 return f"[TALC] {name} is missing: the probing program needs it"
@@ -61,6 +65,13 @@ class ProbingPath:
         if safe > swing:
             return ""
         return f"[TALC] SAFE_Z = {safe:g}: the sphere swings up to {swing:.1f} mm over the pivot"
+
+    @property
+    def mark(self) -> str:
+        """The same for the same [TALC] alone, as far as the path is made of it; 16 hexadecimal digits."""
+        machine = self._machine
+        made_of = {**self._of, "PIVOT": machine.pivot, "SPHERE_RADIUS": machine.radius, "PROBE_TOOL": self.probe_tool}
+        return hashlib.sha256(json.dumps(made_of, sort_keys=True).encode()).hexdigest()[:16]
 
     def obstacle(self, nc: Any, dry_run_mm: float) -> str:
         """Why the whole path cannot be gone in this state of the control; empty: it can. nc: a fresh linuxcnc.stat."""

@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass, field
 from drivers.base import SetupError
 from gateway.config.model import GatewayConfig
 from gateway.control.planned_loads import rows_remembered
-from gateway.control.restart.proven import proven_in
+from gateway.control.restart.proven import paths_in, proven_in
 from gateway.control.restart.rebuild import (
     Interrupted,
     RebuildProgress,
@@ -59,6 +59,8 @@ class Past:
     """Who has disarmed the gateway; None: nobody."""
     proven: bool = False
     """Whether a dry run went well, or a cycle has measured, with this control, these poses and this sphere."""
+    paths: frozenset[str] = frozenset()
+    """Marks of the control's path in such dry runs."""
 
     former_method: str | None = None
     """`[talc] method` of the latest run, if this configuration has another one."""
@@ -137,6 +139,7 @@ def past_of(history: History, config: GatewayConfig, progress: RebuildProgress =
             paused=history.paused(),
             disarmed=history.disarmed(),
             proven=proven_in(history, config),
+            paths=paths_in(history, config),
         )
     before = stored_config(history)
     changed = before.talc.method != config.talc.method
@@ -164,6 +167,7 @@ def past_of(history: History, config: GatewayConfig, progress: RebuildProgress =
         paused=history.paused(),
         disarmed=history.disarmed(),
         proven=proven_in(history, config),
+        paths=paths_in(history, config),
         former_method=before.talc.method if changed else None,
         other_prior=not changed and config.talc.method == "learner" and before.prior != config.prior,
         changes=(*_inputs_changed(before, config), *(() if changed else _settings_changed(before.talc, config.talc))),

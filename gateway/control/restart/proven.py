@@ -4,7 +4,7 @@ from gateway.config.extended import stored_configuration
 from gateway.config.model import GatewayConfig
 from gateway.model.codes import NoticeCode
 from gateway.model.text import NOTHING, Text
-from gateway.nc.probing.geometry import Geometry, barrier, geometry_of, is_of
+from gateway.nc.probing.geometry import Geometry, barrier, geometry_of, is_of, path_of
 from gateway.storage.answers import answered
 from gateway.storage.history import History
 
@@ -17,6 +17,13 @@ def proven_in(history: History, config: GatewayConfig) -> bool:
     if any(is_of(text, geometry) for text in history.operator_texts()):
         return True
     return any(_had(text, geometry) for text in history.configs_that_measured())
+
+
+def paths_in(history: History, config: GatewayConfig) -> frozenset[str]:
+    """Marks of the paths with which such dry runs went well, of controls that tell them; see MarksPath."""
+    geometry = geometry_of(config)
+    texts = () if geometry is None else (text for text in history.operator_texts() if is_of(text, geometry))
+    return frozenset(filter(None, map(path_of, texts)))
 
 
 def dry_run_wanted(config: GatewayConfig) -> Text:

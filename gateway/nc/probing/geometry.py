@@ -49,9 +49,11 @@ def geometry_of(config: GatewayConfig) -> Geometry | None:
     return Geometry(control, poses, float(probing.sphere_radius_mm), float(probing.sphere_height_mm))
 
 
-def recorded(geometry: Geometry, what: str) -> Text:
-    """What is stored of a dry run that went well. what: its figures"""
-    return Text(NoticeCode.DRY_RUN_DONE, control=geometry.control, figures=what, geometry=geometry.mark)
+def recorded(geometry: Geometry, what: str, path: str = "") -> Text:
+    """What is stored of a dry run that went well. what: its figures; path: see MarksPath"""
+    # The store tells texts apart by their words.
+    figures = f"{what}; path {path}" if path else what
+    return Text(NoticeCode.DRY_RUN_DONE, control=geometry.control, figures=figures, geometry=geometry.mark, path=path)
 
 
 def is_of(text: Text, geometry: Geometry) -> bool:
@@ -59,14 +61,22 @@ def is_of(text: Text, geometry: Geometry) -> bool:
     return text.code == NoticeCode.DRY_RUN_DONE and text.values.get("geometry") == geometry.mark
 
 
-def barrier(probing: Probing, *, proven: bool, runs_dry: bool | None) -> Text:
+def path_of(text: Text) -> str:
+    """Mark of the control's path in the text of a dry run; empty: the control told none."""
+    return str(text.values.get("path", ""))
+
+
+def barrier(probing: Probing, *, proven: bool, runs_dry: bool | None, same_path: bool = True) -> Text:
     """Why no cycle may be requested yet; empty: nothing stands against it.
 
     proven: whether a dry run of this geometry went well, or a cycle of it has measured
     runs_dry: whether the control knows dry runs; None: not known
+    same_path: False: the control tells that its path is not that of any such dry run
     """
-    if proven:
+    if proven and (same_path or not runs_dry):
         return NOTHING
+    if proven and probing.dry_run == "required":
+        return Text(NoticeCode.DRY_RUN_CHANGED)
     if probing.dry_run == "not offered":
         return Text(NoticeCode.DRY_RUN_OFFERED) if runs_dry else NOTHING
     return Text(NoticeCode.DRY_RUN_UNKNOWN if runs_dry is False else NoticeCode.DRY_RUN_WANTED)

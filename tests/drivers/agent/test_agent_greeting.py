@@ -38,6 +38,8 @@ def test_a_cycle_without_poses_is_refused_before_any_agent_is_asked() -> None:
             BadAnswer,
             "poses = .*: expected two",
         ),
+        ({"version": 3, "capabilities": ["probe"], "poses": 6, "path": 7}, BadAnswer, "path = 7: expected a text"),
+        ({"version": 3, "capabilities": ["probe"], "poses": 6, "path": "x" * 65}, BadAnswer, "at most 64"),
         ({"version": 3, "capabilities": ["slopes"]}, BadAnswer, "travel: expected an object"),
         ({"capabilities": ["slopes"], "travel": {**TRAVEL, "pairs": ["XA"]}}, BadAnswer, "travel.pairs"),
         ({"capabilities": ["slopes"], "travel": {**TRAVEL, "reach_mm": [1, 0, 1]}}, BadAnswer, "travel.reach_mm"),

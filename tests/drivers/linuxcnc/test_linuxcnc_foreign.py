@@ -7,12 +7,25 @@ import numpy as np
 import pytest
 
 from drivers.base import Refused
-from drivers.nc import ProbingState
+from drivers.nc import ProbingState, RequestStatus
 from tests.benches.linuxcnc_bench import until
-from tests.benches.linuxcnc_foreign import BALL_MM, FINAL, KINDS, SIGNALS, distances, disturbable, disturbed
+from tests.benches.linuxcnc_foreign import (
+    BALL_MM,
+    DEEP_MM,
+    FINAL,
+    KINDS,
+    LENGTH_MM,
+    SAFE_MM,
+    SIGNALS,
+    distances,
+    disturbable,
+    disturbed,
+)
 
 pytestmark = [pytest.mark.peer, pytest.mark.slow]
 
+PROBING = 5
+"""LinuxCNC's number of the motion type of G38.3."""
 LEAST_MM = 15.0
 """BALL and twice REACH of the bench's machine."""
 REASONS = {
@@ -26,11 +39,70 @@ REASONS = {
 async def test_a_cycle_that_was_not_alone_has_no_result_and_leaves_the_probe_safe(tmp_path: Path) -> None:
     draw = random.Random(7)
     async with disturbable(tmp_path) as bench:
-        for number, kind in enumerate(("block", "mdi", "mode", "limit", "contact"), start=1):
+        for number, kind in enumerate(("block", "mdi", "mode", "limit", "contact", "probe"), start=1):
             assert kind in KINDS
             one = await disturbed(bench, kind, number, draw)
             assert one.safe, one
             assert kind not in REASONS or one.status.reason == REASONS[kind]
+
+
+async def test_a_withdrawal_within_a_touch_ends_the_cycle_before_the_next_one(tmp_path: Path) -> None:
+    slow_mm_per_s = 0.2
+    async with disturbable(tmp_path, FEED=60.0 * slow_mm_per_s) as bench:
+        hal = bench.operator
+
+        async def touches() -> bool:
+            """Slowly, in a straight probing move: the second touch of a side."""
+            kind, speed = [await hal.number("getp", f"motion.{pin}") for pin in ("motion-type", "requested-vel")]
+            return kind == PROBING and 0.0 < speed < 2.0 * slow_mm_per_s
+
+        async def over() -> bool:
+            return (await bench.nc.probing_status(1)).state in FINAL and await hal.sees(idle=True)
+
+        await bench.nc.request_probing(1)
+        await until(touches)
+        await hal.ask("record", *SIGNALS)
+        assert await touches()
+        await bench.nc.withdraw_probing(1)
+        await until(over)
+        ended = await bench.nc.probing_status(1)
+        rows = np.array(await hal.ask("recorded"))
+    assert (ended.state, ended.reason, ended.centres_mm) == (ProbingState.FAILED, "withdrawn", None)
+    within = distances(rows) < BALL_MM
+    assert (np.diff(within.astype(int)) == 1).sum() + int(within[0]) <= 1, "the touch that was under way, and no other"
+    assert (BALL_MM - distances(rows)).max() < DEEP_MM
+    assert rows[:, 2].max() - LENGTH_MM == pytest.approx(SAFE_MM, abs=1e-3), "up, before the tool is changed back"
+    assert np.ptp(rows[:, 3:5], axis=0).max() == 0.0, "the table does not turn any more"
+
+
+async def test_a_probe_that_says_that_it_does_not_work_is_not_taken_to_the_sphere(tmp_path: Path) -> None:
+    async with disturbable(tmp_path) as bench:
+        hal, at = bench.operator, (await bench.operator.ask("state"))["position"]
+
+        async def ends(number: int) -> RequestStatus:
+            async def over() -> bool:
+                return (await bench.nc.probing_status(number)).state in FINAL and await hal.sees(idle=True)
+
+            await bench.nc.request_probing(number)
+            await until(over)
+            return await bench.nc.probing_status(number)
+
+        await hal.ask("hal", "sets", "probe-dead", "1")
+        silent = await ends(1)
+        await hal.ask("hal", "sets", "probe-dead", "0")
+        hook = tmp_path / "machine" / "nc" / "talc_switch.ngc"
+        before = hook.read_text()
+        hook.write_text(
+            before.replace("o<talc_switch> endsub", "#<_talc_reason> = 2\nM68 E9 Q[1 + #1]\no<talc_switch> endsub")
+        )
+        switched = await ends(2)
+        assert await hal.number("getp", "motion.analog-out-09") == 1.0, "off again, at the end"
+        assert (await hal.ask("state"))["position"] == pytest.approx(at, abs=1e-6)
+        hook.write_text(before)
+        assert (await ends(3)).state is ProbingState.DONE
+    for found in silent, switched:
+        assert found.state is ProbingState.REFUSED
+        assert found.reason == "the touch probe is missing, does not answer, or its contact is closed"
 
 
 async def test_a_dry_run_goes_the_path_above_the_sphere_and_reports_where_it_was(tmp_path: Path) -> None:

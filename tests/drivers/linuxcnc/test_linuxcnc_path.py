@@ -25,12 +25,13 @@ def modules(monkeypatch: pytest.MonkeyPatch) -> Any:
     return linuxcnc_module("talc_joints"), linuxcnc_module("talc_path")
 
 
-def path(modules: Any, **changed: str) -> Any:
+def path(modules: Any, on_abort: str = "O <talc_abort> call", **changed: str) -> Any:
     """By talc.ini as shipped, with other values in [TALC]."""
     ini = configparser.RawConfigParser(strict=False)
     ini.optionxform = str  # type: ignore[assignment,method-assign]
     ini.read(FILES / "talc.ini")
     ini["TALC"].update(changed)
+    ini["RS274NGC"]["ON_ABORT_COMMAND"] = on_abort
     joints, paths = modules
     return paths.ProbingPath(joints.MachineJoints(lambda section, name: ini.get(section, name, fallback=None), "mill"))
 
@@ -121,6 +122,25 @@ def test_half_way_between_two_turns_both_count(c_deg: float, turns_deg: list[flo
 )
 def test_a_machine_on_which_the_program_cannot_run_says_why(changed: dict[str, str], said: str, modules: Any) -> None:
     assert path(modules, **changed).unfit == said
+
+
+@pytest.mark.parametrize("on_abort", ["", "O <on_abort> call", "O <talc_abort_of_mine> call"])
+def test_without_its_command_after_a_stop_it_does_not_probe(on_abort: str, modules: Any) -> None:
+    said = path(modules, on_abort).unfit
+    assert said.startswith(f"mill, [RS274NGC] ON_ABORT_COMMAND = {on_abort}: write O <talc_abort> call")
+
+
+@pytest.mark.parametrize("on_abort", ["O <talc_abort> call", "o<talc_abort>call", "o <TALC_ABORT> call"])
+def test_its_command_after_a_stop_may_be_written_as_linuxcnc_reads_it(on_abort: str, modules: Any) -> None:
+    assert path(modules, on_abort).unfit == ""
+
+
+def test_whatever_the_path_is_made_of_changes_its_mark_and_nothing_else_does(modules: Any) -> None:
+    before = path(modules).mark
+    fields = [*modules[1].FIELDS, "PIVOT_X", "PIVOT_Y", "PIVOT_Z", "SPHERE_RADIUS", "PROBE_TOOL"]
+    marks = [path(modules, **{name: "77"}).mark for name in fields]
+    assert len({before, *marks}) == 1 + len(fields)
+    assert path(modules, SAFE_Z="200.0", SLEW="0.02", PORT="7622", ADDRESS="::1").mark == before
 
 
 def test_a_text_in_place_of_a_number_ends_linuxcnc_with_its_field(modules: Any) -> None:

@@ -20,6 +20,7 @@ from tests.benches.linuxcnc_bench import ANSWER_S, AgentBench, running, until, u
 pytestmark = [pytest.mark.peer, pytest.mark.slow]
 
 FINAL = (ProbingState.DONE, ProbingState.REFUSED, ProbingState.FAILED)
+_NO_PROBE = "the touch probe is missing, does not answer, or its contact is closed"
 PARAMETERS = (
     *("#5400", "#5401", "#5402", "#5403", "#5210", "#5211", "#5212", "#5213"),
     *("#<_coord_system>", "#<_imperial>", "#<_incremental>", "#<_tool_offset>", "#<_feed>", "#<_motion_mode>"),
@@ -207,7 +208,7 @@ async def test_every_way_to_end_without_a_result_is_reported(bench: AgentBench) 
     await bench.operator.ask("hal", "setp", "sphere-touch.in1", "1e6")  # its wire is broken: it would not feel a touch
     await bench.nc.request_probing(8)
     dead = await reaches(bench, 8, *FINAL)
-    assert (dead.state, dead.reason) == (ProbingState.REFUSED, "the touch probe is missing or its contact is closed")
+    assert (dead.state, dead.reason) == (ProbingState.REFUSED, _NO_PROBE)
     assert (await bench.operator.ask("state"))["position"] == pytest.approx(at, abs=1e-6)
 
     await bench.operator.ask("estop")

@@ -140,6 +140,17 @@ async def test_the_end_of_a_silence_that_was_reported_at_the_beginning_is_report
     assert texts[0].startswith(SILENT)
 
 
+@pytest.mark.parametrize(("passed_s", "heard"), [(3.4, True), (3.6, False)])
+async def test_a_silence_within_a_beat_counts_though_the_control_was_found_active(passed_s: float, heard: bool) -> None:
+    bench = LeaseBench()
+    await bench.lease.claim()
+    bench.control.takes_s = 0.5
+    assert await bench.lease.beat()
+    bench.clock.spend(passed_s - 0.5)
+    assert await bench.lease.beat() is heard, "4 s after the beat before, the control may have begun to ramp"
+    assert await bench.lease.beat()
+
+
 async def test_a_beat_is_fresh_for_half_of_the_silence_from_when_it_was_sent() -> None:
     bench = LeaseBench()
     with pytest.raises(NoAnswer, match="more than 2 s since the heartbeat"):

@@ -230,6 +230,40 @@ async def test_after_the_watchdog_had_the_offsets_it_begins_from_where_they_are(
     assert bench.control.writes[first][1][2] == pytest.approx(3.0)
 
 
+@pytest.mark.parametrize(("told", "stands"), [("", False), ("as dry run", False), ("other feeds", True)])
+async def test_a_control_whose_path_is_not_that_of_a_dry_run_is_asked_for_no_cycle(told: str, stands: bool) -> None:
+    bench = LinkBench("compensate", paths=frozenset({"as dry run"}))
+    bench.control.runs_dry, bench.control.path_mark = True, told
+    async with bench.running():
+        await bench.clock.run_until(0.5)
+        assert (bench.link.barrier.code == NoticeCode.DRY_RUN_CHANGED) is stands
+        measuring = asyncio.create_task(bench.link.measure(Why.INTERVAL))
+        await bench.clock.run_until(2.5)
+        measuring.cancel()
+        await asyncio.gather(measuring, return_exceptions=True)
+    assert bool(bench.control.requests) is not stands
+
+
+async def test_time_that_passes_after_an_unheard_beat_is_no_part_of_the_next_step() -> None:
+    bench = LinkBench("compensate")
+    now_s, slow_s = bench.clock.monotonic, 0.005
+
+    def later() -> float:
+        bench.clock.spend(slow_s)
+        return now_s()
+
+    async with bench.running():
+        bench.link.follow(decision(8.0))
+        bench.control.watching = False
+        bench.clock.monotonic = later  # type: ignore[method-assign]
+        await bench.clock.run_until(3.5)
+        bench.control.watching, slow_s = True, 0.02
+        await bench.clock.run_until(5.5)
+    heights = [0.0, *(offsets[2] for _, offsets in bench.control.writes)]
+    assert len(heights) > 2
+    assert np.diff(heights).max() <= 1.0 + 1e-9, "1 µm/s, a period of 1 s"
+
+
 @pytest.mark.parametrize("within", ["beat", "look", "read back"])
 async def test_a_process_that_stood_still_since_its_beat_does_not_write(within: str) -> None:
     """watchdog_s = 10: after 6 s the control may be about to take the offsets away."""

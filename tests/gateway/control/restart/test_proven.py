@@ -91,6 +91,17 @@ def test_a_dry_run_counts_before_the_first_run(tmp_path: Path) -> None:
     assert not proven(at(tmp_path, "= 120.0", "= 119.0"))
 
 
+def test_the_paths_of_its_dry_runs_are_remembered_and_those_of_another_geometry_are_not(tmp_path: Path) -> None:
+    config, clock = at(tmp_path), SteppedClock()
+    for radius, path in ((120.0, "one"), (120.0, ""), (120.0, "two"), (119.0, "three")):
+        geometry = geometry_of(at(tmp_path, "= 120.0", f"= {radius}"))
+        assert geometry is not None
+        with Store(config.storage.path, "dry", clock) as store:
+            store.record(EventReported(event_of(EventKind.OPERATOR, recorded(geometry, "6 poses", path)), None))
+    with Store(config.storage.path, "look", clock) as store:
+        assert past_in(store, config).paths == {"one", "two"}
+
+
 def test_a_control_without_dry_runs_needs_the_word_of_the_configuration(tmp_path: Path) -> None:
     config = at(tmp_path, "armed = true", 'armed = true\ndry_run = "not offered"')
     assert dry_run_wanted(config) == ""
