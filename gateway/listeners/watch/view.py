@@ -8,7 +8,7 @@ from datetime import datetime
 from types import TracebackType
 from typing import Self, assert_never
 
-from rich.console import Console, Group, RenderableType
+from rich.console import Group, RenderableType
 from rich.live import Live
 from rich.panel import Panel
 from rich.progress_bar import ProgressBar
@@ -276,7 +276,6 @@ class LiveView:
     ----------
     plain: print lines even on a terminal
     summary_at_once: of the lines, the first is a summary; otherwise one comes after six hours
-    console: where to print; None: standard output
     """
 
     def __init__(
@@ -285,9 +284,8 @@ class LiveView:
         *,
         plain: bool = False,
         summary_at_once: bool = False,
-        console: Console | None = None,
     ) -> None:
-        self._state, self._console = state, console or terminal()
+        self._state, self._console = state, terminal()
         self._live: Live | None = None
         if self._console.is_terminal and not plain:
             self._live = Live(

@@ -10,7 +10,7 @@ from scipy.signal import lfilter
 from talc.frame import TrainingJob, Why
 from talc.models import ModelSet
 from talc.papers.output_error import Design, fit
-from talc.papers.training import Cancelled, Progress, train
+from talc.papers.training import train
 from talc.settings import TrainingSettings
 from tests.benches.thermal_series import ThermalSeries, series
 
@@ -115,11 +115,6 @@ def test_every_pole_is_stable_and_below_the_bound() -> None:
     assert all(abs(p) < 0.9 for m in models.models if m is not None for p in m.poles())
 
 
-def test_can_be_cancelled() -> None:
-    with pytest.raises(Cancelled):
-        train(job(series(100, seed=1)), cancelled=lambda: True)
-
-
 def test_output_error_fit_recovers_a_transfer_function() -> None:
     draw = np.random.default_rng(4)
     u = draw.normal(size=(400, 2))
@@ -208,15 +203,6 @@ def test_impossible_designs_and_fits_are_refused() -> None:
         Design.make(u, (1.0,), 1, rows)
     with pytest.raises(ValueError, match="blocks = 1"):
         fit(Design.make(u, (0.9,), 1, rows), (1,), u[:, 0], 1e-4, 1)
-
-
-@pytest.mark.parametrize("selector", ["search", "pso"])
-def test_a_selection_under_way_can_be_ended_from_another_thread(selector: str) -> None:
-    s = series(288, seed=6)
-    progress = Progress()
-    progress.cancel()
-    with pytest.raises(Cancelled):
-        train(job(s, settings=TrainingSettings(selector=selector)), within=progress)  # type: ignore[arg-type]
 
 
 @pytest.mark.slow
