@@ -1,8 +1,9 @@
 """Reload: applies a new configuration to a running gateway by its differences, or not at all."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+from drivers.tap import Tap
 from gateway.acquisition.acquisition import Acquisition
 from gateway.acquisition.build import lines_of
 from gateway.acquisition.line import Line
@@ -82,15 +83,18 @@ class PreparedReload:
     """The buses that are started, with their devices."""
 
 
-def prepare(old: GatewayConfig, new: GatewayConfig, clock: ServiceClock) -> PreparedReload:
+def prepare(
+    old: GatewayConfig, new: GatewayConfig, clock: ServiceClock, tap: Callable[[str], Tap] | None = None
+) -> PreparedReload:
     """Build each driver that brings an acquisition from `old` to `new`, both already checked by `load`.
 
     For a thread: the library of a bus that is the first of its kind is imported here, which takes longer than a period.
+    tap: returns the tap of the bus with that name, or None
 
     Raises ReloadError or SetupError.
     """
     change = bus_changes(old, new)
-    return PreparedReload(old, new, change, lines_of(new, clock, only=change.started))
+    return PreparedReload(old, new, change, lines_of(new, clock, tap, only=change.started))
 
 
 async def apply(acquisition: Acquisition, prepared: PreparedReload) -> BusChanges:

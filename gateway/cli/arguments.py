@@ -1,6 +1,7 @@
 """Parses arguments of the commands: CONFIG, numbers, NAME=VALUE, units, time zones, shifts, and the files to write."""
 
 import math
+import os
 from collections.abc import Callable, Sequence
 from datetime import time
 from pathlib import Path
@@ -18,6 +19,20 @@ if TYPE_CHECKING:
 
 ConfigPath = click.argument("config", type=click.Path(dir_okay=False, path_type=Path))
 PemPath = click.Path(exists=True, dir_okay=False, path_type=Path)
+
+
+def _language(_: Context, __: Parameter, code: str | None) -> str:
+    """Raises BadParameter for a language that the catalogue does not have."""
+    from gateway.model.text import language_wanted, languages
+
+    if code is not None and code not in languages():
+        raise click.BadParameter(f"{code!r}: expected one of {', '.join(languages())}", param_hint="--language")
+    return code or language_wanted(os.environ)
+
+
+LanguageOption = click.option(
+    "--language", callback=_language, metavar="CODE", help="Language, such as en or de. Default: as LANG says."
+)
 SCAN_LIMIT_S = 600.0
 """How long a scan takes at most, unless the user says otherwise."""
 Decorated = TypeVar("Decorated", bound=Callable[..., object])

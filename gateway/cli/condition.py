@@ -5,7 +5,7 @@ from pathlib import Path
 
 import click
 
-from gateway.cli.arguments import ConfigPath
+from gateway.cli.arguments import ConfigPath, LanguageOption
 
 _EXIT_UNWELL = 3
 
@@ -13,7 +13,8 @@ _EXIT_UNWELL = 3
 @click.command()
 @ConfigPath
 @click.option("--json", "as_json", is_flag=True, help="One JSON object, for other programs.")
-def status(config: Path, as_json: bool) -> None:
+@LanguageOption
+def status(config: Path, as_json: bool, language: str) -> None:
     """Show the condition of the gateway of CONFIG, on the computer where it runs. Exit code 3 unless all is well.
 
     All is well if it runs and decides in time, every channel is good, and nothing is wrong with the control. It reads
@@ -22,12 +23,13 @@ def status(config: Path, as_json: bool) -> None:
     from gateway.config.file import load
     from gateway.service.status import show
 
-    sys.exit(0 if show(load(config), as_json) else _EXIT_UNWELL)
+    sys.exit(0 if show(load(config), as_json, language) else _EXIT_UNWELL)
 
 
 @click.command()
 @ConfigPath
-def doctor(config: Path) -> None:
+@LanguageOption
+def doctor(config: Path, language: str) -> None:
     """Look for what is wrong around the gateway of CONFIG; say why it matters and what to do.
 
     Exit code 3 if something was found.
@@ -38,4 +40,4 @@ def doctor(config: Path) -> None:
     from gateway.commissioning.doctor.health import show
     from gateway.config.file import load
 
-    sys.exit(0 if show(load(config)) else _EXIT_UNWELL)
+    sys.exit(0 if show(load(config), language=language) else _EXIT_UNWELL)

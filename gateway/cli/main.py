@@ -14,6 +14,7 @@ from gateway.cli.arguments import (
     ConfigPath,
     FiniteNumber,
     KeyPrefixText,
+    LanguageOption,
     access_of,
     access_options,
     address_of,
@@ -278,6 +279,7 @@ def demo(
 @click.option("--connect", multiple=True, help=f"Zenoh endpoint. [default: {LOOPBACK}]")
 @click.option("--prefix", type=KeyPrefixText(), help=f"[default: {DEFAULT_PREFIX}]")
 @click.option("--machine", help="Name of the machine. Default: the one that runs there, if there is only one.")
+@LanguageOption
 @access_options
 def watch(
     config: Path | None,
@@ -289,6 +291,7 @@ def watch(
     key: Path | None,
     user: str | None,
     password_file: Path | None,
+    language: str,
 ) -> None:
     """Follow a running gateway as an ordinary Zenoh subscriber: the gateway of CONFIG, or the one at --connect."""
     from gateway.listeners.watch.watch import watch as follow
@@ -297,9 +300,9 @@ def watch(
     if config is not None:
         if connect or prefix or machine or authority or certificate or key or user or password_file:
             raise click.UsageError("CONFIG says where and how; give either it or options")
-        sys.exit(0 if watch_own(read_config(config)) else EXIT_WORLD)
+        sys.exit(0 if watch_own(read_config(config), language) else EXIT_WORLD)
     access = access_of(authority, certificate, key, user, password_file)
-    sys.exit(0 if follow(connect or (LOOPBACK,), prefix or DEFAULT_PREFIX, machine, access) else EXIT_WORLD)
+    sys.exit(0 if follow(connect or (LOOPBACK,), prefix or DEFAULT_PREFIX, machine, access, language) else EXIT_WORLD)
 
 
 @main.command()

@@ -8,6 +8,7 @@ import click
 
 from gateway.cli.arguments import (
     FiniteNumber,
+    LanguageOption,
     PemPath,
     check_output,
     named_errors,
@@ -58,6 +59,7 @@ from gateway.runtime.extras import need_extra
               help="Write a table of each step: predictions, sigmas, contributions of inputs; and beside it "
               "NAME-models with the weights of what was learnt. CSV or Parquet.")  # fmt: skip
 @click.option("--every-measurement", is_flag=True, help="Use all measurements, not only the requested ones.")
+@LanguageOption
 def replay(
     file: Path,
     output: Path | None,
@@ -76,6 +78,7 @@ def replay(
     calibration_min: float | None,
     out: Path | None,
     every_measurement: bool,
+    language: str,
 ) -> None:
     """Repeat the decisions of a database, or run the controller on a recording.
 
@@ -104,7 +107,7 @@ def replay(
     page = page_path(output, file, config)
     if out is not None and out.suffix not in (".csv", ".parquet"):
         raise click.BadParameter(f"{str(out)!r}: expected a name that ends in .csv or .parquet", param_hint="--out")
-    request = Request(file, columns, page, config, every_measurement, out, calibration_min)
+    request = Request(file, columns, page, config, every_measurement, out, calibration_min, language)
     for table in (request.out, request.models_out):
         check_output("table", "--out", table, file, config)
     run_recording(request)
@@ -154,11 +157,14 @@ def make_prior(
     "--shifts", default="06:00,14:00,22:00", show_default=True, help="When shifts begin, local time; empty: no shifts."
 )
 @click.option("--day", type=click.DateTime(["%Y-%m-%d"]), help="Only this day, local time, such as 2026-03-02.")
-def report(database: Path, output: Path | None, time_zone: str | None, shifts: str, day: datetime | None) -> None:
+@LanguageOption
+def report(
+    database: Path, output: Path | None, time_zone: str | None, shifts: str, day: datetime | None, language: str
+) -> None:
     """Write the HTML report of DATABASE and print its table."""
     need_extra("report")
     from gateway.service.report_data import Reader
     from gateway.service.report_file import write
 
-    reader = Reader(time_zone_of(time_zone), shifts_of(shifts), None if day is None else day.date())
+    reader = Reader(time_zone_of(time_zone), shifts_of(shifts), None if day is None else day.date(), language)
     write(database, page_path(output, database), reader=reader)

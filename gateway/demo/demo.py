@@ -1,6 +1,7 @@
 """`talc-gateway demo`: an emulated machine in a second process and the gateway in this one, over real protocols."""
 
 import asyncio
+import os
 import socket
 
 import click
@@ -10,6 +11,7 @@ from gateway.commissioning.dry_run import dry_run
 from gateway.demo.demo_machine import STEPS_PER_HOUR, Demo, on_emulated_machine
 from gateway.demo.demo_page import PAGE_LOG, demo_page
 from gateway.listeners.watch.view import LiveView, ViewState, feeding
+from gateway.model.text import language_wanted
 from gateway.runtime.signals import stop_on_signals
 from gateway.runtime.terminal import terminal
 from gateway.service.report_file import write
@@ -67,7 +69,7 @@ async def _run(demo: Demo, console: Console) -> None:
         state = ViewState(machine=config.machine.name)
         state.progress_until_s = demo.hours * 3600.0
         view = feeding(state, config.input_names, clock, simulated=True)
-        with LiveView(state, plain=demo.plain):
+        with LiveView(state, plain=demo.plain, language=language_wanted(os.environ)):
             ender = asyncio.create_task(_end_at(clock, demo.hours * 3600.0, stop))
             try:
                 await serve(config, clock, stop, simulated=True, more=[view], started=lambda _: clock.start())

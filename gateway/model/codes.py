@@ -231,6 +231,37 @@ class NoticeCode(StrEnum):
     VALUES_NOT_SHOWN = "values_not_shown"
     VALUES_SHOWN = "values_shown"
 
+    # what is wrong around a gateway
+    CLOCK_NOT_SET = "clock_not_set"
+    FOLDER_ABSENT = "folder_absent"
+    DISK_NEARLY_FULL = "disk_nearly_full"
+    SUPPLY_LOW = "supply_low"
+    PROCESSOR_SLOW = "processor_slow"
+    CAN_ABSENT = "can_absent"
+    CAN_LEFT_BUS = "can_left_bus"
+    CAN_DOWN = "can_down"
+    LINE_SHARED = "line_shared"
+    FILE_ABSENT = "file_absent"
+    SECRET_ABSENT = "secret_absent"
+    FILE_UNREADABLE = "file_unreadable"
+    FILE_OF_OTHERS = "file_of_others"
+    CONFIG_CAUTION = "config_caution"
+    KEY_SPOILT = "key_spoilt"
+    USERS_SPOILT = "users_spoilt"
+    PASSWORD_SPOILT = "password_spoilt"
+    PAIR_SPOILT = "pair_spoilt"
+    CERTIFICATE_SPOILT = "certificate_spoilt"
+    NOBODY_HEARS = "nobody_hears"
+    COMMANDS_REFUSED = "commands_refused"
+    NC_NOT_TO_CONNECT = "nc_not_to_connect"
+    BUS_NOT_TO_READ = "bus_not_to_read"
+    TOUCHES_SCATTER = "touches_scatter"
+    SAME_ALL_DAY = "same_all_day"
+
+    # what is armed
+    MODE_AND_PROBING = "mode_and_probing"
+    MODE_WITHOUT_PROBING = "mode_without_probing"
+
 
 class Severity(StrEnum):
     """How bad it is that something is said."""
@@ -247,30 +278,50 @@ MUST_ACT: Final = frozenset(
     {
         NoticeCode.ARM_ENDS_THAT,
         NoticeCode.BUS_SLOW,
+        NoticeCode.CAN_ABSENT,
+        NoticeCode.CAN_DOWN,
+        NoticeCode.CAN_LEFT_BUS,
+        NoticeCode.CERTIFICATE_SPOILT,
         NoticeCode.CLEAN_SPHERE,
         NoticeCode.CLOCK_AND_PAUSE_UNKNOWN,
+        NoticeCode.CLOCK_NOT_SET,
         NoticeCode.CLOCK_UNKNOWN,
         NoticeCode.DISK_LOW,
-        NoticeCode.DRY_RUN_WANTED,
+        NoticeCode.DISK_NEARLY_FULL,
         NoticeCode.DRY_RUN_CHANGED,
-        NoticeCode.DRY_RUN_UNKNOWN,
         NoticeCode.DRY_RUN_OFFERED,
+        NoticeCode.DRY_RUN_UNKNOWN,
+        NoticeCode.DRY_RUN_WANTED,
+        NoticeCode.FILE_ABSENT,
+        NoticeCode.FILE_OF_OTHERS,
+        NoticeCode.FILE_UNREADABLE,
+        NoticeCode.FOLDER_ABSENT,
+        NoticeCode.KEY_SPOILT,
+        NoticeCode.LINE_SHARED,
         NoticeCode.NC_ALARM,
         NoticeCode.NC_AXES_FROZEN,
         NoticeCode.NC_NOT_SENDABLE,
-        NoticeCode.NC_OTHER_OFFSETS,
         NoticeCode.NC_OTHER_MODE,
+        NoticeCode.NC_OTHER_OFFSETS,
         NoticeCode.NC_VALUES_UNKNOWN,
         NoticeCode.NC_WATCHDOG_SILENT,
         NoticeCode.NC_WATCHDOG_UNHEARD,
         NoticeCode.NOT_RELOADED,
         NoticeCode.OTHER_MASTER,
+        NoticeCode.PAIR_SPOILT,
+        NoticeCode.PASSWORD_SPOILT,
+        NoticeCode.PROCESSOR_SLOW,
         NoticeCode.RELOAD_NEEDS_RESTART,
         NoticeCode.RELOAD_OTHER_INPUTS,
+        NoticeCode.SAME_ALL_DAY,
+        NoticeCode.SECRET_ABSENT,
         NoticeCode.SENSORS_EXCHANGED,
         NoticeCode.STORE_BEGUN,
         NoticeCode.STORE_BEGUN_LOST,
         NoticeCode.STORE_DELETED,
+        NoticeCode.SUPPLY_LOW,
+        NoticeCode.TOUCHES_SCATTER,
+        NoticeCode.USERS_SPOILT,
         NoticeCode.WAITS_ARM,
         NoticeCode.WAITS_RESUME,
         NoticeCode.WAITS_TIME_SERVER,

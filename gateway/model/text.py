@@ -16,6 +16,7 @@ The English sentence that is logged, stored and published for people who read it
 import re
 import tomllib
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from datetime import datetime, timedelta
 from functools import cache
 from importlib.resources import files
@@ -73,9 +74,14 @@ class Text(str):
 
     def in_language(self, language: str) -> str:
         """Its sentence. One whose code this program does not know stays as it is."""
-        if f"text.{self.code}" not in texts(language):
-            return str(self)
-        return sentence(self.code, self.values, language)
+        return self.about("text", language) or str(self)
+
+    def about(self, group: str, language: str) -> str:
+        """What another group of the catalogue has for its code: `matters`, why it matters; `remedy`, what to do.
+
+        Empty: nothing.
+        """
+        return _filled(texts(language).get(f"{group}.{self.code}", ""), self.values, language)
 
 
 def _made(written: str, code: str, values: Mapping[str, Value]) -> Text:
@@ -174,18 +180,48 @@ def texts(language: str) -> Mapping[str, str]:
     return found
 
 
+@dataclass(frozen=True, slots=True)
+class Language:
+    """What programs write around the texts that have a code."""
+
+    code: str = "en"
+
+    def __call__(self, key: str, /, **values: Value) -> str:
+        """The text of a `group.key`, with its values. Raises KeyError."""
+        return _filled(texts(self.code)[key], values, self.code)
+
+    def number(self, value: float, form: str) -> str:
+        """In a form of Python, with the language's decimal sign."""
+        return _number(value, form, self.code)
+
+    def word(self, group: str, published: str) -> str:
+        """A published word; one that is not in the group as it is."""
+        return texts(self.code).get(f"{group}.{published}", published)
+
+    def of(self, text: str) -> str:
+        """What somebody says; words of others as they are."""
+        return text.in_language(self.code) if isinstance(text, Text) else text
+
+
+def language_wanted(environment: Mapping[str, str]) -> str:
+    """The language of a terminal, by LC_ALL, LC_MESSAGES or LANG; English if it is one without a file."""
+    wanted = next((found for name in ("LC_ALL", "LC_MESSAGES", "LANG") if (found := environment.get(name))), "")
+    code = re.split(r"[_.@-]", wanted.lower())[0]
+    return code if code in languages() else "en"
+
+
 def _raw(code: str, values: Mapping[str, Value]) -> str:
-    return sentence(code, values, "en", words=False)
+    template = texts("en").get(f"text.{code}")
+    if template is None:
+        return ", ".join([code, *(f"{name} {value}" for name, value in values.items())])
+    return _filled(template, values, "en", words=False)
 
 
-def sentence(code: str, values: Mapping[str, Value], language: str, *, words: bool = True, depth: int = 0) -> str:
+def _filled(template: str, values: Mapping[str, Value], language: str, *, words: bool = True, depth: int = 0) -> str:
     """A sentence with its values. What is missing is left as it stands: a wrong text must not stop who says it.
 
     words: write those of a group as the catalogue has them; otherwise as they are published
     """
-    template = texts(language).get(f"text.{code}")
-    if template is None:
-        return ", ".join([code, *(f"{name} {value}" for name, value in values.items())])
 
     def place(found: re.Match[str]) -> str:
         name, form = found[1], found[2] or ""
@@ -196,9 +232,10 @@ def sentence(code: str, values: Mapping[str, Value], language: str, *, words: bo
 
 def _written(value: Value, form: str, language: str, words: bool, depth: int) -> str:
     if isinstance(value, Text):
-        if not words or depth >= _DEEPEST or f"text.{value.code}" not in texts(language):
+        template = texts(language).get(f"text.{value.code}")
+        if not words or depth >= _DEEPEST or template is None:
             return str(value)
-        return sentence(value.code, value.values, language, depth=depth + 1)
+        return _filled(template, value.values, language, depth=depth + 1)
     if form in ("minute", "clock"):
         return _time(value, form)
     if isinstance(value, str):

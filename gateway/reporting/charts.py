@@ -7,6 +7,7 @@ from typing import Literal
 
 import numpy as np
 
+from gateway.model.text import Language
 from gateway.reporting.data import ReportData
 from gateway.reporting.tool import ToolCourse
 from talc.frame import FloatArray, Phase
@@ -120,52 +121,54 @@ def tool_charts(data: ReportData, course: ToolCourse | None) -> ChartGroup | Non
     """Offsets, and the deviation at the tool without and with them, of each axis; None of a recording."""
     if data.recorded is not None or (course is None and not data.compensation_s.size):
         return None
-    charts, offsets = [], data.compensation_um
+    charts, offsets, said = [], data.compensation_um, Language(data.language)
     for i, axis in enumerate("XYZ"):
-        lines = [ChartLine("offset on the control", Ink.ESTIMATE, "step", data.compensation_s, offsets[:, i])]
+        lines = [ChartLine(said("report_line.offset"), Ink.ESTIMATE, "step", data.compensation_s, offsets[:, i])]
         if course is not None:
             kind: Literal["line", "dots"] = "line" if data.truth is not None else "dots"
             lines += [
-                ChartLine("without compensation", Ink.BEFORE, kind, course.time_s, course.before[:, i]),
-                ChartLine("left", Ink.AFTER, kind, course.time_s, course.after[:, i]),
+                ChartLine(said("report_line.without"), Ink.BEFORE, kind, course.time_s, course.before[:, i]),
+                ChartLine(said("report_line.left"), Ink.AFTER, kind, course.time_s, course.after[:, i]),
             ]
         charts.append(Chart(axis, MICROMETRE, tuple(lines)))
-    return ChartGroup("tool", "Offsets, and what was left at the tool", tuple(charts))
+    return ChartGroup("tool", said("report_line.tool"), tuple(charts))
 
 
 def error_charts(data: ReportData, e: int) -> ChartGroup:
     """One thermal error: its course and the estimate; and what was left, with the action control limits."""
     name, unit, times = data.labels[e], ERROR_UNITS[THERMAL_ERRORS[e]], data.time_s
-    seen = np.isfinite(data.measured[:, e])
+    seen, said = np.isfinite(data.measured[:, e]), Language(data.language)
     top, bottom = [], []
     if data.truth is not None:
         truth = data.truth
         index = np.maximum(data.rows_at(truth.time_s), 0)
-        top.append(ChartLine("simulated truth", Ink.BEFORE, "line", truth.time_s, truth.errors[:, e]))
+        top.append(ChartLine(said("report_line.truth"), Ink.BEFORE, "line", truth.time_s, truth.errors[:, e]))
         left = truth.errors[:, e] - data.corrected[index, e]
-        bottom.append(ChartLine("truth minus estimate", Ink.AFTER, "line", truth.time_s, left))
+        bottom.append(ChartLine(said("report_line.truth_left"), Ink.AFTER, "line", truth.time_s, left))
     if data.recorded is not None:
-        top.append(ChartLine("recorded", Ink.BEFORE, "dots", times, data.recorded[:, e]))
-    top.append(ChartLine("estimate of the step", Ink.ESTIMATE, "line", times, data.corrected[:, e]))
-    used = "measured" if data.recorded is None else "used as a measurement"
-    top.append(ChartLine(used, Ink.MEASURED, "dots", times[seen], data.measured[seen, e]))
-    seen_as, known = ("measured", data.measured) if data.recorded is None else ("recorded", data.recorded)
+        top.append(ChartLine(said("report_line.recorded"), Ink.BEFORE, "dots", times, data.recorded[:, e]))
+    top.append(ChartLine(said("report_line.estimate"), Ink.ESTIMATE, "line", times, data.corrected[:, e]))
+    used = "measured" if data.recorded is None else "used"
+    top.append(ChartLine(said(f"report_line.{used}"), Ink.MEASURED, "dots", times[seen], data.measured[seen, e]))
+    key, known = ("measured_left", data.measured) if data.recorded is None else ("recorded_left", data.recorded)
     residual = known[:, e] - data.predicted[:, e]
     found = np.isfinite(residual)
-    bottom.append(ChartLine(f"{seen_as} minus predicted", Ink.MEASURED, "dots", times[found], residual[found]))
+    bottom.append(ChartLine(said(f"report_line.{key}"), Ink.MEASURED, "dots", times[found], residual[found]))
     if np.isfinite(data.limits[:, e]).any():
         bottom += [
-            ChartLine(f"{sign} ACL", Ink.LIMIT, "step", times, factor * data.limits[:, e])
+            ChartLine(said("report_line.limit", sign=sign), Ink.LIMIT, "step", times, factor * data.limits[:, e])
             for sign, factor in (("+", 1.0), ("−", -1.0))
         ]
-    return ChartGroup(name, name, (Chart(name, unit, tuple(top)), Chart("left", unit, tuple(bottom), low=True)))
+    return ChartGroup(
+        name, name, (Chart(name, unit, tuple(top)), Chart(said("report_line.left"), unit, tuple(bottom), low=True))
+    )
 
 
 def input_charts(data: ReportData) -> tuple[ChartGroup | None, str]:
     """The temperatures, and other inputs by unit, that mattered most; and how that was found."""
     if data.inputs is None or not data.inputs.size:
         return None, ""
-    weight, basis = _weights(data)
+    (weight, basis), said = _weights(data), Language(data.language)
     units = data.input_units or ("",) * len(data.input_names)
     charts = []
     for unit in sorted(set(units), key=lambda u: u != DEGREES):
@@ -177,20 +180,23 @@ def input_charts(data: ReportData) -> tuple[ChartGroup | None, str]:
             for i, ink in zip(chosen, _INPUT_INKS, strict=False)
         ]
         if unit == DEGREES and lines:
-            charts.append(Chart("temperatures", "°C", tuple(lines)))
+            charts.append(Chart(said("report_line.temperatures"), "°C", tuple(lines)))
         else:
-            charts += [Chart(_named(alike), unit, alike) for alike in _of_like_size(lines)]
-    return (ChartGroup("inputs", "Temperatures and other inputs", tuple(charts)) if charts else None), basis
+            charts += [Chart(_named(alike, said), unit, alike) for alike in _of_like_size(lines)]
+    found = ChartGroup("inputs", said("report_line.inputs"), tuple(charts)) if charts else None
+    return found, said(f"report_shown.{basis}")
 
 
-def _named(lines: Sequence[ChartLine]) -> str:
+def _named(lines: Sequence[ChartLine], said: Language) -> str:
     """The lines' names, as many as fit beside a chart; its legend has them all."""
     names = [n if len(n) <= _LONGEST_NAME else n[: _LONGEST_NAME - 1] + "…" for n in (line.label for line in lines)]
     for fit in range(len(names), 1, -1):
-        title = ", ".join(names[:fit]) + (f" and {len(names) - fit} more" if fit < len(names) else "")
+        title = ", ".join(names[:fit])
+        if fit < len(names):
+            title = said("report_line.more", names=title, n=len(names) - fit)
         if len(title) <= _LONGEST_TITLE:
             return title
-    return names[0] + (f" and {len(names) - 1} more" if len(names) > 1 else "")
+    return said("report_line.more", names=names[0], n=len(names) - 1) if len(names) > 1 else names[0]
 
 
 def _of_like_size(lines: Sequence[ChartLine]) -> Iterator[tuple[ChartLine, ...]]:
@@ -204,16 +210,16 @@ def _of_like_size(lines: Sequence[ChartLine]) -> Iterator[tuple[ChartLine, ...]]
 
 
 def _weights(data: ReportData) -> tuple[FloatArray, str]:
-    """(n,) how much each input matters, and by what that is judged."""
+    """(n,) how much each input matters, and by what that is judged, a key of `report_shown`."""
     if data.moved is not None and data.moved.any():
         largest = np.maximum(data.moved.max(axis=1, keepdims=True), 1e-12)
-        return (data.moved / largest).max(axis=0), "those that moved an error most, by the learner's reasons"
+        return (data.moved / largest).max(axis=0), "moved"
     chosen = {n for a in data.models for e in range(len(THERMAL_ERRORS)) for n in inputs_of_model(a.models, e)}
     if chosen:
-        return np.array([float(name in chosen) for name in data.input_names]), "those that a model chose"
+        return np.array([float(name in chosen) for name in data.input_names]), "chosen"
     inputs = np.empty((0, len(data.input_names))) if data.inputs is None else data.inputs
     changes = [float(np.ptp(known)) if (known := of[np.isfinite(of)]).size else 0.0 for of in inputs.T]
-    return np.array(changes), "those that changed most; what moves the errors is not known yet"
+    return np.array(changes), "changed"
 
 
 def inputs_of_model(models: ModelSet, e: int) -> tuple[str, ...]:

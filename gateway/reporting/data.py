@@ -3,10 +3,13 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import UTC, time, tzinfo
+from types import MappingProxyType
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gateway.model.text import Language, Value
 from gateway.reporting.local import local_moment, since
 from talc.explanation import Reasons, Weights
 from talc.frame import BoolArray, Event, EventKind, FloatArray, Phase
@@ -69,13 +72,18 @@ class CycleSeen:
     """How many ran one after the other: several for the reference."""
 
 
-@dataclass(frozen=True, slots=True)
-class NotYet:
+class NotYet(NamedTuple):
     """One thing without which a gateway cannot learn."""
 
-    what: str
-    then: str
-    """What to do, or what will happen by itself."""
+    key: str
+    """Of the catalogue's `report_missing` for what it is, and of `report_then` for what to do, or what comes by itself.
+    """
+    values: Mapping[str, Value] = MappingProxyType({})
+
+    def written(self, said: Language) -> tuple[str, str]:
+        """What is missing; and what to do, or what will happen by itself."""
+        what, then = (said(f"{group}.{self.key}", **self.values) for group in ("report_missing", "report_then"))
+        return what, then
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,8 +120,8 @@ class ReportData:
     """(T, 9) all measurements in a recording, requested or not; None: a run of a gateway."""
     held: FloatArray | None = None
     """(T, 9) the last measurements used before this step; only for a recording."""
-    not_compared: str = ""
-    """Why the temperature sensors were not compared with each other; empty if they were."""
+    compared: bool = True
+    """Whether the temperature sensors were compared with each other."""
     trusted: BoolArray | None = None
     """(T, 9) whether the error is corrected; None: unknown, from an earlier program."""
     reasons: Reasons | None = None
@@ -150,8 +158,10 @@ class ReportData:
     """Mode of the compensation; another one writes nothing to the control."""
     not_yet: tuple[NotYet, ...] = ()
     """Why nothing has been learnt; empty: something has."""
-    health_of: str = "Readings"
+    health_of: Literal["readings", "steps"] = "readings"
     """What `channel_health` counts."""
+    language: str = "en"
+    """Of the catalogue."""
     origin_s: float | None = None
     """Time of the first row of a recording without dates, on the clock of `start_utc_s`; times count from it. None:
     UTC."""
@@ -165,7 +175,7 @@ class ReportData:
         """Local time of seconds since the first frame; hours since the first row of a recording without dates."""
         if self.origin_s is not None:
             return since(self.start_utc_s - self.origin_s + seconds)
-        return local_moment(self.start_utc_s + seconds, self.zone)
+        return local_moment(self.start_utc_s + seconds, self.zone, Language(self.language))
 
     def rows_at(self, time_s: FloatArray) -> NDArray[np.intp]:
         """(m,) row of the latest step at or before each instant; -1 before the first."""

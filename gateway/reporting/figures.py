@@ -1,10 +1,12 @@
 """Figures of a run: each error without and with compensation, and the basis of each figure."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
 
 import numpy as np
 from rich.table import Table
 
+from gateway.model.text import Language
 from gateway.reporting.data import ReportData
 from gateway.reporting.tool import ToolCourse, at_tool
 from talc.frame import EventKind, FloatArray
@@ -15,6 +17,23 @@ CYCLE_S = 120.0
 """Duration of a probing cycle (Z22)."""
 _LEAST_PERCENT = 0.5
 _MOST_PERCENT = 100.0
+
+
+class Change(NamedTuple):
+    """What the compensation did to an error."""
+
+    kind: Literal["noise", "unknown", "unchanged", "more", "percent_less", "percent_more"]
+    by: float = float("nan")
+    unit: str = ""
+
+    @property
+    def sense(self) -> str:
+        """`good`, `bad` or neither."""
+        return {"percent_less": "good", "percent_more": "bad", "more": "bad"}.get(self.kind, "")
+
+    def written(self, said: Language) -> str:
+        """In words."""
+        return said(f"report_change.{self.kind}", by=self.by, unit=self.unit)
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,6 +50,12 @@ class SummaryRow:
     """With compensation: what remains after the estimate of the latest grid step."""
     noise: float = float("nan")
     """Standard uncertainty of one measurement; NaN: unknown."""
+    axis: str = ""
+    """X, Y or Z at the tool; empty: it is a thermal error."""
+
+    def written(self, said: Language) -> str:
+        """Its name."""
+        return said("report.tool", axis=self.axis) if self.axis else self.name
 
     @property
     def within_noise(self) -> bool:
@@ -38,32 +63,33 @@ class SummaryRow:
         return max(self.e_rms, self.compensated_e_rms) <= self.noise
 
     @property
-    def change_pv(self) -> str:
+    def change_pv(self) -> Change:
         return self._change(self.e_pv, self.compensated_e_pv)
 
     @property
-    def change_rms(self) -> str:
+    def change_rms(self) -> Change:
         return self._change(self.e_rms, self.compensated_e_rms)
 
-    def _change(self, before: float, after: float) -> str:
-        """In words. A percentage of a tiny number says nothing, so a large increase is stated in the error's unit."""
+    def _change(self, before: float, after: float) -> Change:
+        """A percentage of a tiny number says nothing, so a large increase is stated in the error's unit."""
         if self.within_noise:
-            return "below the probing noise"
+            return Change("noise")
         percent = reduction(before, after)
         if not np.isfinite(percent):
-            return "not known"
+            return Change("unknown")
         if percent < -_MOST_PERCENT or (percent < 0 and self.e_rms <= self.noise):
-            return f"{after - before:.1f} {self.unit} more"
+            return Change("more", after - before, self.unit)
         if abs(percent) < _LEAST_PERCENT:
-            return "unchanged"
-        return f"{abs(percent):.0f} % {'less' if percent > 0 else 'more'}"
+            return Change("unchanged")
+        return Change("percent_less" if percent > 0 else "percent_more", abs(percent))
 
 
 @dataclass(frozen=True, slots=True)
 class Summary:
     """All figures of a run."""
 
-    basis: str
+    basis: Literal["nothing", "simulated", "recorded", "measured"]
+    """What the figures are made of."""
     rows: tuple[SummaryRow, ...]
     tool: tuple[SummaryRow, ...]
     """Tool to workpiece, X Y Z: in a simulation through the control; of a gateway at the sphere, as measured."""
@@ -82,11 +108,6 @@ class Summary:
     course: ToolCourse | None = None
     """The deviations that `tool` is made of, from the first frame on; None: they cannot be known."""
 
-    @property
-    def tool_basis(self) -> str:
-        """What the figures at the tool are made of, in words."""
-        return self.course.basis if self.course is not None and self.rows else ""
-
 
 def summary(data: ReportData) -> Summary:
     """The figures over all times since corrections began. A run in which they never did has no rows."""
@@ -94,17 +115,18 @@ def summary(data: ReportData) -> Summary:
     time_s = data.time_s
     total_s = float(time_s[-1]) + data.step_s
     if first is None:
-        basis, hours = "no correction has begun", total_s / 3600
-        return Summary(basis, (), (), hours, hours, 0.0, 0, 0, 0, data.rejected_cycles, course=course)
+        hours = total_s / 3600
+        return Summary("nothing", (), (), hours, hours, 0.0, 0, 0, 0, data.rejected_cycles, course=course)
     begin_s = float(time_s[first])
+    basis: Literal["simulated", "recorded", "measured"]
     if data.truth is not None:
-        basis = "simulated truth each minute, against the estimate of the latest grid step"
+        basis = "simulated"
         rows = _rows(data, *_against_truth(data, begin_s))
     elif data.recorded is not None:
-        basis = "recorded instants, against what would have been in force before that instant's measurement"
+        basis = "recorded"
         rows = _recorded(data, data.recorded[first:], data.predicted[first:])
     else:
-        basis = "measured instants, against the prediction before each measurement"
+        basis = "measured"
         rows = _rows(data, data.measured[first:], data.measured[first:] - data.predicted[first:])
     after = int(np.isfinite(data.measured[first:]).any(axis=1).sum())
     return Summary(
@@ -118,7 +140,7 @@ def summary(data: ReportData) -> Summary:
         productivity=max(productivity(after, CYCLE_S, total_s - begin_s), 0.0),
         measurements=after,
         state_updates=data.count(EventKind.STATE_UPDATE),
-        model_updates=sum(a.after_k >= data.k[first] for a in data.models),
+        model_updates=sum(bool(a.after_k >= data.k[first]) for a in data.models),
         rejected_cycles=data.rejected_cycles,
         held=()
         if data.recorded is None or data.held is None
@@ -152,27 +174,30 @@ def _rows(data: ReportData, before: FloatArray, after: FloatArray) -> tuple[Summ
 def _tool(course: ToolCourse, begin_s: float) -> tuple[SummaryRow, ...]:
     use = course.between(begin_s, float("inf"))
     rows = (
-        SummaryRow(f"tool {axis}", MICROMETRE, peak_to_peak(b), rms(b), peak_to_peak(a), rms(a), course.noise)
+        SummaryRow(f"tool {axis}", MICROMETRE, peak_to_peak(b), rms(b), peak_to_peak(a), rms(a), course.noise, axis)
         for axis, b, a in zip("XYZ", course.before[use].T, course.after[use].T, strict=True)
     )
     return tuple(row for row in rows if np.isfinite(row.e_rms))
 
 
-def table(s: Summary) -> Table:
+def table(s: Summary, said: Language) -> Table:
     """For a terminal."""
-    caption = (
-        f"Basis: {s.basis}; from {s.begin_hours:.1f} h on, when corrections began; {s.hours:.1f} h in all.\n"
-        f"Productivity Pd {s.productivity:.1f} % since then. Measurements of {CYCLE_S:.0f} s: {s.measurements}; "
-        f"model updates: {s.model_updates}; state updates: {s.state_updates}; cycles rejected: {s.rejected_cycles}."
-    )
-    grid = Table(title="Thermal errors without and with compensation", caption=caption, caption_justify="left")
-    for name in ("error", "unit", "E_PV", "comp.", "change", "E_RMS", "comp.", "change"):
-        grid.add_column(name, justify="left" if name in ("error", "unit") else "right")
-    held = tuple(replace(row, name=f"{row.name} held") for row in s.held)
-    for row in (*s.rows, *held, *s.tool):
+    caption = said(
+        "report.table_caption",
+        basis=said(f"report_basis.{s.basis}"), begin_h=s.begin_hours, hours=s.hours, productivity=s.productivity,
+        cycle_s=CYCLE_S, measurements=s.measurements, models=s.model_updates, states=s.state_updates,
+        rejected=s.rejected_cycles,
+    )  # fmt: skip
+    grid = Table(title=said("report.table_title"), caption=caption, caption_justify="left")
+    for name in ("error", "unit", "pv", "left", "change", "rms", "left", "change"):
+        grid.add_column(said(f"report_column.{name}"), justify="left" if name in ("error", "unit") else "right")
+    ends = {id(rows[-1]) for rows in (s.rows, s.held) if rows}
+    named = [(row.written(said), row) for row in (*s.rows, *s.tool)]
+    named[len(s.rows) : len(s.rows)] = [(said("report.held", name=row.name), row) for row in s.held]
+    for name, row in named:
         figures = (
-            f"{row.e_pv:.1f}", f"{row.compensated_e_pv:.1f}", row.change_pv,
-            f"{row.e_rms:.2f}", f"{row.compensated_e_rms:.2f}", row.change_rms,
+            said.number(row.e_pv, ".1f"), said.number(row.compensated_e_pv, ".1f"), row.change_pv.written(said),
+            said.number(row.e_rms, ".2f"), said.number(row.compensated_e_rms, ".2f"), row.change_rms.written(said),
         )  # fmt: skip
-        grid.add_row(row.name, row.unit, *figures, end_section=row in (s.rows[-1], *held[-1:]))
+        grid.add_row(name, row.unit, *figures, end_section=id(row) in ends)
     return grid

@@ -5,8 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gateway.model.text import Language
 from gateway.reporting.data import CycleSeen, ReportData
-from gateway.reporting.figures import CYCLE_S, Summary, SummaryRow
+from gateway.reporting.figures import CYCLE_S, Change, Summary, SummaryRow
 from gateway.reporting.local import hours, shifts_between
 from talc.frame import FloatArray
 from talc.indicators import productivity, rms
@@ -25,58 +26,64 @@ class ShiftRow:
     when: str
     before: str
     after: str
-    change: str
+    change: Change | None
     cycles: str
     probing: str
 
 
 def verdict(data: ReportData, s: Summary) -> str:
     """Such as `Z at the tool: 40 → 3.6 µm RMS, 91 % less, 96 % productive`; of the worst axis, or the worst error."""
-    worst = _worst(s)
+    worst, said = _worst(s), Language(data.language)
     if worst is None:
-        return f"Nothing to judge yet: {'no measurement had a prediction before it' if s.rows else s.basis}"
-    where = f"{worst.name.removeprefix('tool ')} at the tool" if s.tool else worst.name
-    told = f"{where}: {_short(worst.e_rms)} → {_short(worst.compensated_e_rms)} {worst.unit} RMS, {worst.change_rms}"
-    return told if data.recorded is not None else f"{told}, {_productive(data):.0f} % productive"
+        why = said("report.no_prediction") if s.rows else said(f"report_basis.{s.basis}")
+        return said("report.nothing_to_judge", why=why)
+    told = said(
+        "report.verdict",
+        what=said("report.at_tool", axis=worst.axis) if worst.axis else worst.name,
+        before=_short(worst.e_rms, said), after=_short(worst.compensated_e_rms, said), unit=worst.unit,
+        change=worst.change_rms.written(said),
+    )  # fmt: skip
+    return told if data.recorded is not None else said("report.productive", told=told, percent=_productive(data))
 
 
 def losses(data: ReportData, s: Summary) -> tuple[tuple[str, str], ...]:
-    """What was lost: the kind of loss, and how much."""
-    found = [*_probing(data), *_gaps(data), *_stale(data)]
+    """What was lost: the kind of loss, a key of `report_loss`; and how much, in words."""
+    said = Language(data.language)
+    found = [*_probing(data, said), *_gaps(data, said), *_stale(data, said)]
     if data.mode != "compensate" and data.recorded is None:
-        told = f"[compensation] mode is '{data.mode}'" + (": the figures say what it would have left" if s.rows else "")
-        found.append(("nothing was written to the control", told))
+        key = "report.mode_judged" if s.rows else "report.mode"
+        found.append(("unwritten", said(key, mode=data.mode)))
     worse = [
-        f"{r.name} {before} → {after} {r.unit}"
+        said("report.worse", name=r.written(said), before=before, after=after, unit=r.unit)
         for r in (*s.tool, *s.rows)
         if r.compensated_e_rms > r.e_rms
         and not r.within_noise
-        and (before := _short(r.e_rms)) != (after := _short(r.compensated_e_rms))
+        and (before := _short(r.e_rms, said)) != (after := _short(r.compensated_e_rms, said))
     ]
     if worse:
-        found.append(("worse with compensation, RMS", ", ".join(worse)))
+        found.append(("worse", ", ".join(worse)))
     held = {row.name: row.compensated_e_rms for row in s.held}
     beaten = [
-        f"{r.name} {after} instead of {plain} {r.unit}"
+        said("report.beaten", name=r.name, after=after, held=plain, unit=r.unit)
         for r in s.rows
         if held.get(r.name, np.inf) < r.compensated_e_rms
         and not r.within_noise
-        and (plain := _short(held[r.name])) != (after := _short(r.compensated_e_rms))
+        and (plain := _short(held[r.name], said)) != (after := _short(r.compensated_e_rms, said))
     ]
     if beaten:
-        found.append(("worse than holding the last measurement, RMS", ", ".join(beaten)))
+        found.append(("beaten", ", ".join(beaten)))
     return tuple(found)
 
 
 def by_shift(data: ReportData, s: Summary) -> tuple[str, tuple[ShiftRow, ...]]:
     """What is judged, and the latest shifts; none of a recording, which says nothing of a machine's shifts."""
-    worst, course = _worst(s), s.course
+    worst, course, said = _worst(s), s.course, Language(data.language)
     if worst is None or data.recorded is not None:
         return "", ()
-    axis = "XYZ".find(worst.name.removeprefix("tool "))
-    if course is not None and axis >= 0:
+    if course is not None and worst.axis:
+        axis = "XYZ".index(worst.axis)
         times, before, after = course.time_s, course.before[:, axis], course.after[:, axis]
-        what = f"{'XYZ'[axis]} at the tool"
+        what = said("report.at_tool", axis=worst.axis)
     else:
         e = data.labels.index(worst.name)
         times, before, after = data.time_s, data.measured[:, e], data.measured[:, e] - data.predicted[:, e]
@@ -108,14 +115,14 @@ def _shift(
     seen = [cycle for cycle in data.cycles_seen if begin_s <= cycle.ended_s < end_s]
     refused = sum(bool(cycle.refused) for cycle in seen)
     known = SummaryRow(row.name, row.unit, without, without, left, left, row.noise)
-    nothing = not np.isfinite(without)
+    nothing, said = not np.isfinite(without), Language(data.language)
     return ShiftRow(
         when=data.moment(begin_s),
-        before="not measured" if nothing else _short(without),
-        after="" if nothing else _short(left),
-        change="" if nothing else known.change_rms,
-        cycles=str(_many(seen)) + (f", {refused} refused" if refused else ""),
-        probing=hours(_many(seen) * CYCLE_S),
+        before=said("report.not_measured") if nothing else _short(without, said),
+        after="" if nothing else _short(left, said),
+        change=None if nothing else known.change_rms,
+        cycles=said("report.cycles_refused", n=_many(seen), refused=refused) if refused else str(_many(seen)),
+        probing=hours(_many(seen) * CYCLE_S, said),
     )
 
 
@@ -139,37 +146,39 @@ def _many(requests: Sequence[CycleSeen]) -> int:
     return sum(request.cycles for request in requests)
 
 
-def _probing(data: ReportData) -> list[tuple[str, str]]:
+def _probing(data: ReportData, said: Language) -> list[tuple[str, str]]:
     if not data.cycles_seen:
         return []
     many, share = _many(data.cycles_seen), 100.0 - _productive(data)
-    cycles = f"{many} cycle{'' if many == 1 else 's'} of {CYCLE_S / 60:.0f} min"
-    told = f"{cycles}, {hours(many * CYCLE_S)}, {share:.1f} % of the time"
-    found = [("probing", told)]
+    lasted = hours(many * CYCLE_S, said)
+    found = [("probing", said("report.probing", n=many, minutes=CYCLE_S / 60, lasted=lasted, percent=share))]
     refused = [cycle.refused for cycle in data.cycles_seen if cycle.refused]
     if refused:
-        found.append(("refused cycles", f"{len(refused)}; the last: {refused[-1]}"))
+        found.append(("refused", said("report.refused", n=len(refused), last=said.of(refused[-1]))))
     return found
 
 
-def _gaps(data: ReportData) -> list[tuple[str, str]]:
+def _gaps(data: ReportData, said: Language) -> list[tuple[str, str]]:
     missing = np.diff(data.k) - 1
     if data.recorded is not None or not missing.any():
         return []
     longest = int(np.argmax(missing))
-    since = data.moment(float(data.time_s[longest]))
-    many, lasted = int((missing > 0).sum()), hours(float(missing.sum()) * data.step_s)
-    return [("gaps", f"{many}, {lasted} without a step; the longest {hours(missing[longest] * data.step_s)}, {since}")]
+    told = said(
+        "report.gaps",
+        n=int((missing > 0).sum()), lasted=hours(float(missing.sum()) * data.step_s, said),
+        longest=hours(missing[longest] * data.step_s, said), since=data.moment(float(data.time_s[longest])),
+    )  # fmt: skip
+    return [("gaps", told)]
 
 
-def _stale(data: ReportData) -> list[tuple[str, str]]:
+def _stale(data: ReportData, said: Language) -> list[tuple[str, str]]:
     if data.stale is None or not data.stale.any():
         return []
     lasts = np.minimum(np.diff(data.compensation_s, append=data.compensation_s[-1]), _STEP_AT_MOST_S)
     begins = int(np.flatnonzero(np.diff(data.stale.astype(int), prepend=0) == 1).size)
-    return [("stale", f"{hours(float(lasts[data.stale].sum()))} in {begins} periods without a usable prediction")]
+    return [("stale", said("report.stale", lasted=hours(float(lasts[data.stale].sum()), said), n=begins))]
 
 
-def _short(value: float) -> str:
+def _short(value: float, said: Language) -> str:
     """`40` or `3.6`."""
-    return f"{value:.0f}" if abs(value) >= 9.95 else f"{value:.1f}"
+    return said.number(value, ".0f" if abs(value) >= 9.95 else ".1f")

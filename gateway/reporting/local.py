@@ -1,15 +1,24 @@
 """Times as people at the machine read them, and their shifts."""
 
 from collections.abc import Iterator, Sequence
-from datetime import datetime, time, timedelta, tzinfo
+from datetime import date, datetime, time, timedelta, tzinfo
 from itertools import pairwise
 
+from gateway.model.text import Language
+
 _DAY = timedelta(days=1)
+_ENGLISH = Language()
 
 
-def local_moment(utc_s: float, zone: tzinfo) -> str:
+def local_moment(utc_s: float, zone: tzinfo, said: Language = _ENGLISH) -> str:
     """Such as `Mon 2026-01-05 06:00 CET`: the zone's name tells apart the hour that daylight saving repeats."""
-    return f"{datetime.fromtimestamp(utc_s, zone):%a %Y-%m-%d %H:%M %Z}"
+    at = datetime.fromtimestamp(utc_s, zone)
+    return f"{weekday(at, said)} {at:%Y-%m-%d %H:%M %Z}"
+
+
+def weekday(day: date, said: Language) -> str:
+    """Such as `Mon`."""
+    return said("report.weekdays").split()[day.weekday()]
 
 
 def since(seconds: float) -> str:
@@ -18,9 +27,9 @@ def since(seconds: float) -> str:
     return f"{minutes // 60}:{minutes % 60:02d} h"
 
 
-def hours(seconds: float) -> str:
+def hours(seconds: float, said: Language) -> str:
     """Such as `12 min` or `3.5 h`."""
-    return f"{seconds / 60.0:.0f} min" if seconds < 5400.0 else f"{seconds / 3600.0:.1f} h"
+    return f"{seconds / 60.0:.0f} min" if seconds < 5400.0 else f"{said.number(seconds / 3600.0, '.1f')} h"
 
 
 def shifts_between(

@@ -10,12 +10,13 @@ from jinja2 import Environment, FunctionLoader, StrictUndefined
 from markupsafe import Markup
 
 from drivers.base import Quality
+from gateway.model.text import Language, Value
 from gateway.reporting.charts import ChartGroup, error_charts, input_charts, tool_charts
 from gateway.reporting.coordinates import by_coordinate
 from gateway.reporting.data import NotYet, ReportData
 from gateway.reporting.figures import summary
 from gateway.reporting.first_lines import by_shift, losses, verdict
-from gateway.reporting.local import hours
+from gateway.reporting.local import hours, weekday
 from gateway.reporting.plots import inputs_plot, still
 from gateway.reporting.series import series
 from gateway.reporting.sketch import letters, sketch
@@ -56,9 +57,13 @@ class _ShownGroup:
 
 def build(data: ReportData) -> str:
     """The page of a run."""
-    s = summary(data)
+    s, said = summary(data), Language(data.language)
     unhealthy = [
-        (name, ", ".join(f"{quality}: {count}" for quality, count in sorted(counts.items())) or "never read")
+        (
+            name,
+            ", ".join(f"{said.word('quality', quality)}: {count}" for quality, count in sorted(counts.items()))
+            or said("report.never_read"),
+        )
         for name, counts in data.channel_health.items()
         if set(counts) != {Quality.GOOD}
     ]
@@ -67,17 +72,19 @@ def build(data: ReportData) -> str:
     groups = [group for group in (tool, inputs, *(group for _, group in errors)) if group is not None]
     told = [(data.moment(at), event) for at, event in data.events if event.kind is not EventKind.STATE_UPDATE]
     first = -data.step_s if data.recorded is None else 0.0  # a gateway's step ends at its instant
-    return _PAGES.get_template("page.html").render(
+    return _page(
+        "page.html",
+        said,
         data=data,
         s=s,
-        styles=_styles(),
+        not_yet=[each.written(said) for each in data.not_yet],
         verdict=verdict(data, s),
         losses=losses(data, s),
         shifts=by_shift(data, s),
         coordinates=by_coordinate(data),
         begin=data.moment(first),
         end=data.moment(float(data.time_s[-1])),
-        lasted=hours(s.hours * 3600.0),
+        lasted=hours(s.hours * 3600.0, said),
         corrections=data.moment(s.begin_hours * 3600.0),
         zone=getattr(data.zone, "key", None) or str(data.zone),
         marks={
@@ -89,13 +96,13 @@ def build(data: ReportData) -> str:
         tool=_chart_group(data, tool),
         inputs=_chart_group(data, inputs),
         inputs_basis=basis,
-        errors=[_error_group(data, e, group) for e, group in errors],
+        errors=[_error_group(data, e, group, said) for e, group in errors],
         chosen=Markup(inputs_plot(data)),
         unhealthy=unhealthy,
         healthy=len(data.channel_health) - len(unhealthy),
-        suspects=[(data.moment(at), e.text) for at, e in data.events if e.kind in _SENSORS],
-        why=_why(data),
-        events=told[-_MOST_EVENTS:],
+        suspects=[(data.moment(at), said.of(e.text)) for at, e in data.events if e.kind in _SENSORS],
+        why=_why(data, said),
+        events=[(at, said.word("event", e.kind.value), said.of(e.text)) for at, e in told[-_MOST_EVENTS:]],
         hidden=max(len(told) - _MOST_EVENTS, 0),
         series=Markup(series(data, groups)),
         library=Markup(f"/*\n{_own_file('uplot/LICENSE')}*/\n{_own_file('uplot/uPlot.iife.min.js')}"),
@@ -103,25 +110,31 @@ def build(data: ReportData) -> str:
     )
 
 
-def nothing_learnt(machine: str, missing: Sequence[NotYet]) -> str:
+def nothing_learnt(machine: str, missing: Sequence[NotYet], said: Language) -> str:
     """The page of a gateway that has not ended a grid step."""
-    return _nothing(machine, "Nothing has been learnt yet", "Still missing, in this order:", missing)
+    title, lead = said("report.nothing_learnt"), said("report.still_missing")
+    return _nothing(machine, title, lead, [each.written(said) for each in missing], said)
 
 
-def nothing_that_day(machine: str, day: date, begin: str, end: str) -> str:
+def nothing_that_day(machine: str, day: date, begin: str, end: str, said: Language) -> str:
     """The page of a day of which no grid step is stored.
 
     begin, end: the first and the last time of which one is
     """
-    then = NotYet("Choose a day between", f"{begin} and {end}: of these the store has the first and the last grid step")
-    off = NotYet("If it lies between them", "the gateway was off that day, or no grid step ended")
-    return _nothing(machine, f"Nothing is stored of {day:%a %Y-%m-%d}", "What to do:", (then, off))
+    title = said("report.nothing_that_day", day=f"{weekday(day, said)} {day}")
+    missing = (NotYet("that_day", {"begin": begin, "end": end}), NotYet("off_that_day"))
+    return _nothing(machine, title, said("report.to_do"), [each.written(said) for each in missing], said)
 
 
-def _nothing(machine: str, title: str, lead: str, missing: Sequence[NotYet]) -> str:
-    return _PAGES.get_template("nothing.html").render(
-        machine=machine, title=title, lead=lead, missing=missing, styles=_styles()
-    )
+def _nothing(machine: str, title: str, lead: str, missing: Sequence[tuple[str, str]], said: Language) -> str:
+    return _page("nothing.html", said, machine=machine, title=title, lead=lead, missing=missing)
+
+
+def _page(template: str, said: Language, **values: object) -> str:
+    def t(key: str, /, **inner: Value) -> str:
+        return said(f"report.{key}", **inner)
+
+    return _PAGES.get_template(template).render(values, said=said, t=t, n=said.number, styles=_styles())
 
 
 def _styles() -> Markup:
@@ -132,27 +145,27 @@ def _chart_group(data: ReportData, group: ChartGroup | None) -> _ShownGroup | No
     return None if group is None else _ShownGroup(group.key, group.title, Markup(still(data, group)))
 
 
-def _error_group(data: ReportData, e: int, group: ChartGroup) -> _ShownGroup:
+def _error_group(data: ReportData, e: int, group: ChartGroup, said: Language) -> _ShownGroup:
     name = data.labels[e]
     return _ShownGroup(
         key=group.key,
         title=group.title,
         still=Markup(still(data, group)),
-        heading=f"{name}: {ERROR_MEANINGS[name]}" if name in ERROR_MEANINGS else name,
-        letters=letters(name),
-        moved=_movers(data, e),
-        sketch=Markup(sketch(name)),
+        heading=f"{name}: {said(f'error.{name}')}" if name in ERROR_MEANINGS else name,
+        letters=letters(name, said),
+        moved=_movers(data, e, said),
+        sketch=Markup(sketch(name, said)),
     )
 
 
-def _movers(data: ReportData, e: int) -> str:
+def _movers(data: ReportData, e: int, said: Language) -> str:
     """The inputs that moved an error most, on the mean of the stored reasons."""
     if data.moved is None:
         return ""
     largest = [int(i) for i in np.argsort(-data.moved[e], kind="stable")[:MOST_NAMED]]
     unit = ERROR_UNITS[THERMAL_ERRORS[e]]
     each = [(i, float(data.moved[e, i])) for i in largest if data.moved[e, i] >= LEAST_NAMED]
-    return ", ".join(f"{data.input_names[i]} ({by:.1f} {unit})" for i, by in each)
+    return ", ".join(f"{data.input_names[i]} ({said.number(by, '.1f')} {unit})" for i, by in each)
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,38 +181,41 @@ class _WhyRow:
     expected: str
 
 
-def _why(data: ReportData) -> tuple[str, str, list[_WhyRow]]:
+def _why(data: ReportData, said: Language) -> tuple[str, str, list[_WhyRow]]:
     """When, what is expected when, and a row for each error that was measured; none without a learner."""
     if data.reasons is None:
         return "", "", []
     r = data.reasons
     at, due = (data.moment((k - int(data.k[0])) * data.step_s) for k in (r.k, r.next_k))
-    share = None if data.trusted is None else data.trusted.mean(axis=0)
-    rows = [
-        _WhyRow(
-            data.labels[e],
-            ("yes" if reason.trusted else "no: the estimate is no better than no correction")
-            + ("" if share is None else f"; {share[e]:.0%} of the steps"),
-            f"{_signed(reason.estimate)} {ERROR_UNITS[reason.error]}",
-            _moved(reason),
-            _signed(reason.level),
-            ", ".join(f"{kind} {part:.0%}" for kind, part in reason.experts if part >= LEAST_SHARE_NAMED),
-            f"{_signed(reason.expected)} ± {reason.expected_sigma:.1f}",
-        )
-        for e, reason in enumerate(r.errors)
-        if np.isfinite(reason.estimate)
-    ]
-    return at, f"{due} ({r.next_why.value.replace('_', ' ')})", rows
+    share = None if data.trusted is None else 100.0 * data.trusted.mean(axis=0)
+    rows = []
+    for e, reason in enumerate(r.errors):
+        if np.isfinite(reason.estimate):
+            trusted = said("report.trusted" if reason.trusted else "report.not_trusted")
+            believed = ((said.word("expert", kind.replace(" ", "_")), part) for kind, part in reason.experts)
+            rows.append(
+                _WhyRow(
+                    data.labels[e],
+                    trusted if share is None else said("report.trusted_share", text=trusted, percent=float(share[e])),
+                    f"{_signed(reason.estimate, said)} {ERROR_UNITS[reason.error]}",
+                    _moved(reason, said),
+                    _signed(reason.level, said),
+                    ", ".join(f"{kind} {100.0 * part:.0f} %" for kind, part in believed if part >= LEAST_SHARE_NAMED),
+                    f"{_signed(reason.expected, said)} ± {said.number(reason.expected_sigma, '.1f')}",
+                )
+            )
+    return at, f"{due} ({said.word('why', r.next_why.value)})", rows
 
 
-def _signed(value: float) -> str:
+def _signed(value: float, said: Language) -> str:
     """With its sign, unless it is rounded to zero."""
-    return f"{value:+.1f}" if abs(value) >= LEAST_NAMED else "0.0"
+    return said.number(value, "+.1f") if abs(value) >= LEAST_NAMED else said.number(0.0, ".1f")
 
 
-def _moved(reason: ErrorReason) -> str:
-    told = [f"{name} {_signed(value)}" for name, value in reason.inputs if abs(value) >= LEAST_NAMED]
-    return ", ".join([*told, f"others {_signed(reason.other_inputs)}"]) if reason.trusted else ""
+def _moved(reason: ErrorReason, said: Language) -> str:
+    told = [f"{name} {_signed(value, said)}" for name, value in reason.inputs if abs(value) >= LEAST_NAMED]
+    others = said("report.others", um=_signed(reason.other_inputs, said))
+    return ", ".join([*told, others]) if reason.trusted else ""
 
 
 def _known(data: ReportData, e: int) -> bool:

@@ -12,6 +12,7 @@ from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 from matplotlib.figure import Figure
 
+from gateway.model.text import Language
 from gateway.reporting.charts import Chart, ChartGroup, Ink, inputs_of_model, spans, update_times
 from gateway.reporting.data import ReportData
 from talc.frame import FloatArray, Phase
@@ -153,20 +154,27 @@ def picture(data: ReportData) -> bytes:
     if data.truth is None:
         raise ValueError("the picture is of a simulation, whose truth is known")
     cutting = ~data.truth.probing & data.truth_ran
-    hours = data.truth.time_s[cutting] / 3600.0
+    hours, said = data.truth.time_s[cutting] / 3600.0, Language(data.language)
     with mpl.rc_context(_STYLE):
         figure = Figure(figsize=(9, 3), layout="constrained")
         axes = figure.subplots()
-        for values, ink, label in (
-            (data.truth.uncompensated_um, Ink.BEFORE, "without compensation"),
-            (data.truth.compensated_um, Ink.AFTER, "with compensation"),
+        for values, ink, key in (
+            (data.truth.uncompensated_um, Ink.BEFORE, "without"),
+            (data.truth.compensated_um, Ink.AFTER, "with"),
         ):
-            axes.plot(hours, values[cutting, 2], color=_LIGHT[ink], lw=0.9, label=label)
+            axes.plot(hours, values[cutting, 2], color=_LIGHT[ink], lw=0.9, label=said(f"report_line.{key}"))
         measured = np.isfinite(data.measured).any(axis=1)
         at = data.time_s[measured] / 3600.0
-        axes.plot(at, np.zeros(at.size), "|", color=_LIGHT[Ink.MEASURED], ms=9, label=f"{at.size} measurements")
-        axes.set_ylabel("tool to workpiece, Z, µm")
-        axes.set_xlabel("hours")
+        axes.plot(
+            at,
+            np.zeros(at.size),
+            "|",
+            color=_LIGHT[Ink.MEASURED],
+            ms=9,
+            label=said("report_line.measurements", n=at.size),
+        )
+        axes.set_ylabel(said("report_line.tool_z"))
+        axes.set_xlabel(said("report_line.hours"))
         axes.set_xlim(0, float(hours[-1]))
         axes.legend(loc="upper left", ncols=3, fontsize=8, frameon=False)
         buffer = io.BytesIO()

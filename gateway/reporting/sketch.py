@@ -3,6 +3,7 @@
 from itertools import pairwise
 from math import cos, pi, sin
 
+from gateway.model.text import Language
 from talc.names import ERROR_MEANINGS
 
 _SpacePoint = tuple[float, float, float]
@@ -14,27 +15,18 @@ _DISC = 0.8
 """The table's radius."""
 _TOP = 0.3
 """The table's height."""
-_WORDS = {
-    "X": "in the direction X",
-    "Y": "in the direction Y",
-    "Z": "in the direction Z",
-    "R": "in the radial direction",
-    "A": "a rotation about X",
-    "B": "a rotation about Y",
-    "C": "a rotation about Z",
-}
-_WHOSE = {"A": "of the A axis", "C": "of the C axis", "T": "of the table"}
 
 
-def letters(error: str) -> str:
+def letters(error: str, said: Language) -> str:
     """What the name says, letter by letter; empty for a name that is not one of the nine."""
     if error not in ERROR_MEANINGS:
         return ""
-    kind, whose = _WORDS[error[1]], _WHOSE[error[3]]
-    return f"E: error · {error[1]}: {kind} · 0: of the mean place or direction · {error[3]}: {whose}"
+    kind, whose = error[1], error[3]
+    words = said(f"report_letter.{kind}"), said(f"report_letter.of_{whose}")
+    return said("report_letter.all", kind=kind, kind_words=words[0], whose=whose, whose_words=words[1])
 
 
-def sketch(error: str) -> str:
+def sketch(error: str, said: Language) -> str:
     """SVG; empty for a name that is not one of the nine."""
     if error not in ERROR_MEANINGS:
         return ""
@@ -49,7 +41,7 @@ def sketch(error: str) -> str:
         *moved,
         *_triad(),
     ]
-    name = f"{error}: {ERROR_MEANINGS[error]}"
+    name = f"{error}: {said(f'error.{error}')}"
     return (
         f'<svg class="sketch" viewBox="-100 -82 200 140" role="img" aria-label="{name}"><title>{name}</title>'
         + "".join(parts)

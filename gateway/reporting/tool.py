@@ -1,6 +1,7 @@
 """Deviations of the tool from where it should be, without and with compensation."""
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -10,8 +11,6 @@ from talc.kinematics import tcp_offsets
 
 _POSITIONS = 4
 """Thermal errors that are positions of an axis come first: each shifts the tool by itself."""
-TRUE = "simulated, at the axis positions of each minute in which the machine did not probe"
-SEEN = "at the probing sphere with A = C = 0°, of the measurements, against what was predicted before each of them"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -24,7 +23,8 @@ class ToolCourse:
     """(m, 3) without compensation."""
     after: FloatArray
     """(m, 3) with compensation."""
-    basis: str
+    basis: Literal["simulated", "measured"]
+    """What they are made of."""
     noise: float
     """Standard uncertainty of a coordinate of one measurement, µm; NaN: unknown."""
 
@@ -42,7 +42,7 @@ def at_tool(data: ReportData) -> ToolCourse | None:
         times, before, after = (
             of[use] for of in (data.truth.time_s, data.truth.uncompensated_um, data.truth.compensated_um)
         )
-        return ToolCourse(times, before, after, TRUE, noise)
+        return ToolCourse(times, before, after, "simulated", noise)
     if data.sphere_m is None:
         return None
     known = np.isfinite(data.measured).all(axis=1) & np.isfinite(data.predicted).all(axis=1)
@@ -54,4 +54,4 @@ def at_tool(data: ReportData) -> ToolCourse | None:
     matrix = np.column_stack([tcp_offsets(unit, place, radius_m) for unit in np.eye(9)])
     measured = data.measured[known]
     left = measured - data.predicted[known]
-    return ToolCourse(data.time_s[known], measured @ matrix.T, left @ matrix.T, SEEN, noise)
+    return ToolCourse(data.time_s[known], measured @ matrix.T, left @ matrix.T, "measured", noise)

@@ -29,16 +29,16 @@ _STORED_WITHIN = timedelta(minutes=30)
 """Time from the end of a day until nothing more of it is stored."""
 
 
-def made(database: Path, day: date, zone: str) -> bytes:
+def made(database: Path, asked: ReportRequest) -> bytes:
     """The page of a day, HTML compressed with gzip; runs in a separate process. Raises StoreError, ValueError."""
     resource.setrlimit(resource.RLIMIT_DATA, (_MEMORY, _MEMORY))
     from gateway.reporting.page import build
     from gateway.service.report_data import Reader, collect, empty_page  # loads what draws: never in the gateway itself
 
-    reader = Reader(_zone(zone), day=day)
+    reader = Reader(_zone(asked.zone), day=asked.day, language=asked.language)
     page = (empty_page(database, reader) or build(collect(database, reader=reader))).encode()
     if len(page) > _MOST_BYTES:
-        raise ValueError(f"the page of {day} has {len(page) / 1e6:.1f} MB, more than {_MOST_BYTES / 1e6:g} MB")
+        raise ValueError(f"the page of {asked.day} has {len(page) / 1e6:.1f} MB, more than {_MOST_BYTES / 1e6:g} MB")
     return gzip.compress(page)
 
 
@@ -52,9 +52,9 @@ def _zone(name: str) -> ZoneInfo | None:
         ) from None
 
 
-async def _made_apart(database: Path, day: date, zone: str) -> bytes:
+async def _made_apart(database: Path, asked: ReportRequest) -> bytes:
     """The same, made in a separate process. Raises WorkError."""
-    return await apart(made, database, day, zone)
+    return await apart(made, database, asked)
 
 
 class DayReports:
@@ -64,7 +64,7 @@ class DayReports:
     ----------
     database: that the gateway writes
     now: the gateway's UTC
-    make: gives a compressed page for a database, a day and a time zone; raises WorkError
+    make: gives a compressed page of a database; raises WorkError
     monotonic_s: real seconds
     limit_s: how long a page may take
     missing: packages that a page needs and that are not installed
@@ -74,14 +74,14 @@ class DayReports:
         self,
         database: Path,
         now: Callable[[], datetime],
-        make: Callable[[Path, date, str], Coroutine[Any, Any, bytes]] = _made_apart,
+        make: Callable[[Path, ReportRequest], Coroutine[Any, Any, bytes]] = _made_apart,
         monotonic_s: Callable[[], float] = time.monotonic,
         limit_s: float = _LIMIT_S,
         missing: Sequence[str] = (),
     ) -> None:
         self._limit_s, self._missing = limit_s, missing
         self._database, self._now, self._make, self._monotonic_s = database, now, make, monotonic_s
-        self._kept: OrderedDict[tuple[date, str], tuple[float | None, bytes]] = OrderedDict()
+        self._kept: OrderedDict[ReportRequest, tuple[float | None, bytes]] = OrderedDict()
         """With the monotonic time at which it was made; None: the day was over."""
         self._guard = threading.Lock()
         self._closed = False
@@ -104,20 +104,19 @@ class DayReports:
             self._stop()
 
     def _page(self, asked: ReportRequest, zone: ZoneInfo | None) -> bytes:
-        key = (asked.day, asked.zone)
-        made_s, page = self._kept.get(key, (0.0, b""))
+        made_s, page = self._kept.get(asked, (0.0, b""))
         if page and (made_s is None or self._monotonic_s() - made_s < _FRESH_S):
-            self._kept.move_to_end(key)
+            self._kept.move_to_end(asked)
             return page
         over = self._now() > _end(asked.day, zone) + _STORED_WITHIN
         page = asyncio.run(self._made(asked))
-        self._kept[key] = (None if over else self._monotonic_s(), page)
+        self._kept[asked] = (None if over else self._monotonic_s(), page)
         if len(self._kept) > _MOST_KEPT:
             self._kept.popitem(last=False)
         return page
 
     async def _made(self, asked: ReportRequest) -> bytes:
-        work = asyncio.ensure_future(self._make(self._database, asked.day, asked.zone))
+        work = asyncio.ensure_future(self._make(self._database, asked))
         loop = asyncio.get_running_loop()
         with self._guard:
             if self._closed:

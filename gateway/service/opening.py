@@ -5,6 +5,8 @@ from importlib.metadata import version
 
 from gateway.config.consequences import unarmed
 from gateway.config.model import GatewayConfig
+from gateway.model.codes import NoticeCode
+from gateway.model.text import Text
 from gateway.runtime.terminal import counted
 from gateway.telemetry import keys
 
@@ -17,10 +19,10 @@ def contents(config: GatewayConfig) -> str:
     )
 
 
-def armed(config: GatewayConfig) -> str:
+def armed(config: GatewayConfig) -> Text:
     """Whether anything is written to the control."""
-    probing = "armed" if config.probing.armed else "not armed"
-    return f"compensation {config.compensation.mode}, probing {probing}"
+    code = NoticeCode.MODE_AND_PROBING if config.probing.armed else NoticeCode.MODE_WITHOUT_PROBING
+    return Text(code, mode=config.compensation.mode)
 
 
 def opening(config: GatewayConfig) -> Iterator[str]:

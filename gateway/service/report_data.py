@@ -13,6 +13,7 @@ import numpy as np
 
 from gateway.config.model import GatewayConfig
 from gateway.model.compensation import Source
+from gateway.model.text import Language
 from gateway.reporting.data import TRUTH_WIDTH, WORK_SHIFTS, AdoptedModels, CycleSeen, NotYet, ReportData, Truth
 from gateway.reporting.local import local_moment
 from gateway.reporting.page import nothing_learnt, nothing_that_day
@@ -39,6 +40,8 @@ class Reader:
     """When they begin; none: no shifts."""
     day: date | None = None
     """Only this one, from midnight to midnight in the zone; None: all that is stored."""
+    language: str = "en"
+    """Of the catalogue."""
 
     @property
     def within(self) -> TimeSpan | None:
@@ -52,22 +55,22 @@ class Reader:
 
 def empty_page(database: Path, reader: Reader) -> str | None:
     """The page that says why there is nothing to report; None: there is something. Raises StoreError."""
+    said = Language(reader.language)
     with History(database) as history:
         if history.config() is None:
-            start = NotYet("No run is stored here", "Start one: talc-gateway run CONFIG")
-            return nothing_learnt(database.name, [start])
+            return nothing_learnt(database.name, [NotYet("run")], said)
         config = stored_config(history)
         first, last = history.span()
         if first is None or last is None:
-            return nothing_learnt(config.machine.name, not_yet(history, config, (), history.channel_health()))
+            return nothing_learnt(config.machine.name, not_yet(history, config, (), history.channel_health()), said)
         if reader.day is None:
             return None
         after, until = _steps_within(reader.within, config.grid.step_s)
         if any(True for _ in history.steps(after, last_k=until)):
             return None
         zone = reader.zone or own_zone()
-        begin, end = (local_moment(k * config.grid.step_s, zone) for k in (first, last))
-        return nothing_that_day(config.machine.name, reader.day, begin, end)
+        begin, end = (local_moment(k * config.grid.step_s, zone, said) for k in (first, last))
+        return nothing_that_day(config.machine.name, reader.day, begin, end, said)
 
 
 def collect(database: Path, truth: Path | None = None, reader: Reader | None = None) -> ReportData:
@@ -113,13 +116,14 @@ def collect(database: Path, truth: Path | None = None, reader: Reader | None = N
             compensation_um=np.array([c.offsets_um for c in compensation]).reshape(-1, 3),
             input_names=names,
             channel_health=health,
-            health_of="Readings" if within is None else "Grid steps",
+            health_of="readings" if within is None else "steps",
+            language=reader.language,
             cycles=len(cycles),
             rejected_cycles=sum(m.errors is None for m in cycles),
             truth=None if truth is None else _truth(truth, start),
             trusted=np.array([s.decision.trusted for s in steps]) if all(s.trust_known for s in steps) else None,
             reasons=history.reasons(until),
-            not_compared="" if config.sensor_check.enabled else "[sensor_check] enabled = false",
+            compared=config.sensor_check.enabled,
             zone=reader.zone or own_zone(),
             shifts=reader.shifts,
             noise=_noise(steps),
@@ -146,7 +150,7 @@ def _steps_good(steps: Sequence[StoredStep], names: Sequence[str]) -> dict[str, 
     """By input: the number of steps with and without a good value."""
     good = np.sum([s.frame.valid for s in steps], axis=0).tolist()
     return {
-        name: {"good": n, **({"without a good value": len(steps) - n} if n < len(steps) else {})}
+        name: {"good": n, **({"not_good": len(steps) - n} if n < len(steps) else {})}
         for name, n in zip(names, good, strict=True)
     }
 
@@ -164,20 +168,17 @@ def not_yet(
         done = sum(step.decision.phase is Phase.CALIBRATION for step in steps)
         if done < len(steps):
             return ()
-        of = config.talc.control.calibration_steps
-        return (NotYet(f"The calibration is not over: {done} of {of} steps", "The models are trained at its end"),)
+        return (NotYet("calibration", {"done": done, "of": config.talc.control.calibration_steps}),)
     found: list[NotYet] = []
     if not steps:
-        within = f"{config.grid.step_s / 60.0:g} min"
-        found.append(NotYet("No grid step has ended", f"The first ends {within} after the start: talc-gateway status"))
+        found.append(NotYet("step", {"minutes": config.grid.step_s / 60.0}))
     silent = _silent(health, [channel.name for channel in config.channels])
     if silent:
-        found.append(NotYet(f"No good reading of {', '.join(silent)}", "talc-gateway doctor says what is wrong"))
+        found.append(NotYet("reading", {"channels": silent}))
     if config.nc is None:
-        found.append(NotYet("No control is configured", "Write [nc]: without a control nothing can be measured"))
+        found.append(NotYet("control"))
     elif not config.probing.armed:
-        then = "Run the control's probing cycle once by hand, then write [probing] armed = true"
-        found.append(NotYet("Probing is not armed", then))
+        found.append(NotYet("probing"))
     return (*found, *_not_measured(history, config.probing.reference_cycles))
 
 
@@ -185,13 +186,10 @@ def _not_measured(history: History, wanted: int) -> Iterable[NotYet]:
     cycles = history.measurements()
     used = [cycle for cycle in cycles if not cycle.reason]
     if not cycles:
-        yield NotYet("No measurement yet", "The first is requested when the control is ready and probing is armed")
+        yield NotYet("measurement")
     elif not used:
-        yield NotYet(f"None of {len(cycles)} probing cycles was used", f"The last: {cycles[-1].reason}")
-    yield NotYet(
-        "No reference",
-        f"All later errors count from the mean of the first cycles ({wanted}, one after the other)",
-    )
+        yield NotYet("used", {"n": len(cycles), "last": cycles[-1].reason})
+    yield NotYet("reference", {"n": wanted})
 
 
 def _cycles(measurements: Sequence[StoredMeasurement], start: float, reference: int) -> tuple[CycleSeen, ...]:

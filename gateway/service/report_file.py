@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+from gateway.model.text import Language
 from gateway.reporting.figures import summary, table
 from gateway.reporting.first_lines import verdict
 from gateway.reporting.page import build
@@ -13,18 +14,18 @@ from gateway.service.report_data import Reader, collect, empty_page
 def write(database: Path, output: Path, truth: Path | None = None, reader: Reader | None = None) -> None:
     """Print the table and write the page, and of a simulation a picture too. Raises StoreError: it cannot be read."""
     console, reader = terminal(), reader or Reader()
+    said = Language(reader.language)
     empty = empty_page(database, reader)
     if empty is None:
         data = collect(database, truth, reader)
         figures = summary(data)
         console.print(verdict(data, figures), soft_wrap=True, highlight=False, markup=False)
         if figures.rows:
-            console.print(table(figures))
+            console.print(table(figures, said))
         output.write_text(build(data), encoding="utf-8")
         if data.truth is not None:
             output.with_suffix(".png").write_bytes(picture(data))
     else:
         output.write_text(empty, encoding="utf-8")
-        none = "nothing has been learnt yet: no grid step has ended"
-        console.print(none if reader.day is None else f"nothing is stored for {reader.day}")
-    console.print(f"report: {output}", soft_wrap=True)
+        console.print(said("report.no_step") if reader.day is None else said("report.no_day", day=str(reader.day)))
+    console.print(said("report.written", file=str(output)), soft_wrap=True)

@@ -3,7 +3,8 @@
 import json
 import os
 from collections.abc import Iterable, Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
+from dataclasses import fields as dataclass_fields
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
@@ -11,7 +12,7 @@ from drivers.base import Quality
 from gateway.config.consequences import unarmed
 from gateway.config.model import GatewayConfig
 from gateway.control.restart.proven import dry_run_wanted
-from gateway.model.text import plain
+from gateway.model.text import Language, Text, json_of, plain, values_of
 from gateway.nc.problems import still_wrong
 from gateway.runtime.terminal import duration_text, printable, terminal
 from gateway.runtime.time_service import clock_synchronised
@@ -24,7 +25,7 @@ _RECENT = timedelta(hours=24)
 _EVENTS = 8
 _NEVER = datetime.max.replace(tzinfo=UTC)
 _LATE_STEPS = 2
-_CLOCK = "the computer's clock is not synchronised: times and ages may be wrong"
+_UNREAD = "unread"
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,19 +38,19 @@ class Status:
     phase: str | None
     decision_age_s: float | None
     """Since the end of the step that the latest decision is about."""
-    armed: str
-    unarmed: tuple[str, ...]
-    paused: str | None
+    armed: Text
+    unarmed: tuple[Text, ...]
+    paused: Text | None
     """Who has paused the compensation, and since when; None: it is not paused."""
-    disarmed: str | None
+    disarmed: Text | None
     """Who has disarmed the gateway, and since when; None: nobody."""
     readings: dict[str, tuple[float | None, str, str]]
     """Channel to the latest value of the last minutes in this run, unit and quality."""
     missing: tuple[str, ...]
     """Channels that were not read in that time, or are not good."""
-    control: tuple[str, ...]
+    control: tuple[Text, ...]
     """What is wrong with the control now."""
-    problems: tuple[str, ...]
+    problems: tuple[tuple[datetime, Text], ...]
     """The latest problems of the last day or their ends, one of each device, channel or control, oldest first."""
     clock_synchronised: bool
     """Whether a time service has set this computer's clock."""
@@ -67,8 +68,8 @@ def status_of(config: GatewayConfig, now: datetime, *, synchronised: bool = True
     decision: tuple[int, str] | None = None
     lead_s = 0.0
     readings: dict[str, tuple[float | None, str, str]] = {}
-    problems: tuple[str, ...] = ()
-    control: tuple[str, ...] = ()
+    problems: tuple[tuple[datetime, Text], ...] = ()
+    control: tuple[Text, ...] = ()
     pause = disarmed = None
     if answered(path, path.is_file):
         with History(path) as history:
@@ -102,58 +103,65 @@ def status_of(config: GatewayConfig, now: datetime, *, synchronised: bool = True
     )
 
 
-def show(config: GatewayConfig, as_json: bool) -> bool:
+def show(config: GatewayConfig, as_json: bool, language: str = "en") -> bool:
     """Print it; True if all is well."""
     status = status_of(config, datetime.now(UTC), synchronised=clock_synchronised() is True)
     console = terminal()
-    if as_json:
-        console.print(json.dumps(asdict(status), ensure_ascii=False), soft_wrap=True, highlight=False)
-        return status.well
-    lines = [
-        f"{status.machine}: {'runs' if status.running else 'IS NOT RUNNING'}, {_decision(status)}",
-        status.armed,
-        *status.unarmed,
-        *(() if status.disarmed is None else (f"the gateway is {status.disarmed}",)),
-        *(() if status.paused is None else (f"the compensation is {status.paused}",)),
-        *_channels(status, len(config.channels)),
-        *status.control,
-        *(() if status.clock_synchronised else (_CLOCK,)),
-        *(f"  {text}" for text in status.problems),
-    ]
+    lines = [as_json_text(status)] if as_json else written(status, len(config.channels), Language(language))
     for line in lines:
-        console.print(printable(line), soft_wrap=True, highlight=False)
+        console.print(line if as_json else printable(line), soft_wrap=True, highlight=False)
     return status.well
 
 
-def _latest(events: Iterable[tuple[datetime, Event]]) -> tuple[str, ...]:
+def as_json_text(status: Status) -> str:
+    """For other programs: the texts in English, and of the problems also what they say."""
+    problems = [f"{at:%H:%M} {text}" for at, text in status.problems]
+    told = [(at, text, *values_of(text)) for at, text in status.problems]
+    coded = [{"at": at.isoformat(), "text": text, "code": code, "values": values} for at, text, code, values in told]
+    control = [{"text": text, "code": text.code, "values": json_of(text.values)} for text in status.control]
+    fields = {field.name: getattr(status, field.name) for field in dataclass_fields(status)}
+    whole = fields | {"problems": problems, "problems_coded": coded, "control_coded": control}
+    return json.dumps(whole, ensure_ascii=False)
+
+
+def written(status: Status, channels: int, said: Language) -> Iterator[str]:
+    """Line by line, for people. channels: how many the configuration has"""
+    decision = said("status.no_decision")
+    if status.decision_age_s is not None:
+        decision = said("status.decision", age=duration_text(status.decision_age_s))
+        if status.running:
+            decision = said("status.phase", phase=status.phase, decision=decision)
+    yield said("status.runs" if status.running else "status.runs_not", machine=status.machine, decision=decision)
+    yield from map(said.of, (status.armed, *status.unarmed))
+    if status.disarmed is not None:
+        yield said("status.disarmed", order=status.disarmed)
+    if status.paused is not None:
+        yield said("status.paused", order=status.paused)
+    if not status.running and not status.readings:
+        yield said("status.no_channels", all=channels)
+    else:
+        yield said("status.channels", good=channels - len(status.missing), all=channels)
+        for name in status.missing:
+            quality = status.readings[name][2] if name in status.readings else _UNREAD
+            yield said("status.channel", name=name, state=quality)
+    for text in status.control:
+        yield said.of(text)
+        if remedy := text.about("remedy", said.code):
+            yield said("status.remedy", remedy=remedy)
+    if not status.clock_synchronised:
+        yield said("status.clock")
+    yield from (f"  {at:%H:%M} {said.of(text)}" for at, text in status.problems)
+
+
+def _latest(events: Iterable[tuple[datetime, Event]]) -> tuple[tuple[datetime, Text], ...]:
     """The latest problem, or its end, of each subject: one device that comes and goes hides no other."""
-    found: dict[str, str] = {}
+    found: dict[str, tuple[datetime, Text]] = {}
     for at, event in events:
         if event.kind in (EventKind.PROBLEM, EventKind.PROBLEM_ENDED):
             subject = str(event.values.get("subject", event.text))
             found.pop(subject, None)
-            found[subject] = f"{at:%H:%M} {event.text}"
+            found[subject] = at, plain(event.text)
     return tuple(found.values())[-_EVENTS:]
-
-
-def _decision(status: Status) -> str:
-    if status.decision_age_s is None:
-        return "no decision yet"
-    age = f"last decision {duration_text(status.decision_age_s)} ago"
-    return f"{status.phase}, {age}" if status.running else age
-
-
-def _channels(status: Status, count: int) -> Iterator[str]:
-    if not status.running and not status.readings:
-        yield f"channels: none of {count} is read"
-        return
-    yield f"channels: {count - len(status.missing)} of {count} good"
-    for name in status.missing:
-        yield f"  {name}: {_reading(status, name)}"
-
-
-def _reading(status: Status, name: str) -> str:
-    return status.readings[name][2] if name in status.readings else "not read lately"
 
 
 def _held(path: Path) -> bool:

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import date
 
+from gateway.model.text import languages
 from gateway.telemetry.answers import ReportPage
 from gateway.telemetry.codec import encode
 from gateway.telemetry.queries import Answering, Replied, parameters_of
@@ -18,6 +19,8 @@ class ReportRequest:
     day: date
     zone: str
     """Time zone of the day, such as Europe/Zurich; empty: the time zone of the gateway's computer."""
+    language: str = "en"
+    """Of the catalogue."""
 
 
 ReportSource = Callable[[ReportRequest], ReportPage]
@@ -34,7 +37,7 @@ def parse_report(selected: str) -> ReportRequest:
 
     Raises ValueError naming parameter, value and what would be right.
     """
-    parameters = parameters_of(selected, ("day", "zone"))
+    parameters = parameters_of(selected, ("day", "zone", "language"))
     day, zone = parameters.get("day", ""), parameters.get("zone", "")
     try:
         found = date.fromisoformat(day)
@@ -44,4 +47,7 @@ def parse_report(selected: str) -> ReportRequest:
         raise ValueError(f"day = {day!r}: expected one between 2000 and 2199")
     if len(zone) > _LONGEST_NAME:
         raise ValueError(f"zone: expected at most {_LONGEST_NAME} letters, such as Europe/Zurich")
-    return ReportRequest(found, zone)
+    language = parameters.get("language", "en")
+    if language not in languages():
+        raise ValueError(f"language = {language!r}: expected one of {', '.join(languages())}")
+    return ReportRequest(found, zone, language)

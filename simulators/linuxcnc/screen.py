@@ -216,11 +216,17 @@ class ControlScreen:
         return rows
 
     def record(self, *signals: str) -> None:
-        """As `sample`, until `recorded`, while other commands are carried out."""
+        """As `sample`, until `recorded`, while other commands are carried out. Returns when it records."""
         self._sampler(signals)
-        with Path("recorded.txt").open("w") as file:
+        rows = Path("recorded.txt")
+        with rows.open("w") as file:
             self.recorder = subprocess.Popen(["halsampler"], stdout=file)
         self.hal("setp", "sampler.0.enable", "1")
+        deadline = time.monotonic() + _LIMIT_S
+        while not rows.stat().st_size:  # its first rows come together, some tens of servo periods later
+            if time.monotonic() > deadline:
+                raise TimeoutError("nothing is recorded")
+            time.sleep(0.005)
 
     def recorded(self) -> list[list[float]]:
         self.hal("setp", "sampler.0.enable", "0")

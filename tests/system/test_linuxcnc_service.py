@@ -49,7 +49,8 @@ async def test_an_idle_machine_is_probed_once_allowed_and_a_loose_sphere_is_reje
             }
         )
         told, stop = KeptEvents(), asyncio.Event()
-        service = Service(config, RealClock(), told, Past(Controller(config.input_names, config.talc), proven=True))
+        controller, paths = Controller(config.input_names, config.talc), frozenset({bench.nc.path_mark})
+        service = Service(config, RealClock(), told, Past(controller, proven=True, paths=paths))
         at_work = asyncio.create_task(service.run(stop))
 
         async def said(*standings: Standing) -> bool:

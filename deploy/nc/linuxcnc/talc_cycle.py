@@ -27,7 +27,7 @@ REASONS = {
     21: BY_OTHERS,
     22: "the touch probe does not answer",
 }
-START_LIMIT_S, IDLE_LIMIT_S = 10.0, 0.5
+START_LIMIT_S, IDLE_LIMIT_S, STATUS_LIMIT_S = 10.0, 0.5, 2.0
 HIGHEST_MM = 1000.0
 """Of a dry run, as the protocol has it."""
 
@@ -43,6 +43,8 @@ class Cycle:
         self._since_idle_s: float | None = None
         self._mode_before: int | None = None
         self._started_s: float | None = None
+        self._taken_s: float | None = None
+        """When the program was seen to have taken the request."""
         self._begun, self._rests, self._ended, self._leaving = False, True, True, False
         """_leaving: the program of the request before, which was withdrawn when it had just been taken, still runs."""
         self._began_in: tuple[int, str] | None = None
@@ -66,7 +68,7 @@ class Cycle:
         self._leaving = 0 != self._number == self._pins["answers"] and not self._ended
         self._number, self._state, self._reason, self._void = number, "requested", "", ""
         self._expires_s = now + valid_for_s if valid_for_s > 0 else math.inf
-        self._started_s, self._since_idle_s, self._began_in = None, None, None
+        self._started_s, self._since_idle_s, self._began_in, self._taken_s = None, None, None, None
         self._begun = self._ended = False
         self._dry_run_mm = dry_run_mm
 
@@ -119,7 +121,9 @@ class Cycle:
 
     def _follow(self, now: float, nc: Any, command: Any) -> None:
         """The program has taken the request: its state counts, unless it was stopped or was not alone."""
-        if nc is not None:
+        if self._taken_s is None:
+            self._taken_s = now
+        if nc is not None and not self._is_from_before(now, nc):
             self._watch(nc, command)
         told = self._told()
         if told == "done" and self._pins["result-of"] != self._number:
@@ -139,6 +143,13 @@ class Cycle:
 
     def _told(self) -> str:
         return STATES.get(round(self._pins["state"]), "accepted")
+
+    def _is_from_before(self, now: float, nc: Any) -> bool:
+        """Whether LinuxCNC's status may be older than the pins, which show already that the program has begun."""
+        if self._began_in is not None or self._taken_s is None or now - self._taken_s > STATUS_LIMIT_S:
+            return False
+        called = nc.task_mode != linuxcnc.MODE_MDI or (nc.command and not nc.queued_mdi_commands)
+        return self._rests or not called
 
     def _watch(self, nc: Any, command: Any) -> None:
         """Void the result if LinuxCNC does something that the cycle has not commanded.

@@ -1,90 +1,61 @@
 """Reports of `doctor` on files with keys, certificates and passwords that cannot be read, or are of no use."""
 
-import errno
 import os
 import pwd
-import re
 import shlex
 import subprocess
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from pydantic import BaseModel
 
 from gateway.config.model import GatewayConfig
 from gateway.config.problems import Problem
+from gateway.model.codes import NoticeCode
+from gateway.model.text import Text, Value
 
 _SECRETS = ("key_file", "key", "private_key", "password_file", "users_file")
 _PUBLIC = ("certificate", "server_certificate", "authority")
 
 
-@dataclass(frozen=True, slots=True)
-class UnreadFile:
-    """A file that a configuration names and that cannot be read."""
-
-    field: str
-    """Section and field, as in a Problem."""
-    path: Path
-    error: OSError
-    why: str
-    page: str
-    """How such a file is made."""
-    reader: str = ""
-    """The user who has to read it, if that is not this process's."""
-
-    @property
-    def what(self) -> str:
-        """Which file, of which setting."""
-        absent = isinstance(self.error, FileNotFoundError)
-        return f"{self.field}: '{self.path}' " + (
-            "does not exist" if absent else f"cannot be read: {self.error.strerror}"
-        )
-
-    @property
-    def remedy(self) -> str:
-        """What to do."""
-        name = self.field.rsplit(maxsplit=1)[-1]
-        secret = name in _SECRETS
-        if isinstance(self.error, FileNotFoundError):
-            guard = ", readable only by the gateway's user (chmod 600)" if secret else ""
-            return f"make the file ({self.page}) or copy it there{guard}, or change {name} in the configuration"
-        if self.reader:
-            return f"chown {self.reader} {self.path}; or LoadCredential= in a drop-in (docs/install-pi.md)"
-        return "let the gateway's user read it; if it already may, run `doctor` as that user or as root"
+_SPOILT = {
+    "key_file": NoticeCode.KEY_SPOILT,
+    "users_file": NoticeCode.USERS_SPOILT,
+    "password_file": NoticeCode.PASSWORD_SPOILT,
+    "key": NoticeCode.PAIR_SPOILT,
+}
 
 
-def unread_files(config: GatewayConfig) -> Iterator[UnreadFile]:
-    """Every file with a key, a certificate or a password that cannot be read.
+def unread_files(config: GatewayConfig) -> Mapping[str, Text]:
+    """Every file with a key, a certificate or a password that cannot be read, by section and field as in a Problem.
 
     Root can read all of them: it asks for the user who owns the database, as whom the service runs.
     """
     user = _owner(config.storage.path) if os.geteuid() == 0 else None
+    found = {}
     for field, path, harm, page in _named(config):
-        why = f"without it {harm}"
+        name = field.rsplit(maxsplit=1)[-1]
+        where: dict[str, Value] = {"field": field, "path": str(path), "harm": harm}
         try:
             with path.open("rb") as file:
                 file.read(1)
+        except FileNotFoundError:
+            code = NoticeCode.SECRET_ABSENT if name in _SECRETS else NoticeCode.FILE_ABSENT
+            found[field] = Text(code, **where, page=page, name=name)
         except OSError as error:
-            yield UnreadFile(field, path, error, why, page)
+            found[field] = Text(NoticeCode.FILE_UNREADABLE, **where, error=error.strerror)
         else:
             if user is not None and not _may_read(user, path):
-                refused = PermissionError(errno.EACCES, f"not by {user.pw_name}, the user who owns the database")
-                yield UnreadFile(field, path, refused, why, page, user.pw_name)
+                found[field] = Text(NoticeCode.FILE_OF_OTHERS, **where, user=user.pw_name)
+    return found
 
 
-def spoilt_file(config: GatewayConfig, problem: Problem) -> tuple[str, str]:
-    """Why it matters that a file can be read and is of no use, and what to do. problem: one of `credential_problems`"""
+def spoilt_file(config: GatewayConfig, problem: Problem) -> Text:
+    """Of a file that can be read and is of no use. problem: one of `credential_problems`"""
     name = problem.where.rsplit(maxsplit=1)[-1]
     path, harm, page = next((path, harm, page) for field, path, harm, page in _named(config) if field == problem.where)
-    line = re.search(r"line \d+", problem.what.removeprefix(f"'{path}'"))
-    todo = {
-        "key_file": f"make a new key: openssl rand -hex 32 > {shlex.quote(str(path))}; its owner needs the same one",
-        "users_file": f"correct {line[0] if line else 'the file'}: expected a line user:password for each user",
-        "password_file": "write the password into the file",
-        "key": "copy the key that belongs to the certificate, or make both again",
-    }
-    return harm, f"{todo.get(name, 'renew the file, or set the clock of this computer if it is wrong')} ({page})"
+    code = _SPOILT.get(name, NoticeCode.CERTIFICATE_SPOILT)
+    return Text(code, problem=str(problem), harm=harm, page=page, quoted=shlex.quote(str(path)))
 
 
 def _owner(database: Path) -> pwd.struct_passwd | None:
@@ -104,24 +75,25 @@ def _may_read(user: pwd.struct_passwd, path: Path) -> bool:
     return done.returncode == 0
 
 
-def _named(config: GatewayConfig) -> Iterator[tuple[str, Path, str, str]]:
+def _named(config: GatewayConfig) -> Iterator[tuple[str, Path, Text, str]]:
     """Field, file, what does not work without a good one, and the page that says how it is made."""
     telemetry = config.telemetry
     if telemetry.enabled:
-        silent = "nobody on another computer can hear the gateway"
+        silent = Text(NoticeCode.NOBODY_HEARS)
         for section, part in (("[telemetry.tls]", telemetry.tls), ("[telemetry]", telemetry)):
             for name, path in _files(part):
                 yield f"{section} {name}", path, silent, "docs/secure-telemetry.md"
         for operator in telemetry.operators:
-            deaf = f"every command of '{operator.name}' is refused"
+            deaf = Text(NoticeCode.COMMANDS_REFUSED, operator=operator.name)
             yield f"[[telemetry.operator]] '{operator.name}', key_file", operator.key_file, deaf, "docs/commands.md"
     if config.nc is not None:
         for name, path in _files(config.nc):
             page = "docs/agent.md" if name == "key_file" else "docs/nc.md"
-            yield f"[nc] {name}", path, "the gateway cannot connect to the control", page
+            yield f"[nc] {name}", path, Text(NoticeCode.NC_NOT_TO_CONNECT), page
     for bus in config.buses:
         for name, path in _files(bus):
-            yield f"bus '{bus.name}', {name}", path, f"bus '{bus.name}' cannot be read", "docs/devices.md"
+            unread = Text(NoticeCode.BUS_NOT_TO_READ, bus=bus.name)
+            yield f"bus '{bus.name}', {name}", path, unread, "docs/devices.md"
 
 
 def _files(section: BaseModel) -> Iterator[tuple[str, Path]]:

@@ -3,10 +3,10 @@
 import os
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from itertools import combinations
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from gateway.config.rules import cautions
 from gateway.config.telemetry_rules import credential_problems
 from gateway.control.restart.proven import dry_run_wanted
 from gateway.model.codes import NoticeCode
-from gateway.model.text import NOTHING, Text, plain
+from gateway.model.text import NOTHING, Language, Text, plain
 from gateway.runtime.terminal import terminal
 from gateway.runtime.time_service import clock_synchronised
 from gateway.storage.answers import answered
@@ -35,77 +35,61 @@ _SAME_K = 0.02
 _MOVED_K = 0.5
 
 
-@dataclass(frozen=True, slots=True)
-class HealthFinding:
-    """One thing that is wrong."""
+class HealthFinding(NamedTuple):
+    """One thing that is wrong, in the language of who reads it."""
 
     what: str
     why: str
     remedy: str
 
 
-_CLOCK = HealthFinding(
-    "the clock is not synchronised: no time service has set it",
-    "the grid and everything stored use the computer's time; a Pi without a battery-backed clock starts in the past, "
-    "and after a restart the age of the last measurement is unknown",
-    "install chrony and give it a server of the plant (docs/install-pi.md)",
-)
-
-
-_OF_OTHERS = (
-    "not looked at: which programs of other users have a serial line of this configuration open; only root can see that"
-)
-
-
-def show(config: GatewayConfig, root: Path = Path("/"), *, sees_all: bool | None = None) -> bool:
+def show(config: GatewayConfig, root: Path = Path("/"), *, sees_all: bool | None = None, language: str = "en") -> bool:
     """Print every finding, and what this user cannot see; True if there is no finding.
 
     root: where /sys, /proc and /run are
     sees_all: whether this user sees the open files of all users' processes; None: root does
     """
-    console = terminal()
+    console, said = terminal(), Language(language)
     if sees_all is None:
         sees_all = os.geteuid() == 0
-    found = list(health_findings(config, root, synchronised=clock_synchronised() is True))
-    for finding in found:
-        console.print(
-            f"{finding.what}\n  why it matters: {finding.why}\n  what to do: {finding.remedy}", soft_wrap=True
-        )
-    if not found:
-        console.print("nothing found")
+    found = list(health_findings(config, root, synchronised=clock_synchronised() is True, language=language))
+    lines = [said("doctor.finding", **finding._asdict()) for finding in found] or [said("doctor.nothing")]
     if not sees_all and any(bus.serial_path for bus in config.buses):
-        console.print(_OF_OTHERS, soft_wrap=True)
+        lines.append(said("doctor.unseen"))
+    for line in lines:
+        console.print(line, soft_wrap=True)
     return not found
 
 
-def health_findings(config: GatewayConfig, root: Path, *, synchronised: bool) -> Iterator[HealthFinding]:
+def health_findings(
+    config: GatewayConfig, root: Path, *, synchronised: bool, language: str = "en"
+) -> Iterator[HealthFinding]:
     """Everything that is wrong, the computer first.
 
     synchronised: whether a time service has set this computer's clock
     """
+    for text in _found(config, root, synchronised=synchronised):
+        said = (text.about(group, language) for group in ("text", "matters", "remedy"))
+        yield HealthFinding(*said)
+
+
+def _found(config: GatewayConfig, root: Path, *, synchronised: bool) -> Iterator[Text]:
     if not synchronised:
-        yield _CLOCK
+        yield Text(NoticeCode.CLOCK_NOT_SET)
     yield from _disk(config)
-    yield from (HealthFinding(*told) for told in power(root))
+    yield from power(root)
     yield from _can(config, root)
     yield from _other_programs(config, root)
-    unread = {found.field: found for found in unread_files(config)}
-    for found in unread.values():
-        yield HealthFinding(found.what, found.why, found.remedy)
+    unread = unread_files(config)
+    yield from unread.values()
     for caution in cautions(config):
         if caution.where not in unread:
-            yield HealthFinding(
-                str(caution), "it works now and may fail later", "change it in the configuration, or renew the file"
-            )
+            yield Text(NoticeCode.CONFIG_CAUTION, caution=str(caution))
     for problem in credential_problems(config.telemetry, datetime.now(UTC)):
         if problem.where not in unread:
-            yield HealthFinding(str(problem), *spoilt_file(config, problem))
+            yield spoilt_file(config, problem)
     if why := dry_run_wanted(config):
-        yield HealthFinding(
-            why,
-            "a cycle that was never driven at this machine may touch what it must not",
-            "do it with the feed override at hand: docs/machine-responsible.md",
-        )
+        yield why
     if answered(config.storage.path, config.storage.path.is_file):
         with History(config.storage.path) as history:
             yield from _other_masters(history, config)
@@ -113,43 +97,30 @@ def health_findings(config: GatewayConfig, root: Path, *, synchronised: bool) ->
             yield from _too_equal(history, config)
 
 
-def _disk(config: GatewayConfig) -> Iterator[HealthFinding]:
-    folder = config.storage.path.parent
+def _disk(config: GatewayConfig) -> Iterator[Text]:
+    folder, limit_mb = config.storage.path.parent, config.storage.warn_free_mb
     if not folder.is_dir():
-        yield HealthFinding(
-            f"{folder} does not exist", "the database belongs there", "create it, or change [storage] path"
-        )
+        yield Text(NoticeCode.FOLDER_ABSENT, folder=str(folder))
         return
     free = os.statvfs(folder)
     free_mb = free.f_bavail * free.f_frsize / 1e6
-    if free_mb < config.storage.warn_free_mb:
-        yield HealthFinding(
-            f"{free_mb:.0f} MB are free on the disk of {folder}, less than {config.storage.warn_free_mb:g}",
-            "on a full disk nothing is stored, and the compensation ends",
-            "delete something, or lower [storage] keep_samples_days",
-        )
+    if free_mb < limit_mb:
+        yield Text(NoticeCode.DISK_NEARLY_FULL, free_mb=free_mb, folder=str(folder), limit_mb=limit_mb)
 
 
-def _can(config: GatewayConfig, root: Path) -> Iterator[HealthFinding]:
+def _can(config: GatewayConfig, root: Path) -> Iterator[Text]:
     for bus in config.buses:
         settings: object = bus  # of any family
         if not isinstance(settings, CanInterfaceSettings) or settings.interface != "socketcan":
             continue
         channel = settings.channel
         state = kernel_text(root / "sys/class/net" / channel / "operstate")
-        why = f"bus '{bus.name}' cannot be read"
         if not state:
-            yield HealthFinding(f"there is no interface {channel}", why, "is the adapter plugged in? ip -details link")
+            yield Text(NoticeCode.CAN_ABSENT, channel=channel, bus=bus.name)
         elif state == "down" and _is_up(root, channel):
-            yield HealthFinding(
-                f"{channel} is up and has left the bus (bus-off), or has no carrier",
-                why,
-                "check bit rate, termination (60 ohm between CAN_H and CAN_L) and whether another node is on;"
-                " restart-ms 100 lets it return by itself: deploy/pi/80-can.network",
-            )
+            yield Text(NoticeCode.CAN_LEFT_BUS, channel=channel, bus=bus.name)
         elif state == "down":
-            up = f"ip link set {channel} up type can bitrate {settings.bitrate} restart-ms 100"
-            yield HealthFinding(f"{channel} is down", why, f"{up}; at every start: deploy/pi/80-can.network")
+            yield Text(NoticeCode.CAN_DOWN, channel=channel, bus=bus.name, bitrate=str(settings.bitrate))
 
 
 def _is_up(root: Path, interface: str) -> bool:
@@ -158,7 +129,7 @@ def _is_up(root: Path, interface: str) -> bool:
     return flags.startswith("0x") and bool(int(flags, 16) & 1)
 
 
-def _other_programs(config: GatewayConfig, root: Path) -> Iterator[HealthFinding]:
+def _other_programs(config: GatewayConfig, root: Path) -> Iterator[Text]:
     """Serial ports that several processes have open."""
     ports = {os.path.realpath(line[1]): bus.name for bus in config.buses if (line := bus.serial_path)}
     users: dict[str, set[str]] = {}
@@ -169,11 +140,8 @@ def _other_programs(config: GatewayConfig, root: Path) -> Iterator[HealthFinding
                 users.setdefault(target, set()).add(process.name)
     for port, processes in users.items():
         if len(processes) > 1:
-            yield HealthFinding(
-                f"bus '{ports[port]}': {port} is open in {len(processes)} processes: {_named(root, processes)}",
-                "two masters on one line destroy each other's answers",
-                "end the other program; only the gateway may read the line",
-            )
+            named = _named(root, processes)
+            yield Text(NoticeCode.LINE_SHARED, bus=ports[port], port=port, n=len(processes), processes=named)
 
 
 def _named(root: Path, processes: Iterable[str]) -> str:
@@ -189,7 +157,7 @@ def _open_files(process: Path) -> Iterator[str]:
                 yield str(link.readlink())
 
 
-def _other_masters(history: History, config: GatewayConfig) -> Iterator[HealthFinding]:
+def _other_masters(history: History, config: GatewayConfig) -> Iterator[Text]:
     """Buses on which the gateway hears another master, by the last event of each."""
     last: dict[str, Text] = {}
     for _, _, event in history.events():
@@ -198,29 +166,20 @@ def _other_masters(history: History, config: GatewayConfig) -> Iterator[HealthFi
             last[str(text.value_of("bus"))] = text
     for bus in config.buses:
         if (text := last.get(bus.name, NOTHING)).says(NoticeCode.OTHER_MASTER):
-            yield HealthFinding(
-                text,
-                "two masters on one line destroy each other's answers",
-                "find the other program or controller (frames above), and let only one of them ask on this line",
-            )
+            yield text
 
 
-def _scatter(residuals_um: Sequence[float]) -> Iterator[HealthFinding]:
+def _scatter(residuals_um: Sequence[float]) -> Iterator[Text]:
     """The newest cycles against the first ones."""
     if len(residuals_um) < 2 * _SCATTER_CYCLES:
         return
     first = float(np.median(residuals_um[:_SCATTER_CYCLES]))
     last = float(np.median(residuals_um[-_SCATTER_CYCLES:]))
     if last > _SCATTER_GROWN * first:
-        yield HealthFinding(
-            f"the residual of probing cycles, which no rigid body explains, grew from {first:.1f} to {last:.1f} µm "
-            "(medians of ten)",
-            "all errors are learnt from these touches",
-            "clean the sphere, check its clamping and the probe's stylus and battery",
-        )
+        yield Text(NoticeCode.TOUCHES_SCATTER, first_um=first, last_um=last)
 
 
-def _too_equal(history: History, config: GatewayConfig) -> Iterator[HealthFinding]:
+def _too_equal(history: History, config: GatewayConfig) -> Iterator[Text]:
     """Inputs that were the same all day although they moved."""
     names = [channel.name for channel in config.channels]
     last_k = history.latest_k()
@@ -231,11 +190,7 @@ def _too_equal(history: History, config: GatewayConfig) -> Iterator[HealthFindin
     inputs = np.where(frames.valid, frames.inputs, np.nan)
     for a, b in combinations(range(len(names)), 2):
         if _same(inputs[:, a], inputs[:, b], a_day // 2):
-            yield HealthFinding(
-                f"{names[a]} and {names[b]} were the same all day",
-                "they may be one sensor under two names, or two in one hole; then one of them adds no information",
-                "warm each by hand while `talc-gateway probe --watch` runs",
-            )
+            yield Text(NoticeCode.SAME_ALL_DAY, one=names[a], other=names[b])
 
 
 def _same(a: FloatArray, b: FloatArray, least: int) -> bool:

@@ -89,7 +89,7 @@ def rehearse_recording(
         compensation_um=np.empty((0, 3)),
         input_names=recording.input_names,
         channel_health={
-            name: {"good": int(g), **({"missing": len(recording.k) - int(g)} if g < len(recording.k) else {})}
+            name: {"good": int(g), **({"no_value": len(recording.k) - int(g)} if g < len(recording.k) else {})}
             for name, g in zip(recording.input_names, good, strict=True)
         },
         cycles=int(np.isfinite(used).any(axis=1).sum()),
@@ -107,7 +107,7 @@ def rehearse_recording(
         moved=_moved(controller.reasons(), recording.input_names),
         shifts=(),
         origin_s=recording.origin_s,
-        not_compared="a recording does not say which of its inputs are temperatures",
+        compared=False,
     )
 
 

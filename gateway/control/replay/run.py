@@ -14,6 +14,7 @@ from gateway.config.prior import PriorError, PriorFile, described, prior_for
 from gateway.config.problems import ConfigError, Problem
 from gateway.config.talc_only import TalcOnly, load_talc_only
 from gateway.control.replay.stored import replay
+from gateway.model.text import Language
 from gateway.reporting.recordings.columns import Columns
 from gateway.reporting.recordings.grid import Recording, read_recording
 from gateway.reporting.recordings.table import write_table
@@ -55,6 +56,8 @@ class Request:
     """Table of the steps to write; the table of the models is written beside it."""
     calibration_min: float | None = None
     """Time between the measurements of the calibration of trained models."""
+    language: str = "en"
+    """Of the page."""
 
     @property
     def models_out(self) -> Path | None:
@@ -133,14 +136,20 @@ def run_recording(request: Request) -> None:
         )
     found = summary(data)
     if found.rows:
-        console.print(table(found))
+        console.print(table(found, Language(request.language)))
     else:
+        basis = Language()(f"report_basis.{found.basis}")
         console.print(
-            f"no figures: {found.basis}; {data.cycles} of {len(data.k)} steps of {data.step_s:g} s hold a measurement. "
+            f"no figures: {basis}; {data.cycles} of {len(data.k)} steps of {data.step_s:g} s hold a measurement. "
             f"Calibration takes {takes}; {_SAID_OTHERWISE[sections.talc.method]}",
             soft_wrap=True,
         )
-    told = replace(data, made=_made(request, recording, sections, takes, prior), zone=request.columns.clock.zone or UTC)
+    told = replace(
+        data,
+        language=request.language,
+        made=_made(request, recording, sections, takes, prior),
+        zone=request.columns.clock.zone or UTC,
+    )
     request.page.write_text(build(told), encoding="utf-8")
     console.print(f"report: {request.page}", soft_wrap=True)
     if request.out is not None and request.models_out is not None:

@@ -8,7 +8,7 @@ from datetime import datetime
 from types import TracebackType
 from typing import Self, assert_never
 
-from rich.console import Group, RenderableType
+from rich.console import Console, Group, RenderableType
 from rich.live import Live
 from rich.panel import Panel
 from rich.progress_bar import ProgressBar
@@ -17,8 +17,11 @@ from rich.text import Text
 
 from drivers.base import Clock, Quality
 from gateway.model.events import GatewayEvent, Sink
+from gateway.model.text import Language, restored
+from gateway.model.wording import finding_text
 from gateway.runtime.terminal import duration_text, terminal
 from gateway.telemetry.compose import Composer
+from gateway.telemetry.fields import text_from, texts_from
 from gateway.telemetry.messages import (
     CompensationMessage,
     DecisionMessage,
@@ -31,6 +34,7 @@ from gateway.telemetry.messages import (
     Published,
     ReadingMessage,
     ReasonsMessage,
+    SensorFinding,
     SensorsMessage,
     StatusMessage,
 )
@@ -76,7 +80,8 @@ class ViewState:
     limits: dict[str, float | None] = field(default_factory=dict)
     measured: dict[str, float | None] = field(default_factory=dict)
     measured_at: datetime | None = None
-    inputs: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    inputs: dict[str, tuple[str, ...] | None] = field(default_factory=dict)
+    """By error; None: it is not corrected."""
     channels: dict[str, str] = field(default_factory=dict)
     """Channel to quality."""
     values: dict[str, str] = field(default_factory=dict)
@@ -121,15 +126,15 @@ class ViewState:
             case ReasonsMessage():
                 self._reasoned(message)
             case SensorsMessage():
-                self.sensors = [finding.text for finding in message.findings]
+                self.sensors = [_finding(finding) for finding in message.findings]
             case ProbingMessage():
-                self.probing = message.reason
+                self.probing = text_from(message.reason, message.reason_coded)
             case EventMessage():
                 self.state_updates += message.kind == EventKind.STATE_UPDATE
-                self.events.append((now, message.kind, message.text))
+                self.events.append((now, message.kind, restored(message.text, message.code, message.values)))
                 self.events_seen += 1
             case StatusMessage():
-                self.unarmed = message.unarmed
+                self.unarmed = texts_from(message.unarmed, message.unarmed_coded)
             case FrameMessage() | ForecastMessage():
                 pass
             case _:
@@ -151,7 +156,7 @@ class ViewState:
     def _reasoned(self, message: ReasonsMessage) -> None:
         for name, reason in message.errors.items():
             moved = ((i, um) for i, um in reason.inputs.items() if um is not None)
-            self.inputs[name] = tuple(f"{i} {um:+.1f}" for i, um in moved) if reason.trusted else ("not corrected",)
+            self.inputs[name] = tuple(f"{i} {um:+.1f}" for i, um in moved) if reason.trusted else None
 
     @property
     def elapsed_s(self) -> float:
@@ -159,35 +164,49 @@ class ViewState:
         return 0.0 if self.time is None or self.began is None else (self.time - self.began).total_seconds()
 
 
-def render(state: ViewState) -> RenderableType:
+def render(state: ViewState, said: Language = Language()) -> RenderableType:  # noqa: B008 - frozen
     """The whole screen; 80 columns are enough."""
-    return Group(_header(state), _readings(state), _errors(state), _footer(state), _events(state))
+    return Group(
+        _header(state, said), _readings(state, said), _errors(state, said), _footer(state, said), _events(state, said)
+    )
 
 
-def _header(s: ViewState) -> RenderableType:
+def _header(s: ViewState, said: Language) -> RenderableType:
     text = Text()
     text.append(f"{s.machine}  ", style="bold")
-    text.append(f"{s.time:%Y-%m-%d %H:%M} UTC" if s.time else "waiting for the first message")
-    text.append(" (simulated)  " if s.simulated else "  ", style="dim")
-    text.append(s.phase.replace("_", " ") or "starting", style=f"bold {_PHASE_STYLE.get(s.phase, 'white')}")
+    text.append(f"{s.time:%Y-%m-%d %H:%M} UTC" if s.time else said("watch.waiting"))
+    text.append(f" {said('watch.simulated')}  " if s.simulated else "  ", style="dim")
+    text.append(_phase(s, said), style=f"bold {_PHASE_STYLE.get(s.phase, 'white')}")
     if not s.alive:
-        text.append("  gateway offline", style="bold red")
+        text.append(f"  {said('watch.offline')}", style="bold red")
     parts: list[RenderableType] = [text]
     if s.progress_until_s:
         grid = Table.grid(padding=(0, 1), expand=True)
         grid.add_column(ratio=1)
         grid.add_column(justify="right")
         bar = ProgressBar(total=s.progress_until_s, completed=min(s.elapsed_s, s.progress_until_s))
-        grid.add_row(bar, f"{s.elapsed_s / 3600:.1f} of {s.progress_until_s / 3600:g} h")
+        grid.add_row(bar, said("watch.progress", done_h=s.elapsed_s / 3600, all_h=s.progress_until_s / 3600))
         parts.append(grid)
     bad = sorted(c for c, q in s.channels.items() if q != Quality.GOOD)
-    health = Text(f"channels: {len(s.channels) - len(bad)} of {len(s.channels)} good", style="red" if bad else "green")
+    good = said("status.channels", good=len(s.channels) - len(bad), all=len(s.channels))
+    health = Text(good, style="red" if bad else "green")
     if bad:
-        health.append("; " + ", ".join(f"{c} {s.channels[c]}" for c in bad[:4]) + (" ..." if len(bad) > 4 else ""))
+        named = ", ".join(f"{c} {said.word('quality', s.channels[c])}" for c in bad[:4])
+        health.append(f"; {named}{' ...' if len(bad) > 4 else ''}")
     parts.append(health)
-    parts += [Text(text, style="yellow") for text in s.unarmed]
-    parts += [Text(f"sensors: {text}", style="red") for text in s.sensors]
+    parts += [Text(said.of(text), style="yellow") for text in s.unarmed]
+    parts += [Text(said("watch.sensors", text=text), style="red") for text in s.sensors]
     return Panel(Group(*parts), padding=(0, 1))
+
+
+def _phase(s: ViewState, said: Language) -> str:
+    return said.word("phase", s.phase) if s.phase else said("watch.starting")
+
+
+def _finding(finding: SensorFinding) -> str:
+    if finding.offset_K is None:
+        return finding.text
+    return finding_text(finding.kind, finding.inputs, finding.offset_K, finding.alternatives)
 
 
 def _value(message: ReadingMessage) -> str:
@@ -196,7 +215,7 @@ def _value(message: ReadingMessage) -> str:
     return f"{message.value:z.1f} {message.unit}"
 
 
-def _readings(s: ViewState) -> RenderableType:
+def _readings(s: ViewState, said: Language) -> RenderableType:
     """Every channel in as many rows as it takes, side by side."""
     grid = Table.grid(padding=(0, 1), expand=True)
     for _ in range(_READINGS_BESIDE):
@@ -205,7 +224,7 @@ def _readings(s: ViewState) -> RenderableType:
     cells = [
         cell
         for channel, value in sorted(s.values.items())
-        for cell in (Text(channel), Text(value, style="" if s.channels[channel] == Quality.GOOD else "red"))
+        for cell in (Text(channel), _cell(s.channels[channel], value, said))
     ]
     width = 2 * _READINGS_BESIDE
     for start in range(0, len(cells), width):
@@ -213,12 +232,17 @@ def _readings(s: ViewState) -> RenderableType:
     return grid
 
 
-def _errors(s: ViewState) -> RenderableType:
+def _cell(quality: str, value: str, said: Language) -> Text:
+    return Text(value) if quality == Quality.GOOD else Text(said.word("quality", quality), style="red")
+
+
+def _errors(s: ViewState, said: Language) -> RenderableType:
     table = Table(expand=True, pad_edge=False, header_style="bold")
-    for name in ("error", "unit", "predicted", "± (2σ)", "measured", "ACL", "inputs"):
-        right = name in ("predicted", "± (2σ)", "measured", "ACL")
+    for name in ("error", "unit", "predicted", "sigma", "measured", "limit", "inputs"):
+        left = name in ("error", "unit", "inputs")
+        heading = said(f"watch.{name}")
         table.add_column(
-            name, justify="right" if right else "left", no_wrap=True, ratio=1 if name == "inputs" else None
+            heading, justify="left" if left else "right", no_wrap=True, ratio=1 if name == "inputs" else None
         )
     for name in THERMAL_ERRORS:
         sigma = s.sigma.get(name)
@@ -229,27 +253,31 @@ def _errors(s: ViewState) -> RenderableType:
             _tenths(None if sigma is None else 2 * sigma),
             _tenths(s.measured.get(name)),
             _tenths(s.limits.get(name)),
-            Text(", ".join(s.inputs.get(name, ())), overflow="ellipsis", style="dim"),
+            Text(_moved(s.inputs.get(name, ()), said), overflow="ellipsis", style="dim"),
         )
     return table
 
 
-def _footer(s: ViewState) -> RenderableType:
+def _moved(inputs: Sequence[str] | None, said: Language) -> str:
+    return said("watch.not_corrected") if inputs is None else ", ".join(inputs)
+
+
+def _footer(s: ViewState, said: Language) -> RenderableType:
     x, y, z = s.offsets_um
-    age = (
-        ""
-        if s.measured_at is None or s.time is None
-        else f", last {duration_text((s.time - s.measured_at).total_seconds())} ago"
-    )
-    return Text(
-        f"compensation {s.mode or '-'} ({s.source or 'nothing yet'})  X {x:+.1f}  Y {y:+.1f}  Z {z:+.1f} µm\n"
-        f"{s.measurements} measurements ({s.rejected} rejected{age}), {s.state_updates} state updates, "
-        f"{s.model_updates} model updates" + (f"\nprobing: {s.probing}" if s.probing else "")
-    )
+    place = said("watch.offsets", x=x, y=y, z=z)
+    mode = said("watch.compensation", mode=s.mode or "-", source=s.source or said("watch.nothing_yet"), offsets=place)
+    age = ""
+    if s.measured_at is not None and s.time is not None:
+        age = said("watch.age", age=duration_text((s.time - s.measured_at).total_seconds()))
+    counts = said(
+        "watch.counts",
+        n=s.measurements, rejected=s.rejected, age=age, states=s.state_updates, models=s.model_updates,
+    )  # fmt: skip
+    return Text("\n".join([mode, counts, *([said("watch.probing", text=s.probing)] if s.probing else [])]))
 
 
-def _events(s: ViewState) -> RenderableType:
-    lines = [f"{at:%d. %H:%M}  {text}" for at, _, text in list(s.events)[-_EVENTS_SHOWN:]]
+def _events(s: ViewState, said: Language) -> RenderableType:
+    lines = [f"{at:%d. %H:%M}  {said.of(text)}" for at, _, text in list(s.events)[-_EVENTS_SHOWN:]]
     lines += [""] * (_EVENTS_SHOWN - len(lines))
     return Text("\n".join(lines), style="dim", no_wrap=True, overflow="ellipsis")
 
@@ -276,6 +304,8 @@ class LiveView:
     ----------
     plain: print lines even on a terminal
     summary_at_once: of the lines, the first is a summary; otherwise one comes after six hours
+    console: where to print; None: standard output
+    language: of the catalogue
     """
 
     def __init__(
@@ -284,12 +314,14 @@ class LiveView:
         *,
         plain: bool = False,
         summary_at_once: bool = False,
+        console: Console | None = None,
+        language: str = "en",
     ) -> None:
-        self._state, self._console = state, terminal()
+        self._state, self._console, self._said = state, console or terminal(), Language(language)
         self._live: Live | None = None
         if self._console.is_terminal and not plain:
             self._live = Live(
-                get_renderable=lambda: render(state),
+                get_renderable=lambda: render(state, self._said),
                 console=self._console,
                 refresh_per_second=_REFRESH_PER_S,
                 screen=False,
@@ -325,19 +357,18 @@ class LiveView:
         self._seen += fresh
         for at, kind, text in list(s.events)[len(s.events) - min(fresh, len(s.events)) :]:
             if kind in _NOTABLE:
-                self._print(f"{at:%Y-%m-%d %H:%M}  {text}")
+                self._print(f"{at:%Y-%m-%d %H:%M}  {self._said.of(text)}")
         if s.time is not None and s.elapsed_s - self._summarised >= _SUMMARY_EVERY_S:
             self._summarised = s.elapsed_s - s.elapsed_s % _SUMMARY_EVERY_S
-            self._print(
-                f"{s.time:%Y-%m-%d %H:%M}  {s.phase or 'starting'}: {s.measurements} measurements, "
-                f"{s.model_updates} model updates, offsets {', '.join(f'{v:+.1f}' for v in s.offsets_um)} µm"
-            )
+            offsets = ", ".join(f"{v:+.1f}" for v in s.offsets_um)
+            said, n, models = self._said, s.measurements, s.model_updates
+            summary = said("watch.summary", phase=_phase(s, said), n=n, models=models, offsets=offsets)
+            self._print(f"{s.time:%Y-%m-%d %H:%M}  {summary}")
             for text in s.unarmed:
-                self._print(f"  {text}")
+                self._print(f"  {said.of(text)}")
             if s.values:
-                self._print(
-                    "  " + ", ".join(f"{channel} {value}" for channel, value in sorted(s.values.copy().items()))
-                )
+                values = ((c, _cell(s.channels[c], value, said).plain) for c, value in sorted(s.values.copy().items()))
+                self._print("  " + ", ".join(f"{channel} {value}" for channel, value in values))
 
     def _print(self, line: str) -> None:
         self._console.print(line, highlight=False, soft_wrap=True)

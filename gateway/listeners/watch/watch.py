@@ -12,6 +12,7 @@ import zenoh
 
 from gateway.config.model import GatewayConfig
 from gateway.listeners.watch.view import LiveView, ViewState
+from gateway.model.text import Language
 from gateway.runtime.terminal import printable
 from gateway.telemetry import keys
 from gateway.telemetry.client import ANSWER_LIMIT_S, Machine, MachineError
@@ -21,7 +22,7 @@ from gateway.telemetry.session import Access, own_access
 log = logging.getLogger(__name__)
 
 
-def watch(connect: Sequence[str], prefix: str, machine: str | None, access: Access) -> bool:
+def watch(connect: Sequence[str], prefix: str, machine: str | None, access: Access, language: str = "en") -> bool:
     """Show a running gateway until SIGINT, SIGTERM or its end; False if there is no gateway.
 
     machine: None: the only one that runs there. Raises click.BadParameter.
@@ -32,13 +33,13 @@ def watch(connect: Sequence[str], prefix: str, machine: str | None, access: Acce
         raise click.BadParameter(str(error)) from None
     try:
         with followed:
-            return _follow(followed.session, followed.root, followed.name)
+            return _follow(followed.session, followed.root, followed.name, language)
     except MachineError as error:
         click.echo(f"error: {error}", err=True)
         return False
 
 
-def watch_own(config: GatewayConfig) -> bool:
+def watch_own(config: GatewayConfig, language: str = "en") -> bool:
     """Show the gateway of this configuration, which runs on this computer or publishes to the same router."""
     telemetry = config.telemetry
     places = [place.from_here for place in telemetry.listening] or list(telemetry.connect)
@@ -49,7 +50,7 @@ def watch_own(config: GatewayConfig) -> bool:
     except OSError as error:
         click.echo(f"error: {error.filename} cannot be read: {error.strerror}", err=True)
         return False
-    return watch(places, telemetry.prefix, config.machine.name, access)
+    return watch(places, telemetry.prefix, config.machine.name, access, language)
 
 
 def _printable(value: Any) -> Any:
@@ -92,7 +93,7 @@ class _Followed:
             self.ended.set()
 
 
-def _follow(session: zenoh.Session, root: str, machine: str) -> bool:
+def _follow(session: zenoh.Session, root: str, machine: str, language: str) -> bool:
     followed, alive = _Followed(machine, root), f"{root}/{keys.ALIVE}"
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: followed.ended.set())
@@ -102,12 +103,12 @@ def _follow(session: zenoh.Session, root: str, machine: str) -> bool:
         if reply.ok is not None:
             followed.take(reply.ok)
     try:
-        with LiveView(followed.state, summary_at_once=True):
+        with LiveView(followed.state, summary_at_once=True, language=language):
             while not followed.ended.wait(0.5):
                 pass
     finally:
         subscriber.undeclare()
         watcher.undeclare()
     if not followed.state.alive:
-        click.echo(f"{machine}: the gateway has ended")
+        click.echo(Language(language)("watch.ended", machine=machine))
     return True

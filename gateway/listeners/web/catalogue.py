@@ -5,8 +5,21 @@ from functools import cache
 
 from gateway.model.text import languages, texts
 
-_ELSEWHERE = ("text.", "language.", "fault.")
-"""Groups that the server writes out itself."""
+_ELSEWHERE = (
+    "text.",
+    "language.",
+    "fault.",
+    "matters.",
+    "remedy.",
+    "moment.",
+    "slowed.",
+    "doctor.",
+    "status.",
+    "watch.",
+    "report.",
+    "report_",
+)
+"""Groups that the server writes out itself, or other programs."""
 
 
 @cache

@@ -12,11 +12,12 @@ from typing import Final
 from starlette.requests import Request
 from starlette.responses import PlainTextResponse, Response
 
+from gateway.listeners.web.catalogue import chosen_language
 from gateway.telemetry.answers import ReportPage
 from gateway.telemetry.subscriber.site import SiteSeen
 
-AskReport = Callable[[str, date, str], ReportPage]
-"""Asks for the report of a machine, a local day and its time zone. Blocks. Raises OSError."""
+AskReport = Callable[[str, date, str, str], ReportPage]
+"""Asks for the report of a machine, a local day, its time zone and a language. Blocks. Raises OSError."""
 _POLICY: Final = (
     "sandbox allow-scripts; default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; "
     "img-src data:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
@@ -43,8 +44,9 @@ class DayReportPages:
         self._asking = asyncio.Semaphore(_ASKED_AT_ONCE)
 
     async def report(self, request: Request) -> Response:
-        """The report of the day in the address, in the time zone of the query."""
+        """The report of the day in the address, in the time zone and the language of the query."""
         name, zone = request.path_params["name"], request.query_params.get("zone", "")
+        language = chosen_language(request.query_params.get("lang"), request.headers.get("accept-language", ""))
         try:
             day = date.fromisoformat(request.path_params["day"])
         except ValueError:
@@ -55,7 +57,7 @@ class DayReportPages:
             return PlainTextResponse("not connected", 503)
         try:
             async with self._asking:  # somebody who opens many does not stop the others
-                found = await asyncio.to_thread(self._ask, name, day, zone)
+                found = await asyncio.to_thread(self._ask, name, day, zone, language)
             page = await asyncio.to_thread(_expanded, found.page)
         except OSError as error:
             return PlainTextResponse(f"There is no report of {day} from {name}: {error}", 503)

@@ -12,7 +12,7 @@ from gateway.config.telemetry import Telemetry
 from gateway.model.commands import CommandName
 from gateway.telemetry import keys
 from gateway.telemetry.answers import CommandAnswer, CoursePage, ReportPage
-from gateway.telemetry.asking import COMMAND_LIMIT_S, ask, command
+from gateway.telemetry.asking import COMMAND_LIMIT_S, QueryRefusal, ask, command
 from gateway.telemetry.codec import decode
 from gateway.telemetry.command_signer import CommandSigner
 from gateway.telemetry.subscriber.hearing import Hearing
@@ -142,10 +142,13 @@ class SiteSubscription:
         selected = f"from={begin.isoformat()};to={end.isoformat()};limit={limit};reasons=yes"
         return self._asked(machine, f"{keys.COURSE}?{selected}", CoursePage, _ANSWER_LIMIT_S)
 
-    def ask_report(self, machine: str, day: date, zone: str) -> ReportPage:
+    def ask_report(self, machine: str, day: date, zone: str, language: str) -> ReportPage:
         """The report of a machine's day. Blocks. Raises OSError with what the gateway says, or that it says nothing."""
-        selected = f"day={day.isoformat()};zone={zone}"
-        return self._asked(machine, f"{keys.REPORT}?{selected}", ReportPage, _REPORT_LIMIT_S)
+        selector = f"{keys.REPORT}?day={day.isoformat()};zone={zone}"
+        try:
+            return self._asked(machine, f"{selector};language={language}", ReportPage, _REPORT_LIMIT_S)
+        except QueryRefusal:  # an earlier program knows no languages; what else is wrong is refused again
+            return self._asked(machine, selector, ReportPage, _REPORT_LIMIT_S)
 
     def _asked(self, machine: str, selector: str, answer: type[_Answer], limit_s: float) -> _Answer:
         try:

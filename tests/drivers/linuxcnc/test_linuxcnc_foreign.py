@@ -47,7 +47,7 @@ async def test_a_cycle_that_was_not_alone_has_no_result_and_leaves_the_probe_saf
 
 
 async def test_a_withdrawal_within_a_touch_ends_the_cycle_before_the_next_one(tmp_path: Path) -> None:
-    slow_mm_per_s = 0.2
+    slow_mm_per_s = 0.05
     async with disturbable(tmp_path, FEED=60.0 * slow_mm_per_s) as bench:
         hal = bench.operator
 
@@ -59,14 +59,16 @@ async def test_a_withdrawal_within_a_touch_ends_the_cycle_before_the_next_one(tm
         async def over() -> bool:
             return (await bench.nc.probing_status(1)).state in FINAL and await hal.sees(idle=True)
 
+        await hal.ask("record", *SIGNALS, "talc-seconds")
         await bench.nc.request_probing(1)
         await until(touches)
-        await hal.ask("record", *SIGNALS)
-        assert await touches()
+        withdrawn_s = await bench.time_s()
         await bench.nc.withdraw_probing(1)
+        assert await touches()
         await until(over)
         ended = await bench.nc.probing_status(1)
         rows = np.array(await hal.ask("recorded"))
+        rows = rows[rows[:, -1] >= withdrawn_s]
     assert (ended.state, ended.reason, ended.centres_mm) == (ProbingState.FAILED, "withdrawn", None)
     within = distances(rows) < BALL_MM
     assert (np.diff(within.astype(int)) == 1).sum() + int(within[0]) <= 1, "the touch that was under way, and no other"

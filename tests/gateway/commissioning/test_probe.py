@@ -56,6 +56,19 @@ def test_an_unexpected_error_of_the_nc_is_a_row_of_the_table(
     assert f"unexpected error in {operation}: unpack requires 4 bytes" in done.output
 
 
+@pytest.mark.parametrize("why", ["[RS274NGC] ON_ABORT_COMMAND is missing", "", None])
+def test_what_keeps_the_control_from_probing_is_shown(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, why: str | None
+) -> None:
+    async def snapshot(_: AgentControl) -> NcSnapshot:
+        return NcSnapshot(SteppedClock().utc(), 0.0, dict.fromkeys("XYZAC", 0.0), cannot_probe=why)
+
+    monkeypatch.setattr(AgentControl, "connect", connected)
+    monkeypatch.setattr(AgentControl, "snapshot", snapshot)
+    assert ("cannot probe" in (out := probe(tmp_path).output)) is bool(why)
+    assert (why or "") in out
+
+
 @pytest.mark.parametrize(
     ("tool", "probe_there", "shown"), [(7, True, ["7", "yes"]), (None, False, ["no"]), (None, None, [])]
 )

@@ -1,21 +1,35 @@
 """Each code in each language: every value is written, nothing is left over, and whoever says it gives what it needs."""
 
 import ast
+import html
+import io
 import re
+from collections import deque
 from collections.abc import Iterator
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 
 import pytest
+from rich.console import Console
 
+from gateway.listeners.watch.view import LiveView, ViewState
 from gateway.model.codes import MUST_ACT, NoticeCode, Severity, severity_of
-from gateway.model.text import NOTHING, Text, Value, languages, places, plain, restored, texts, values_of
+from gateway.model.text import NOTHING, Language, Text, Value, languages, places, plain, restored, texts, values_of
+from gateway.reporting.page import build
+from gateway.service.status import Status, written
+from talc.frame import Event, EventKind
 from talc.kinds import EventCode
+from tests.benches.small_run import small_run
 
 ROOT = Path(__file__).parents[3]
 CODES = (*NoticeCode, *EventCode)
 AT = datetime(2026, 3, 2, 6, 5, 4, tzinfo=UTC)
-WORDS = {"quality": "comm_fault", "why": "interval", "standing": "blocked", "phase": "no_good", "fault": "NoAnswer"}
+WORDS = {"quality": "comm_fault", "why": "interval", "standing": "blocked", "phase": "no_good", "fault": "NoAnswer"} | {
+    "mode": "advise",
+    "moment": "lately",
+    "slowed": "hot",
+}
 
 
 def template(code: str, language: str) -> str:
@@ -88,6 +102,43 @@ def test_words_of_others_have_no_code_and_stay_as_they_are() -> None:
 def test_what_a_person_must_do_something_about_is_no_mere_information() -> None:
     assert {severity_of(code) for code in MUST_ACT} <= {Severity.PROBLEM, Severity.NOTICE}
     assert {severity_of(code) for code in NoticeCode} == set(Severity)
+
+
+@pytest.mark.parametrize("language", languages())
+def test_each_renderer_says_each_code_in_each_language(language: str) -> None:
+    """Of the terminal and the report; the page has its own test."""
+    texts_said = [said(code) for code in CODES]
+    wanted = [" ".join(text.in_language(language).split()) for text in texts_said]
+    off = dict[str, tuple[float | None, str, str]]()
+    status = Status(
+        "mill", True, "no_good", 7.0, texts_said[0], (), None, None, off, (), tuple(texts_said),
+        tuple((AT, text) for text in texts_said), True, False,
+    )  # fmt: skip
+    terminal_lines = "\n".join(written(status, 0, Language(language)))
+    view, drawn = ViewState("mill"), io.StringIO()
+    console = Console(width=100_000, markup=False, emoji=False, file=drawn)
+    view.events = deque(((AT, EventKind.PROBLEM, text) for text in texts_said), maxlen=None)
+    view.events_seen = len(texts_said)
+    with LiveView(view, plain=True, console=console, language=language):
+        pass
+    events = tuple((0.0, Event(EventKind.PROBLEM, text)) for text in texts_said)
+    page = html.unescape(build(replace(small_run(), events=events, language=language)))
+    for rendered in (terminal_lines, drawn.getvalue(), page):
+        shown = " ".join(rendered.split())
+        assert [text for text in wanted if text not in shown] == []
+
+
+@pytest.mark.parametrize("language", languages())
+def test_what_matters_has_a_remedy_and_both_have_all_their_values(language: str) -> None:
+    known = texts(language)
+    codes = [key.removeprefix("remedy.") for key in known if key.startswith("remedy.")]
+    assert codes == [key.removeprefix("matters.") for key in known if key.startswith("matters.")]
+    assert set(codes) <= set(CODES)
+    found = list(spoken())
+    for group in ("remedy", "matters"):
+        for code in codes:
+            needed = places(known[f"{group}.{code}"]).keys()
+            assert all(needed <= names for _, said_code, names in found if said_code == code), (group, code)
 
 
 def spoken() -> Iterator[tuple[str, str, frozenset[str]]]:

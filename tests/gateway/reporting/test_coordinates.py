@@ -35,8 +35,8 @@ def test_a_coordinate_that_all_its_errors_correct_has_no_reason() -> None:
 
 def test_an_error_whose_estimate_is_no_better_than_none_is_named_with_its_share_of_the_steps() -> None:
     found = rows(with_trust(small_run(48), EX0C=12, EZ0A=0))
-    assert found["X"].corrected == "EX0C (25% of the steps), ER0T, EB0C, EC0C"
-    assert found["X"].not_corrected == "EX0C: its estimate is no better than no correction (75% of the steps)"
+    assert found["X"].corrected == "EX0C (25 % of the steps), ER0T, EB0C, EC0C"
+    assert found["X"].not_corrected == "EX0C: its estimate is no better than no correction (75 % of the steps)"
     assert found["Z"].not_corrected == "EZ0A: its estimate is no better than no correction"
     assert found["Y"].not_corrected == "", "neither of the two moves Y"
 

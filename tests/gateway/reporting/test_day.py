@@ -25,7 +25,7 @@ def test_a_day_is_from_local_midnight_to_local_midnight(tmp_path: Path) -> None:
     assert data.cycles == 4, "at 5, 11, 17 and 23 o'clock"
     assert data.compensation_um[:, 2].tolist() == [6.0, 12.0, 18.0, 24.0]
     assert np.flatnonzero(np.isfinite(data.measured[:, 0])).tolist() == [4, 10, 16, 22]
-    assert data.channel_health["column"] == {"good": 23, "without a good value": 1}
+    assert data.channel_health["column"] == {"good": 23, "not_good": 1}
     assert data.channel_health["bed"] == {"good": 24}
 
 

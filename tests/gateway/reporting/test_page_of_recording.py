@@ -107,8 +107,8 @@ def test_the_page_of_a_gateway_says_whether_sensors_were_compared(tmp_path: Path
     recorded = rehearse_recording(
         read_recording(recording(tmp_path, 300.0, 60), Columns(), 300.0), TalcSettings(method="models")
     )
-    run_of_gateway = replace(recorded, recorded=None, held=None, not_compared="")
+    run_of_gateway = replace(recorded, recorded=None, held=None, compared=True)
     assert "No offset and no exchange of temperature sensors was found" in build(run_of_gateway)
-    off = build(replace(run_of_gateway, not_compared="[sensor_check] enabled = false"))
+    off = build(replace(run_of_gateway, compared=False))
     assert "Not looked for: [sensor_check] enabled = false." in off
     assert "No offset and no exchange" not in off

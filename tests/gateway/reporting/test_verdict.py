@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from gateway.model.text import Language
 from gateway.reporting.data import CycleSeen, ReportData
 from gateway.reporting.figures import SummaryRow, summary
 from gateway.reporting.first_lines import losses, verdict
@@ -37,7 +38,7 @@ def test_refused_cycles_cost_time_as_well_and_are_reported() -> None:
     refused = tuple(CycleSeen(STEP_S * i, "a touch repeats by 14 µm") for i in range(6))
     more = replace(run, cycles_seen=run.cycles_seen + refused)
     assert told(more).endswith(", 85 % productive")
-    assert lost(more)["refused cycles"] == "6; the last: a touch repeats by 14 µm"
+    assert lost(more)["refused"] == "6; the last: a touch repeats by 14 µm"
 
 
 def test_a_run_that_has_only_just_begun_is_not_less_than_unproductive() -> None:
@@ -61,13 +62,13 @@ def test_what_got_worse_is_a_loss_too() -> None:
     predicted = run.predicted.copy()
     predicted[:, 2] = 3.0  # EX0C is zero
     said = lost(replace(run, predicted=predicted))
-    assert said["worse with compensation, RMS"] == "tool X 0.0 → 3.0 µm, EX0C 0.0 → 3.0 µm"
+    assert said["worse"] == "tool X 0.0 → 3.0 µm, EX0C 0.0 → 3.0 µm"
 
 
 def test_for_a_recording_it_says_where_holding_the_last_measurement_would_have_left_less() -> None:
     run = small_run()  # EZ0A: 40 µm, of which 4 are left
     for held, said in (
-        (0.95, {"worse than holding the last measurement, RMS": "EZ0A 4.0 instead of 2.0 µm"}),
+        (0.95, {"beaten": "EZ0A 4.0 instead of 2.0 µm"}),
         (0.8, {}),
     ):
         recorded = replace(run, recorded=run.measured, held=held * run.measured, cycles_seen=())
@@ -76,7 +77,7 @@ def test_for_a_recording_it_says_where_holding_the_last_measurement_would_have_l
 
 def test_a_gateway_that_writes_nothing_says_so() -> None:
     said = lost(replace(small_run(), mode="monitor"))
-    assert "[compensation] mode is 'monitor'" in said["nothing was written to the control"]
+    assert "[compensation] mode is 'monitor'" in said["unwritten"]
 
 
 @pytest.mark.parametrize(
@@ -96,7 +97,7 @@ def test_a_change_is_reported_in_words_that_mean_something(
     before: float, after: float, noise: float, said: str
 ) -> None:
     row = SummaryRow("EX0C", "µm", before, before, after, after, noise)
-    assert (row.change_rms, row.change_pv) == (said, said)
+    assert [change.written(Language()) for change in (row.change_rms, row.change_pv)] == [said, said]
 
 
 def test_nothing_is_promised_before_corrections_began() -> None:

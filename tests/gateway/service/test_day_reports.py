@@ -24,9 +24,9 @@ class Made:
         self.now, self.elapsed_s, self.count = now, 0.0, 0
         self.reports = DayReports(Path("g.sqlite"), lambda: self.now, self.make, lambda: self.elapsed_s)
 
-    async def make(self, database: Path, day: date, zone: str) -> bytes:
+    async def make(self, database: Path, asked: ReportRequest) -> bytes:
         self.count += 1
-        return f"{database} {day} {zone} {self.count}".encode()
+        return f"{database} {asked.day} {asked.zone} {self.count}".encode()
 
 
 def test_a_day_that_is_over_is_made_once_for_each_zone() -> None:

@@ -168,7 +168,7 @@ def test_the_view_fits_eighty_columns_and_shows_what_came() -> None:
         console.print(render(state))
     text = console.export_text()
     assert all(len(line) <= 80 for line in text.splitlines())
-    for wanted in ("calibration", "0 of 1 good", "t0 sensor_fault", "EC0C", "µm/m", "8.0", "channel t0: sensor_fault"):
+    for wanted in ("calibration", "0 of 1 good", "t0 sensor fault", "EC0C", "µm/m", "8.0", "channel t0: sensor_fault"):
         assert wanted in text, wanted
 
 

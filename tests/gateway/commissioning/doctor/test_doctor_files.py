@@ -34,7 +34,7 @@ RENEW = "renew the file, or set the clock of this computer if it is wrong (docs/
          "[[telemetry.operator]] 'anna', key_file", "short", "every command of 'anna' is refused",
          "make a new key: openssl rand -hex 32 > 'WORD'; its owner needs the same one (docs/commands.md)"),
         ('[telemetry]\nusers_file = "WORD"', "[telemetry] users_file", "anna:a\nbob\n", HEARD,
-         "correct line 2: expected a line user:password for each user (docs/secure-telemetry.md)"),
+         "correct the file: expected a line user:password for each user (docs/secure-telemetry.md)"),
         ('[telemetry]\nusers_file = "WORD"', "[telemetry] users_file", "", HEARD,
          "correct the file: expected a line user:password for each user (docs/secure-telemetry.md)"),
         ('[telemetry]\nuser = "anna"\npassword_file = "WORD"\nconnect = ["tcp/127.0.0.1:7447"]',

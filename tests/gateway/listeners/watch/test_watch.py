@@ -163,7 +163,7 @@ def test_the_screen_shows_each_value_or_why_there_is_none() -> None:
         console.print(render(state))
     assert "bed_front" in shown.get()
     assert "21.6 degC" in shown.get()
-    assert "sensor_fault" in shown.get()
+    assert "sensor fault" in shown.get()
 
 
 def off(*unarmed: str) -> StatusMessage:

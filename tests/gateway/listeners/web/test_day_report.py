@@ -16,7 +16,7 @@ class Reporting:
     """A stand-in for the session with a gateway."""
 
     def __init__(self, answer: Callable[[], bytes]) -> None:
-        self.answer, self.asked = answer, list[tuple[str, date, str]]()
+        self.answer, self.asked = answer, list[tuple[str, date, str, str]]()
 
     def ask(self, *_: object) -> None:
         raise AssertionError("nobody asks for a course")
@@ -27,8 +27,8 @@ class Reporting:
     def ask_reasons(self, *_: object) -> None:
         raise AssertionError("nobody asks for reasons")
 
-    def ask_report(self, machine: str, day: date, zone: str) -> ReportPage:
-        self.asked.append((machine, day, zone))
+    def ask_report(self, machine: str, day: date, zone: str, language: str) -> ReportPage:
+        self.asked.append((machine, day, zone, language))
         return ReportPage(day.isoformat(), zone, self.answer())
 
     def give(self, *_: object) -> None:
@@ -37,14 +37,14 @@ class Reporting:
 
 def test_it_is_passed_on_in_a_sandbox_that_loads_nothing() -> None:
     source = Reporting(lambda: gzip.compress(HTML))
-    answer = mill_page(source).get("/machine/mill/report/2026-03-02", params={"zone": "Europe/Zurich"})
+    answer = mill_page(source).get("/machine/mill/report/2026-03-02", params={"zone": "Europe/Zurich", "lang": "de"})
     assert (answer.status_code, answer.content) == (200, HTML)
     assert answer.headers["content-type"] == "text/html; charset=utf-8"
     policy = answer.headers["content-security-policy"].split("; ")
     assert policy[0] == "sandbox allow-scripts", "not of this page's origin"
     assert {"default-src 'none'", "form-action 'none'", "frame-ancestors 'none'"} < set(policy)
     assert "connect-src" not in answer.headers["content-security-policy"]
-    assert source.asked == [("mill", date(2026, 3, 2), "Europe/Zurich")]
+    assert source.asked == [("mill", date(2026, 3, 2), "Europe/Zurich", "de")]
 
 
 @pytest.mark.parametrize(
