@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from drivers.base import SetupError
-from drivers.nc import LARGEST_HEIGHT_MM
+from drivers.nc import LARGEST_HEIGHT_MM, LEAST_HEIGHT_MM
 from gateway.cli.arguments import AnyFile, ConfigPath, FiniteNumber, read_config
 
 
@@ -16,7 +16,7 @@ def nc() -> None:
 
 @nc.command("dry-run")
 @ConfigPath
-@click.option("--height-mm", type=FiniteNumber(1, LARGEST_HEIGHT_MM), default=50.0, show_default=True,
+@click.option("--height-mm", type=FiniteNumber(LEAST_HEIGHT_MM, LARGEST_HEIGHT_MM), default=50.0, show_default=True,
               help="How far the cycle's path is raised.")  # fmt: skip
 @click.option("-o", "--output", type=AnyFile, help="The report. Default: beside the database, .dry-run.txt.")
 def dry_run(config: Path, height_mm: float, output: Path | None) -> None:

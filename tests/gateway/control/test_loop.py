@@ -169,6 +169,7 @@ async def test_the_learner_says_why_after_each_measurement_and_each_hour() -> No
     assert [r.next_k - first for r in given] == [1, 14, 14, 27]
 
 
+@pytest.mark.slow
 async def test_the_learner_says_after_each_step_what_the_next_hours_bring() -> None:
     bench, told = LinkBench("monitor"), KeptEvents()
     bench.control.answer = RequestStatus(0, ProbingState.DONE, NOWHERE)

@@ -41,7 +41,7 @@ def stored(path: Path) -> list[int]:
     return [one.frame.k for one in found]
 
 
-@pytest.mark.parametrize("fault", ["ENOSPC", "EIO"])
+@pytest.mark.parametrize("fault", ["ENOSPC", pytest.param("EIO", marks=pytest.mark.slow)])
 def test_what_a_failing_disk_refuses_waits_and_is_stored_when_it_works_again(fault: str, tmp_path: Path) -> None:
     path = tmp_path / "g.sqlite"
     with store_process(path) as store:

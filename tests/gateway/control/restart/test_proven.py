@@ -76,6 +76,8 @@ def test_it_counts_for_its_own_geometry_alone(tmp_path: Path) -> None:
     ran(moved, "second", End.REJECTED, clock)
     assert not proven(moved)
     assert not proven(at(tmp_path, "4840", "4841"))
+    assert not proven(at(tmp_path, 'security = "none"', 'security = "none"\nchannel = 2'))
+    assert not proven(at(tmp_path, 'security = "none"', 'security = "none"\norigin_mm = [0.0, 0.0, 1.0]'))
     assert proven(at(tmp_path)), "another limit or mode changes nothing"
     assert proven(at(tmp_path, "armed = true", "armed = true\nmax_repeat_um = 5.0"))
 

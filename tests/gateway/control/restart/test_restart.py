@@ -112,7 +112,7 @@ def assert_same_past(one: EarlierRun, other: EarlierRun) -> None:
                 [other.controller.step(f) for f in frames(LONGER, LONGER + 20)])  # fmt: skip
 
 
-@pytest.mark.parametrize("method", ["learner", "models"])
+@pytest.mark.parametrize("method", ["learner", pytest.param("models", marks=pytest.mark.slow)])
 def test_a_restart_from_a_snapshot_decides_as_one_from_the_whole_record(method: str, tmp_path: Path) -> None:
     config = config_of(tmp_path, method)
     run(config, fresh(config), 0, LONGER, "earlier")
@@ -222,7 +222,7 @@ def reordered(config: GatewayConfig, frame: Frame) -> Frame:
     return Frame(frame.k, x, np.ones(4, np.bool_), frame.measurement)
 
 
-@pytest.mark.parametrize("method", ["learner", "models"])
+@pytest.mark.parametrize("method", ["learner", pytest.param("models", marks=pytest.mark.slow)])
 def test_other_inputs_and_settings_keep_what_was_learnt_and_are_replayed(method: str, tmp_path: Path) -> None:
     before = config_of(tmp_path, method)
     run(before, fresh(before), 0, LONGER, "earlier")
