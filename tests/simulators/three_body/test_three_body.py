@@ -35,6 +35,7 @@ def test_mass_surface_and_sources_are_the_bodies(coarse: Solid) -> None:
     assert abs(coarse.K @ np.ones(coarse.K.shape[0])).max() < 1e-9  # an evenly warm body conducts nothing
 
 
+@pytest.mark.slow
 def test_in_the_end_the_skin_gives_off_what_the_sources_bring(coarse: Solid) -> None:
     assert (coarse.H @ steady(coarse, (150, 90))).sum() == pytest.approx(240, rel=1e-9)
 
@@ -61,6 +62,7 @@ def test_even_warming_of_the_unstrained_machine_opens_the_gap_by_its_free_growth
     assert growth == pytest.approx([0, 0, 12e-6 * 0.5 * 1e6], abs=1e-6)  # 0.5 m between workpiece and tool
 
 
+@pytest.mark.slow
 def test_ordinary_elastic_solve_with_clamped_feet_gives_the_drift_of_the_adjoint_rows(coarse: Solid) -> None:
     """Stress-strain law and solver of scikit-fem's own, steel in Pa, displacements of every node, then the gap."""
     cells = mesh(0.3)
