@@ -58,7 +58,7 @@ def test_a_soak_waits_for_the_process_that_learns_the_sensors() -> None:
     async def learnt() -> float:
         watch = SensorWatch(names, SensorCheckSettings(), 300.0, lambda _: True, events.append, RightClock())
         for k, row in enumerate(x):
-            watch.frame(Frame(k, row, np.ones(len(names), dtype=np.bool_)))
+            watch.follow(Frame(k, row, np.ones(len(names), dtype=np.bool_)))
         begin_s = time.monotonic()
         later = asyncio.get_running_loop().call_later(4000.0, lambda: None)
         await watch.look()

@@ -55,9 +55,9 @@ async def running(
         Measuring(bench.link, plan, probing, clock, told, pending),
         Trainings(controller, clock, told),
     )
-    followers = [lambda _, decision: bench.link.follow(decision), Explanations(controller, STEP_S, clock, told).follow]
+    followers = [Explanations(controller, STEP_S, clock, told).follow]
     grid = GridSampler(("a",), STEP_S), Schedule(STEP_S)
-    loop = GridLoop(controller, *grid, clock, told, measuring, trainings, followers=followers)
+    loop = GridLoop(controller, *grid, clock, told, measuring, trainings, link=bench.link, followers=followers)
     task = asyncio.create_task(loop.run())
     try:
         async with bench.running():

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gateway.control.restart.earlier import past_in
+from gateway.control.restart.earlier import earlier_run
 from gateway.model.events import DecisionMade, FrameMade
 from gateway.model.step_time import StepTime
 from gateway.storage.damage import damage_found
@@ -155,7 +155,7 @@ def test_damage_that_shows_while_it_runs_is_repaired_while_it_runs(whole: Path, 
     shutil.copy(whole, path)
     settings = two_temperatures(path)
     with Store(path, "second", SteppedClock(), commit_s=0.01, retry_s=0.05) as store:
-        past = past_in(store, settings)
+        past = earlier_run(store, settings)
         store.begin(settings.canonical(), settings.fingerprint(), "")
         write(store, past.controller, STEPS)
         store.flush()

@@ -154,7 +154,9 @@ def test_a_disk_that_refuses_to_delete_old_rows_counts_as_failing_until_it_does(
         told.append(writer.health.problem)
         if len(told) == 4:
             often.set()
-        raise sqlite3.OperationalError("disk I/O error")
+        error = sqlite3.OperationalError("disk I/O error")
+        error.sqlite_errorcode = sqlite3.SQLITE_IOERR
+        raise error
 
     writer = DatabaseWriter(path, WriterTiming(commit_s=10.0, retry_s=0.01), refused, lambda _: None, lambda _: NOTHING)
     writer.start()
