@@ -12,10 +12,10 @@ import numpy as np
 import skglm
 from scipy import sparse
 
+from benchmarks.admm import admm
 from benchmarks.data import machine_days
 from benchmarks.rows import BenchRow, median_s
 from talc.frame import FloatArray
-from talc.papers.admm import admm
 from talc.papers.group_lasso import GroupLasso
 
 _LAGS, _INPUTS = 6, 30

@@ -6,13 +6,13 @@ from functools import partial
 import numpy as np
 from scipy.signal import lfilter
 
+from benchmarks.admm import admm
 from benchmarks.data import machine_days
 from benchmarks.rows import BenchRow, median_s
 from studies import Days
 from talc.control import Controller
 from talc.frame import Frame, Measurement, TrainingJob, Why
 from talc.models import ModelSet
-from talc.papers.admm import admm
 from talc.papers.arx import Regression
 from talc.papers.criteria import adapted_bic
 from talc.papers.pso import select_by_swarm

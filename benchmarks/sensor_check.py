@@ -76,7 +76,7 @@ async def _watch(names: tuple[str, ...], x: FloatArray, outcome: SensorOutcome) 
     )
     valid = np.ones(len(names), np.bool_)
     for k, row in enumerate(x):
-        watching.frame(Frame(k, row, valid))
+        watching.follow(Frame(k, row, valid))
         if k % 12 == 0:
             await watching.look()
     outcome.watched_days = len(x) / _DAY - 1.0

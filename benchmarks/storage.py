@@ -16,7 +16,7 @@ from benchmarks.rows import BenchRow
 from drivers.base import Clock, Quality, SystemClock
 from gateway.config.file import parse
 from gateway.config.model import GatewayConfig
-from gateway.control.restart.earlier import Past, past_in
+from gateway.control.restart.earlier import EarlierRun, earlier_run
 from gateway.control.restart.rebuild import controller_of
 from gateway.control.restart.snapshots import SnapshotKeeper
 from gateway.model.compensation import Source, Step, Write
@@ -121,7 +121,7 @@ def wear(folder: Path, real_s: int = _REAL_S) -> float:
     """
     config, clock, machine = config_in(folder), SystemClock(), StoredMachine()
     with Store(config.storage.path, "boot", clock, commit_s=config.storage.commit_s) as store:
-        past = past_in(store, config)
+        past = earlier_run(store, config)
         store.begin(config.canonical(), config.fingerprint(), "")
         store.flush()
         began_bytes, began_s = _written(config), time.monotonic()
@@ -150,7 +150,7 @@ def played(folder: Path, turns: int, samples_days: float) -> float:
     config, clock, machine = config_in(folder), PlayedClock(), StoredMachine()
     path, every, retention = config.storage.path, round(config.storage.commit_s), Retention(samples_days=samples_days)
     with Store(path, "first", clock) as store:
-        past = past_in(store, config)
+        past = earlier_run(store, config)
         store.begin(config.canonical(), config.fingerprint(), "")
     began_bytes = 0
     with closing(sqlite3.connect(path)) as other:
@@ -174,7 +174,7 @@ class StoredMachine:
         self._draw = np.random.default_rng(1)
         self.x = 20.0 + self._draw.normal(0, 2, _CHANNELS)
 
-    def record(self, second: int, store: Store, past: Past, clock: Clock) -> None:
+    def record(self, second: int, store: Store, past: EarlierRun, clock: Clock) -> None:
         self.x += self._draw.normal(0, 0.01, _CHANNELS)
         for device in range(_DEVICES):
             store.record(ReadingsTaken(_readings(device, self.x, clock, second)))
@@ -187,7 +187,7 @@ class StoredMachine:
             store.record(DecisionMade(past.controller.step(frame)))
 
 
-def _seldom(store: Store, past: Past, config: GatewayConfig, clock: Clock, x: FloatArray) -> int:
+def _seldom(store: Store, past: EarlierRun, config: GatewayConfig, clock: Clock, x: FloatArray) -> int:
     """Bytes a day of twelve measurements and a snapshot, each with the log put into the database."""
     measured = Measurement(np.linspace(-5.0, 5.0, 9), np.full(9, 0.5))
     now, before = clock.utc(), _written(config)
@@ -240,7 +240,7 @@ def fill(config: GatewayConfig, years: float) -> None:
         connection.commit()
     with Store(config.storage.path, "before", SystemClock()) as store:
         store.begin(config.canonical(), config.fingerprint(), "")
-        past = Past(controller_of(config))
+        past = EarlierRun(controller_of(config))
         keeper = SnapshotKeeper(past, store, config)
         for k_now in range(middle, last):
             x = 20.0 + np.sin(k_now / 300.0 + np.arange(_CHANNELS))
@@ -257,7 +257,7 @@ def restart(folder: str) -> None:
     imported_s = time.clock_gettime(time.CLOCK_BOOTTIME) - ticks
     config = config_in(Path(folder))
     with Store(config.storage.path, "now", SystemClock()) as store:
-        past = past_in(store, config)
+        past = earlier_run(store, config)
         store.begin(config.canonical(), config.fingerprint(), "")
         rebuilt_s = time.clock_gettime(time.CLOCK_BOOTTIME) - ticks
         last = past.last_k or 0

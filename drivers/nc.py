@@ -22,6 +22,8 @@ LARGEST_UM: Final = 500.0
 """Larger offsets are never sent to a control, unless its settings say otherwise."""
 REQUEST_VALID_FOR_S: Final = 900.0
 """For so long a request for a probing cycle waits for a safe point, unless the settings say otherwise."""
+LEAST_HEIGHT_MM: Final = 20.0
+"""Nothing lower is asked for: with the supplied programs a touch goes 19 mm down from where the sphere is touched."""
 LARGEST_HEIGHT_MM: Final = 1000.0
 """No dry run is higher above the sphere."""
 LARGEST_NUMBER: Final = 2**31 - 1

@@ -77,12 +77,12 @@ def read_settings(
         raise SetupError(f"{file}: {found}" if file else found, bus=bus, device=device) from error
 
 
-def settings_of(kind: type[M], values: Mapping[str, object], *, device: str = "") -> M:
+def settings_of(kind: type[M], values: Mapping[str, object]) -> M:
     """The settings from these Python values. Raises SetupError as `read_settings` does."""
     try:
         return kind.model_validate(values)
     except ValidationError as error:
-        raise SetupError(_in_one_line(error, values, kind), device=device) from error
+        raise SetupError(_in_one_line(error, values, kind)) from error
 
 
 def _in_one_line(error: ValidationError, data: Mapping[str, object], kind: type[BaseModel]) -> str:

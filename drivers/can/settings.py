@@ -13,7 +13,6 @@ from drivers.section import NotEmpty, Port, name_beside_the_file, wrong
 Interface = Literal["socketcan", "slcan", "udp_multicast", "virtual"]
 Bitrate = Literal[10_000, 20_000, 50_000, 100_000, 125_000, 250_000, 500_000, 1_000_000]
 CAN_INTERFACES: Final[tuple[Interface, ...]] = get_args(Interface)
-CAN_BITRATES: Final[tuple[Bitrate, ...]] = get_args(Bitrate)
 
 
 _SYSTEM_NAME = re.compile(r"[^\s/:]{1,15}")

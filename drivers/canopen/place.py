@@ -10,5 +10,17 @@ class CanObject:
     index: int
     subindex: int
 
+    @classmethod
+    def of(cls, text: str) -> "CanObject":
+        """From `2100:01`, both hexadecimal; without a sub-index: 0. Raises ValueError."""
+        index, _, subindex = text.partition(":")
+        try:
+            found = cls(int(index, 16), int(subindex or "0", 16))
+        except ValueError:
+            raise ValueError(f"{text!r}: expected index:subindex in hexadecimal, such as 2100:01") from None
+        if not (0x1000 <= found.index <= 0xFFFF and found.subindex <= 0xFF):
+            raise ValueError(f"{text!r}: expected an index of 1000 to FFFF and a subindex of 00 to FF")
+        return found
+
     def __str__(self) -> str:
         return f"{self.index:04X}:{self.subindex:02X}"

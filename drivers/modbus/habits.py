@@ -4,8 +4,12 @@ from dataclasses import dataclass
 
 _NEWEST = 1 / 4
 """Weight of the newest missing answer."""
-_LATE, _UNKNOWN, _LOST = 0.5, 0.4, 0.2
-"""Above and below which share they count as late and as lost, and what it is at first."""
+_LATE = 0.5
+"""Above this share they count as late."""
+_UNKNOWN = 0.4
+"""What it is at first."""
+_LOST = 0.2
+"""Below this share they count as lost."""
 _LONGER = 1.25
 """Factor of the time that late answers of a unit usually take: it is waited for that long."""
 

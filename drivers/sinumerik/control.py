@@ -18,6 +18,7 @@ from drivers.nc import (
     check_offsets,
 )
 from drivers.opcua.session import OpcUaNumber, OpcUaSession
+from drivers.sinumerik.handshake import FINAL, PROBING_REASONS, PROBING_STATES, UNDER_WAY
 from drivers.sinumerik.lease import SinumerikLease
 from drivers.sinumerik.numbers import code_of, finite_numbers, given_numbers
 from drivers.sinumerik.settings import SinumerikSettings
@@ -42,33 +43,6 @@ _PROGRAM_STATES: Final = {
     3: ProgramState.RUNNING,
     4: ProgramState.WAITING,
     5: ProgramState.ABORTED,
-}
-PROBING_STATES: Final = {
-    1: ProbingState.ACCEPTED,
-    2: ProbingState.RUNNING,
-    3: ProbingState.DONE,
-    4: ProbingState.REFUSED,
-    5: ProbingState.FAILED,
-}
-UNDER_WAY: Final = frozenset({ProbingState.ACCEPTED, ProbingState.RUNNING})
-FINAL: Final = frozenset({ProbingState.DONE, ProbingState.REFUSED, ProbingState.FAILED})
-PROBING_REASONS: Final = {
-    0: "",
-    1: "an alarm is active",
-    2: "the touch probe is missing or does not answer",
-    3: "the control is not in AUTO",
-    4: "withdrawn",
-    5: "no safe point before the request expired",
-    6: "a touch found no sphere",
-    7: "the program was stopped",
-    8: "TALC_SAFE_Z on the control is lower than the sphere at one of the poses",
-    9: "a transformation, an orientable tool carrier or the control's own dry run is active",
-    10: "the touch probe is deflected where it touches nothing",
-    11: "the probe met something on its way to the sphere",
-    12: "the axes were moved by hand within the cycle",
-    13: "an axis is not referenced",
-    14: "the control does not know for sure which tool is in the spindle, or whose offset is in force",
-    15: "the height of a dry run (R63) is less than 0",
 }
 _SAME_MM: Final = 1e-6
 _EMERGENCY_STOP: Final = 3000
@@ -113,13 +87,16 @@ class Sinumerik:
         hand = settings.handshake
         self._status = tuple(settings.r(n) for n in (hand.request, hand.answers, hand.state, hand.reason))
         results = range(hand.results, hand.results + 3 * settings.poses)
-        self._request = (*self._status, settings.r(hand.withdraw), settings.r(hand.version))
-        self._asked = tuple(settings.r(n) for n in (hand.request, hand.withdraw, hand.valid_for))
-        self._height = settings.r(hand.dry_run)
+        self._height, self._shown = settings.r(hand.dry_run), settings.r(hand.version)
+        self._request = (*self._status, settings.r(hand.withdraw))
+        self._asked = (*(settings.r(n) for n in (hand.request, hand.withdraw, hand.valid_for)), self._height)
         self._runs_dry = False
         self._heights: dict[int, float] = {}
         """Number of the last request to the height that it was asked with."""
-        self._result = (*self._status, settings.r(hand.result_of), *(settings.r(n) for n in (*results, hand.spread)))
+        self._unproven: int | None = None
+        """Number of a dry run that the control does not know of yet, because its program has not shown its version."""
+        told = (hand.result_of, *results, hand.spread)
+        self._result = (*self._status, *(settings.r(n) for n in told), self._height, self._shown)
         self._offsets, self._in_force = settings.offset_nodes, settings.in_force_nodes
         lease = settings.lease
         self._lease = SinumerikLease(self._session, settings)
@@ -140,10 +117,11 @@ class Sinumerik:
                 await self._session.read(paths)
                 if self._settings.subscribe_s > 0:
                     await self._session.subscribe(paths, self._settings.subscribe_s)
-            await self._session.read(self._result)
+            self._unproven = None
+            self._runs_dry = (await self._session.read(self._result))[-1] == _KNOWS_DRY_RUNS
             await self._session.read(self._in_force)
             if self._settings.asks:
-                self._look_at_version((await self._session.read((*self._asked, *self._request)))[-1])
+                await self._session.read((*self._asked, *self._request))
             if self._settings.writes:
                 await self._session.read((*self._lease.nodes, *self._leased))
         except BaseException:
@@ -152,12 +130,9 @@ class Sinumerik:
 
     @property
     def runs_dry(self) -> bool:
-        """Implements RunsDry."""
+        """Implements RunsDry: by what the control showed when the gateway connected. That may be old, so no dry run is
+        asked for until the program has shown it again."""
         return self._runs_dry
-
-    def _look_at_version(self, version: OpcUaNumber | None) -> None:
-        """The program may be loaded, or first called, while the gateway is connected."""
-        self._runs_dry = code_of(version) == _KNOWS_DRY_RUNS
 
     async def _look_at_units(self) -> None:
         """Raises WrongDevice for an inch system. A gateway that only reads goes on if it may not read the unit."""
@@ -242,16 +217,20 @@ class Sinumerik:
         control saw this number last or has another request pending."""
         check_number(number, "request number")
         check_height(dry_run_mm)
+        await self._check_free(number)
+        self._heights, self._unproven = {number: dry_run_mm}, None
+        if dry_run_mm:
+            # R-parameters outlast power off and an exchange of the programs. Only a call of TALC_SAFE_POINT sets this
+            # one again: before, the control gets no number, on which an older program would touch.
+            self._check_version(*await self._session.read((self._shown,)))
+            await self._session.write({self._shown: 0.0})
+            self._unproven = number
+        else:
+            await self._ask(number)
+
+    async def _check_free(self, number: int) -> None:
         found = self._numbers(self._request, await self._session.read(self._request))
-        request, answers, state, _, taken_back, version = found
-        self._look_at_version(version)
-        if dry_run_mm and not self._runs_dry:
-            hand = self._settings.handshake
-            raise Refused(
-                f"the program on the control knows no dry runs (R{hand.version} is not {_KNOWS_DRY_RUNS})",
-                device=self._settings.device,
-                hint="load all the present programs of deploy/nc/sinumerik, and call TALC_SAFE_POINT once",
-            )
+        request, answers, state, _, taken_back = found
         if number in (request, answers):
             raise Refused(
                 f"request number {number} was the last one: its old result could be taken for a new one",
@@ -262,31 +241,52 @@ class Sinumerik:
             raise self._busy(f"cycle {answers:.0f} is in progress")
         if request > 0 and request not in (answers, taken_back):
             raise self._busy(f"request {request:.0f} waits for the control's next safe point")
-        hand = self._settings.handshake
+
+    async def _ask(self, number: int) -> None:
+        """Raises BadAnswer when the control does not keep the height: a dry run must not touch, and a cycle must."""
+        height, hand = self._heights[number], self._settings.handshake
+        values = {self._settings.r(hand.valid_for): hand.request_valid_for_s, self._height: height}
+        if height:
+            values[self._shown] = 0.0  # the call that runs it sets it once more
+        await self._session.write(values)
+        [found] = self._numbers((self._height,), await self._session.read((self._height,)))
+        self._check_height(found, height)
+        self._unproven = None
         # The number is written last, in a separate request, because the control acts on it.
-        await self._session.write({self._settings.r(hand.valid_for): hand.request_valid_for_s})
-        if self._runs_dry:  # an older program leaves this parameter to others
-            await self._set_height(dry_run_mm)
-        self._heights = {number: dry_run_mm}
         await self._session.write({self._settings.r(hand.request): float(number)})
 
-    async def _set_height(self, dry_run_mm: float) -> None:
-        """Raises BadAnswer when the control does not keep it: a dry run must not touch, and a cycle must."""
-        await self._session.write({self._height: dry_run_mm})
-        await self._check_height(dry_run_mm)
-
-    async def _check_height(self, dry_run_mm: float) -> None:
-        [found] = self._numbers((self._height,), await self._session.read((self._height,)))
-        if abs(found - dry_run_mm) > _SAME_MM:
+    def _check_height(self, found: float, asked: float) -> None:
+        if not abs(found - asked) <= _SAME_MM:
             raise BadAnswer(
-                f"R{self._settings.handshake.dry_run} (height of a dry run) is {found:g}, not {dry_run_mm:g}",
+                f"R{self._settings.handshake.dry_run} (height of a dry run) is {found:g}, not {asked:g}",
                 device=self._settings.device,
                 hint="does another program write it? [nc.handshake] dry_run gives it another number",
+            )
+
+    async def _prove(self, number: int) -> None:
+        """Ask for a dry run as soon as the control's program has shown that it knows them."""
+        [version] = await self._session.read((self._shown,))
+        if version == 0:
+            return
+        self._check_version(version)
+        await self._check_free(number)
+        await self._ask(number)
+
+    def _check_version(self, version: OpcUaNumber | None) -> None:
+        if version != _KNOWS_DRY_RUNS:
+            hand = self._settings.handshake
+            raise Refused(
+                f"the program on the control knows no dry runs (R{hand.version} is {version}, not {_KNOWS_DRY_RUNS})",
+                device=self._settings.device,
+                hint="load all the present programs of deploy/nc/sinumerik, and call TALC_SAFE_POINT once",
             )
 
     async def probing_status(self, number: int) -> RequestStatus:
         """State of request `number`; idle when the control holds another request and has not answered this one."""
         check_number(number, "request number")
+        if self._unproven == number:
+            await self._prove(number)
+            return RequestStatus(number, ProbingState.REQUESTED)
         request, answers, state, reason = self._numbers(self._status, await self._session.read(self._status))
         if answers != number or not state:
             return RequestStatus(number, ProbingState.REQUESTED if request == number else ProbingState.IDLE)
@@ -295,7 +295,7 @@ class Sinumerik:
             return RequestStatus(number, known)
         # The four parameters may be from different moments. A final state no longer changes: read it with the results.
         again = given_numbers(self._result, await self._session.read(self._result), self._settings.device)
-        _, answers_again, state_again, reason, result_of, *values, spread = again
+        _, answers_again, state_again, reason, result_of, *values, spread, height, version = again
         if answers_again != answers or state_again != state:
             return RequestStatus(number, ProbingState.REQUESTED)
         if known is not ProbingState.DONE:
@@ -306,15 +306,20 @@ class Sinumerik:
                 device=self._settings.device,
                 hint="the NC program must write the results and their number before the state",
             )
-        if self._runs_dry and number in self._heights:
-            await self._check_height(self._heights[number])  # no dry run is ever taken for a measurement
+        if number in self._heights:  # no dry run is ever taken for a measurement, and no touch for a dry run
+            self._check_height(height, self._heights[number])
+            if self._heights[number]:
+                self._check_version(version)
         centres = tuple(self._from_origin(*values[i : i + 3]) for i in range(0, len(values), 3))
         return RequestStatus(number, known, centres_mm=centres, spread_mm=spread)
 
     async def withdraw_probing(self, number: int) -> None:
         """Withdraw the request; a running cycle is stopped as soon as the control can."""
         check_number(number, "request number")
-        await self._session.write({self._settings.r(self._settings.handshake.withdraw): float(number)})
+        if self._unproven == number:
+            self._unproven = None  # the control does not know of it
+        else:
+            await self._session.write({self._settings.r(self._settings.handshake.withdraw): float(number)})
 
     async def write_compensation(self, offsets_um: tuple[float, float, float]) -> None:
         """Raises NotSendable, before anything is sent, for a number that is not finite or beyond `largest_um`.
@@ -353,8 +358,7 @@ class Sinumerik:
     @property
     def _writable(self) -> tuple[tuple[str, ...], ...]:
         """Everything that this gateway writes, one request each."""
-        asked = (*self._asked, self._height) if self._runs_dry else self._asked
-        return asked, self._leased, self._offsets
+        return self._asked, self._leased, self._offsets
 
     async def claim(self, owner: int, terms: WatchdogTerms, predecessor: int | None = None) -> None:
         """Raises ValueError for an owner outside 1 .. 2**31 - 1."""

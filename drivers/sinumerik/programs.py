@@ -53,7 +53,7 @@ def errors_program(settings: SinumerikSettings, terms: ErrorTerms) -> str:
     counted = sum(action.endswith(_COUNT) for action in actions) - ERRORS // 3  # three run on silence, or three others
     for number, action in enumerate([*actions, _echo(settings, counted)], FIRST_ID):
         lines.append(f"IDS={number} {action}")
-    lines += ["STOPRE", f"R[{settings.errors.version}] = {PROGRAM_VERSION}", "RET"]
+    lines += ["STOPRE", f"R[{settings.errors.version}] = {PROGRAM_VERSION}", "M17"]
     return "\n".join(lines) + "\n"
 
 
@@ -71,7 +71,7 @@ def _start(settings: SinumerikSettings, terms: ErrorTerms) -> Iterator[str]:
     in_force = " + ".join(f"ABS($SA_TEMP_COMP_ABS_VALUE[{name}])" for name in names)
     yield f"IF ($P_PROG_EVENT <> 4) AND ({in_force} > {_nc_number(_GONE_MM)})"
     yield '  MSG("TALC_ERRORS: offsets are in force. Stop the gateway, wait until they are 0, call it again")'
-    yield from ("  M0", "  RET", "ENDIF")
+    yield from ("  M0", "  M17", "ENDIF")
     for name in names:
         yield f"$SA_TEMP_COMP_ABS_VALUE[{name}] = 0"
     for number in (lease.owner, lease.silence, lease.state, lease.ramp, errors.version, errors.tool):
@@ -84,8 +84,8 @@ def _start(settings: SinumerikSettings, terms: ErrorTerms) -> Iterator[str]:
     yield " ".join(f"R[{errors.terms + i}] = {_nc_number(value)}" for i, value in enumerate(told))
     yield f"R[{errors.tool_range}] = {_nc_number(settings.tool_range_mm)}"
     yield f"R[{errors.echo}] = R[{lease.beat}] R[{lease.age}] = {_LONG_AGO_S}"
+    yield f"R[{hand.version}] = 0"  # shown again by the first call of TALC_SAFE_POINT
     yield f"R[{hand.withdraw}] = R[{hand.request}]"  # one from before power off, whose age is not known
-    yield "STOPRE"
     yield "TALC_RESET"
 
 

@@ -122,7 +122,7 @@ class Handshake(Section):
     valid_for: RNumber = 62
     """Time in seconds within which the cycle must begin."""
     dry_run: RNumber = 63
-    """Height in mm of a dry run above the sphere; 0: the cycle touches. Written if the program knows dry runs."""
+    """Height in mm of a dry run above the sphere; 0: the cycle touches."""
     answers: RNumber = 64
     """Number of the request to which state and reason refer."""
     state: RNumber = 65
@@ -136,7 +136,7 @@ class Handshake(Section):
     spread: RNumber = 88
     """Largest difference between repeated touches in the cycle, mm."""
     version: RNumber = 89
-    """Version of TALC_SAFE_POINT, which shows it at each call; from 2 on it knows dry runs."""
+    """Version of TALC_SAFE_POINT, which shows it at each call; 2 knows dry runs. Before one the gateway writes 0."""
     request_valid_for_s: NotNegative = REQUEST_VALID_FOR_S
     """A control that reaches its safe point later than this refuses: the gateway may be gone by then. 0: no limit."""
 

@@ -23,15 +23,20 @@ Publish = Callable[[Sequence[Sample]], None]
 """Receives the readings of one device; must return at once."""
 
 
-_MOST_SILENT, _SILENT_OFTEN = 4, 3
-"""How often a device is asked in one period while it stays silent, and in how many such periods before it is asked once
-only."""
-_MOST_HEARD, _FEW, _LOST_OFTEN = 8, 2, 3
-"""The same for one that is heard (or was in the last period, where asking costs only what is left of it), and for one
-that was heard in this many periods and could be read in none."""
-_SHORTEST_S, _RESERVE_S = 0.05, 0.05
-"""Where the wait for an answer can be limited to the rest of the period: the shortest wait that is worthwhile, and the
-part of the period that is reserved for the answer to arrive."""
+_MOST_SILENT = 4
+"""How often a device is asked in one period while it stays silent."""
+_SILENT_OFTEN = 3
+"""In how many such periods before it is asked once only."""
+_MOST_HEARD = 8
+"""How often one is asked that is heard, or was in the last period, where asking costs only what is left of it."""
+_FEW = 2
+"""How often one is asked that was heard and could not be read."""
+_LOST_OFTEN = 3
+"""In how many periods without a read before that."""
+_SHORTEST_S = 0.05
+"""The shortest wait for an answer that is worthwhile, where it can be limited to the rest of the period."""
+_RESERVE_S = 0.05
+"""The part of the period that is reserved for such an answer to arrive."""
 
 
 @dataclass(slots=True)

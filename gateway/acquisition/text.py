@@ -5,10 +5,10 @@ from math import isnan
 from drivers.base import Reading
 
 
-def number_text(value: float, decimals: int = 2) -> str:
-    """The value with these decimals, but 0.00 only for 0: 2e-41 degC is a wrong byte order, not a cold day."""
-    plain = value == 0 or 10**-decimals <= abs(value) < 1e7
-    return f"{value:z.{decimals}f}" if plain else f"{value:.3g}"
+def number_text(value: float) -> str:
+    """The value with two decimals, but 0.00 only for 0: 2e-41 degC is a wrong byte order, not a cold day."""
+    plain = value == 0 or 0.01 <= abs(value) < 1e7
+    return f"{value:z.2f}" if plain else f"{value:.3g}"
 
 
 def reading_text(reading: Reading | None) -> str:

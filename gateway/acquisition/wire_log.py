@@ -46,6 +46,11 @@ class WireEvent:
     extended: bool = False
     note: str = ""
 
+    @property
+    def lost(self) -> bool:
+        """Whether the connection was lost; the first word of a note says what became of it."""
+        return self.note.partition(" ")[0] == "lost"
+
 
 @dataclass(frozen=True, slots=True)
 class WireLog:

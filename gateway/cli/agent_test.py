@@ -2,30 +2,22 @@
 
 import asyncio
 import sys
-import textwrap
-from collections import Counter
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
 from drivers.agent.settings import AGENT_PORT
 from drivers.section import host_name
-from gateway.cli.arguments import FiniteNumber
-from gateway.cli.exits import EXIT_WORLD
+from gateway.cli.arguments import FiniteNumber, OldFile
+from gateway.cli.exits import EXIT_DIFFERENT, EXIT_WORLD
 from gateway.config.problems import suggestion
 from gateway.runtime.terminal import printable
-
-if TYPE_CHECKING:
-    from gateway.commissioning.agent_test.clause import Moves
-    from gateway.commissioning.agent_test.connection import AgentUnderTest
 
 
 @click.command("agent-test")
 @click.argument("host")
 @click.option("--port", type=click.IntRange(1, 65535), default=AGENT_PORT, show_default=True, help="[nc] port")
-@click.option("--key-file", type=click.Path(exists=True, dir_okay=False, path_type=Path), required=True,
-              help="[nc] key_file: file with the agent's key.")  # fmt: skip
+@click.option("--key-file", type=OldFile, required=True, help="[nc] key_file: file with the agent's key.")
 @click.option("--timeout", type=FiniteNumber(min=0.1), default=2.0, show_default=True,
               help="[nc] timeout_s: how long an answer may take, and an offset until it is in force.")  # fmt: skip
 @click.option("--offsets", is_flag=True,
@@ -35,15 +27,9 @@ if TYPE_CHECKING:
               help="Seconds within which a cycle has ended.")  # fmt: skip
 @click.option("--only", multiple=True, metavar="CLAUSE", help="Try only this clause; may be given several times.")
 def agent_test(
-    host: str,
-    port: int,
-    key_file: Path,
-    timeout: float,
-    offsets: bool,
-    cycle: bool,
-    cycle_limit: float,
+    host: str, port: int, key_file: Path, timeout: float, offsets: bool, cycle: bool, cycle_limit: float,
     only: tuple[str, ...],
-) -> None:
+) -> None:  # fmt: skip
     """Try the contract of docs/agent.md on the agent at HOST, clause by clause.
 
     \b
@@ -54,6 +40,7 @@ def agent_test(
     from gateway.commissioning.agent_test.clause import Moves
     from gateway.commissioning.agent_test.clauses import CLAUSES
     from gateway.commissioning.agent_test.connection import AgentUnderTest, Unreachable
+    from gateway.commissioning.agent_test.told import tell
 
     if unknown := sorted(set(only) - {clause.name for clause in CLAUSES}):
         raise click.UsageError(f"--only {unknown[0]}: {suggestion(unknown[0], (clause.name for clause in CLAUSES))}")
@@ -64,28 +51,7 @@ def agent_test(
     allowed = frozenset([Moves.OFFSETS] * offsets + [Moves.CYCLE] * cycle)
     target = AgentUnderTest(host, port, key_file.read_bytes().strip(), timeout)
     try:
-        sys.exit(asyncio.run(_tell(target, allowed, only, cycle_limit)))
+        sys.exit(0 if asyncio.run(tell(target, allowed, only, cycle_limit)) else EXIT_DIFFERENT)
     except Unreachable as error:
         click.echo(f"nothing was tried: {printable(str(error))}", err=True)
         sys.exit(EXIT_WORLD)
-
-
-async def _tell(
-    target: "AgentUnderTest", allowed: frozenset["Moves"], only: tuple[str, ...], cycle_limit_s: float
-) -> int:
-    """Print each clause with its result; 0 if all hold, 1 if one does not."""
-    from gateway.commissioning.agent_test.clause import ClauseResult
-    from gateway.commissioning.agent_test.clauses import CLAUSES, run_clauses
-
-    width = max(len(clause.name) for clause in CLAUSES)
-    counted: Counter[ClauseResult] = Counter()
-    async for outcome in run_clauses(target, allowed, only, cycle_limit_s):
-        counted[outcome.result] += 1
-        click.echo(f"{outcome.clause.name:{width}}  {outcome.result.value}")
-        if outcome.result is ClauseResult.FAILED:
-            for head, text in (("expected", outcome.clause.expected), ("came", outcome.came)):
-                click.echo(
-                    textwrap.fill(printable(text), 110, initial_indent=f"    {head}: ", subsequent_indent="      ")
-                )
-    click.echo(", ".join(f"{counted[result]} {result.value}" for result in ClauseResult if counted[result]))
-    return 1 if counted[ClauseResult.FAILED] else 0

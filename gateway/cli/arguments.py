@@ -3,7 +3,7 @@
 import math
 import os
 from collections.abc import Callable, Sequence
-from datetime import time
+from functools import partial, wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar, get_args
 from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
@@ -17,8 +17,9 @@ if TYPE_CHECKING:
     from gateway.config.model import GatewayConfig
     from gateway.telemetry.session import Access
 
-ConfigPath = click.argument("config", type=click.Path(dir_okay=False, path_type=Path))
-PemPath = click.Path(exists=True, dir_okay=False, path_type=Path)
+AnyFile = click.Path(dir_okay=False, path_type=Path)
+OldFile = click.Path(exists=True, dir_okay=False, path_type=Path)
+ConfigPath = click.argument("config", type=AnyFile)
 
 
 def _language(_: Context, __: Parameter, code: str | None) -> str:
@@ -37,12 +38,15 @@ SCAN_LIMIT_S = 600.0
 """How long a scan takes at most, unless the user says otherwise."""
 Decorated = TypeVar("Decorated", bound=Callable[..., object])
 _ACCESS = (
-    click.option("--authority", type=PemPath, help="Certificates of the plant's authority, for tls/… endpoints."),
-    click.option("--certificate", type=PemPath, help="Your own certificate, if the gateway asks for one; needs --key."),
-    click.option("--key", type=PemPath, help="Its private key."),
+    click.option("--authority", type=OldFile, help="Certificates of the plant's authority, for tls/… endpoints."),
+    click.option("--certificate", type=OldFile, help="Your own certificate, if the gateway asks for one; needs --key."),
+    click.option("--key", type=OldFile, help="Its private key."),
     click.option("--user", help="User name, if the gateway asks for one; needs --password-file."),
-    click.option("--password-file", type=PemPath, help="File that contains only the user's password."),
+    click.option("--password-file", type=OldFile, help="File that contains only the user's password."),
 )
+
+Parsed = TypeVar("Parsed")
+_ACCESS_NAMES = ("authority", "certificate", "key", "user", "password_file")
 
 
 class FiniteNumber(click.FloatRange):
@@ -56,43 +60,45 @@ class FiniteNumber(click.FloatRange):
         return found
 
 
-class Numbers(click.ParamType[tuple[int, ...]]):
-    """`1-8,12`: whole numbers within bounds, each once, in order."""
+class Written(click.ParamType[Parsed]):
+    """What a text means. Refused with the words of its parser's ValueError."""
 
-    name = "numbers"
+    def __init__(self, name: str, parse: Callable[[str], Parsed]) -> None:
+        self.name, self._parse = name, parse
 
-    def __init__(self, low: int, high: int) -> None:
-        self._low, self._high = low, high
-
-    def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> tuple[int, ...]:
-        if isinstance(value, tuple):
-            return value
-        found: set[int] = set()
-        for part in str(value).split(","):
-            first, _, last = part.strip().partition("-")
-            if not first.isdecimal() or not (last or first).isdecimal():
-                self.fail(f"{value!r}: expected numbers such as 1-8,12", param, ctx)
-            if int(last or first) < int(first):
-                self.fail(f"{value!r}: expected the smaller number first, {last}-{first}", param, ctx)
-            found |= set(range(int(first), int(last or first) + 1))
-        if min(found) < self._low or max(found) > self._high:
-            self.fail(f"{value!r}: expected {self._low} to {self._high}", param, ctx)
-        return tuple(sorted(found))
-
-
-class KeyPrefixText(click.ParamType[str]):
-    """What keys may begin with, as `[telemetry] prefix` has it."""
-
-    name = "text"
-
-    def convert(self, value: str, param: Parameter | None, ctx: Context | None) -> str:
-        """Raises BadParameter."""
-        from gateway.config.fields import key_prefix
-
+    def convert(self, value: "str | Parsed", param: Parameter | None, ctx: Context | None) -> Parsed:
         try:
-            return key_prefix(value)
+            return self._parse(value) if isinstance(value, str) else value
         except ValueError as error:
             self.fail(str(error), param, ctx)
+
+
+class KeyPrefixText(Written[str]):
+    """What keys may begin with, as `[telemetry] prefix` has it."""
+
+    def __init__(self) -> None:
+        from gateway.config.fields import key_prefix
+
+        super().__init__("text", key_prefix)
+
+
+def numbers(low: int, high: int) -> Written[tuple[int, ...]]:
+    """`1-8,12`: whole numbers within bounds, each once, in order."""
+    return Written("numbers", partial(_numbers, low, high))
+
+
+def _numbers(low: int, high: int, text: str) -> tuple[int, ...]:
+    found: set[int] = set()
+    for part in text.split(","):
+        first, _, last = part.strip().partition("-")
+        if not first.isdecimal() or not (last or first).isdecimal():
+            raise ValueError(f"{text!r}: expected numbers such as 1-8,12")
+        if int(last or first) < int(first):
+            raise ValueError(f"{text!r}: expected the smaller number first, {last}-{first}")
+        found |= set(range(int(first), int(last or first) + 1))
+    if min(found) < low or max(found) > high:
+        raise ValueError(f"{text!r}: expected {low} to {high}")
+    return tuple(sorted(found))
 
 
 def field_type(settings: type["BaseModel"], field: str) -> "click.Choice[Any] | click.IntRange":
@@ -129,7 +135,7 @@ def heard_options(command: Decorated) -> Decorated:
     from gateway.config.fields import DEFAULT_PREFIX
 
     options = (
-        click.argument("config", type=click.Path(dir_okay=False, path_type=Path), required=False),
+        click.argument("config", type=AnyFile, required=False),
         click.option(
             "--connect",
             multiple=True,
@@ -150,6 +156,16 @@ def access_options(command: Decorated) -> Decorated:
     return _with(_ACCESS, command)
 
 
+def with_access(command: Callable[..., object]) -> Callable[..., object]:
+    """The same, of which the command gets one `access`."""
+
+    @wraps(command)
+    def called(*arguments: Any, **given: Any) -> object:
+        return command(*arguments, access=_access_of(*(given.pop(name) for name in _ACCESS_NAMES)), **given)
+
+    return access_options(called)
+
+
 def _with(options: Sequence[Callable[[Decorated], Decorated]], command: Decorated) -> Decorated:
     """Decorated from the last to the first, so that the help shows them in this order."""
     for option in reversed(options):
@@ -157,7 +173,7 @@ def _with(options: Sequence[Callable[[Decorated], Decorated]], command: Decorate
     return command
 
 
-def access_of(
+def _access_of(
     authority: Path | None, certificate: Path | None, key: Path | None, user: str | None, password_file: Path | None
 ) -> "Access":
     """What these options say. Raises UsageError when one is missing."""
@@ -173,74 +189,22 @@ def access_of(
     return Access(authority=authority, certificate=certificate, key=key, user=user, password=password)
 
 
-def _pairs(pairs: tuple[str, ...], option: str, expected: str) -> dict[str, str]:
-    """Text of each name, from NAME=TEXT."""
-    found: dict[str, str] = {}
-    for pair in pairs:
-        name, equals, text = pair.partition("=")
-        if not (name and equals and text):
-            raise click.BadParameter(f"{pair!r}: expected {expected}", param_hint=option)
-        if name in found:
-            raise click.BadParameter(f"{name} is given twice: {found[name]!r} and {text!r}", param_hint=option)
-        found[name] = text
-    return found
-
-
-def named_errors(pairs: tuple[str, ...]) -> dict[str, str]:
-    """Column of each error. Refuses a name that is nearly the name of a thermal error."""
-    from talc.names import THERMAL_ERRORS, like_an_error
-
-    found = _pairs(pairs, "--error", "NAME=COLUMN")
-    for name in found:
-        if name not in THERMAL_ERRORS and like_an_error(name):
-            expected = f"expected one of {', '.join(THERMAL_ERRORS)}, or a name that does not look like one"
-            raise click.BadParameter(f"{name}={found[name]}: {expected}", param_hint="--error")
-    return found
-
-
-def named_units(pairs: tuple[str, ...]) -> dict[str, str]:
-    """Unit of each error."""
-    from talc.units import COLUMN_UNITS, plain_unit
-
-    found = {name: plain_unit(unit) for name, unit in _pairs(pairs, "--unit", "NAME=UNIT").items()}
-    for name, unit in found.items():
-        if unit not in COLUMN_UNITS:
-            raise click.BadParameter(f"{name}={unit}: expected one of {', '.join(COLUMN_UNITS)}", param_hint="--unit")
-    return found
-
-
-def time_unit_of(unit: str, form: str) -> str:
-    """The unit of `--time-unit`; empty if it was not given."""
-    from gateway.reporting.recordings.times import TIME_UNITS
-    from talc.units import plain_unit
-
-    unit = plain_unit(unit)
-    if unit and unit not in TIME_UNITS:
-        raise click.BadParameter(f"{unit!r}: expected one of {', '.join(TIME_UNITS)}", param_hint="--time-unit")
-    if unit and form:
-        raise click.UsageError("--time-unit is for times that are plain numbers, --time-format for others")
-    return unit
-
-
-def skipped_lines(texts: tuple[str, ...]) -> tuple[tuple[int, int], ...]:
-    """First and last of each range of lines of `--skip`."""
-    from gateway.reporting.recordings.layout import line_ranges
-
+def parsed(option: str, parse: Callable[..., Parsed], *given: object) -> Parsed:
+    """What an option's text means. Raises BadParameter with the text of `parse`'s ValueError."""
     try:
-        return line_ranges(texts)
+        return parse(*given)
     except ValueError as error:
-        raise click.BadParameter(str(error), param_hint="--skip") from None
+        raise click.BadParameter(str(error), param_hint=option) from None
 
 
-def time_zone_of(name: str | None) -> ZoneInfo | None:
-    """The time zone of `--time-zone`; None if it was not given."""
+def _time_zone(name: str) -> ZoneInfo:
     try:
-        return None if name is None else ZoneInfo(name)
+        return ZoneInfo(name)
     except (ZoneInfoNotFoundError, ValueError, OSError):
-        raise click.BadParameter(
-            f"{name!r}: unknown time zone on this computer; expected a name like Europe/Zurich",
-            param_hint="--time-zone",
-        ) from None
+        raise ValueError(f"{name!r}: unknown time zone on this computer; expected a name like Europe/Zurich") from None
+
+
+ZoneName = Written("zone", _time_zone)
 
 
 def page_path(wanted: Path | None, source: Path, *others: Path | None) -> Path:
@@ -261,30 +225,13 @@ def check_output(what: str, option: str, written: Path | None, *sources: Path | 
             raise click.UsageError(f"the {what} would overwrite {used}; give it another name with {option}")
 
 
-def shifts_of(text: str) -> tuple[time, ...]:
-    """The times of day at which shifts begin, in order."""
-    try:
-        parts = [part.strip().partition(":") for part in text.split(",") if part.strip()]
-        found = {time(int(hour), int(minute)) for hour, _, minute in parts}
-    except ValueError:
-        raise click.BadParameter(
-            f"{text!r}: expected times of day such as 06:00,14:00,22:00", param_hint="--shifts"
-        ) from None
-    return tuple(sorted(found))
-
-
-def address_of(text: str) -> tuple[str, int]:
-    """Host and port of `--listen`; [::1]:8080 for IPv6."""
+def _address(text: str) -> tuple[str, int]:
     host, _, port = text.rpartition(":")
-    host = host[1:-1] if host.startswith("[") and host.endswith("]") else host
-    if not host or not port.isdecimal() or not 0 <= int(port) <= 65535 or (text.count(":") > 1 and text[0] != "["):
-        raise click.BadParameter(f"{text!r}: expected HOST:PORT, such as 127.0.0.1:8080", param_hint="--listen")
-    return host, int(port)
+    bare = host[1:-1] if host.startswith("[") and host.endswith("]") else host
+    if not bare or not port.isdecimal() or not 0 <= int(port) <= 65535 or (":" in bare and bare == host):
+        raise ValueError(f"{text!r}: expected HOST:PORT, such as 127.0.0.1:8080")
+    return bare, int(port)
 
 
-def print_hash() -> None:
-    """Ask for a password, twice on a terminal, and print its hash."""
-    from gateway.runtime.passwords import make_hash
-
-    password = click.prompt("password", hide_input=True, confirmation_prompt=True, err=True)
-    click.echo(make_hash(password))
+Address = Written("address", _address)
+"""Host and port; [::1]:8080 for IPv6."""

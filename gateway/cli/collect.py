@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from gateway.cli.arguments import FiniteNumber, KeyPrefixText, PemPath, access_options
+from gateway.cli.arguments import FiniteNumber, KeyPrefixText, OldFile, access_options
 from gateway.config.fields import DEFAULT_PREFIX
 from gateway.runtime.extras import need_extra
 
@@ -18,20 +18,12 @@ from gateway.runtime.extras import need_extra
 )
 @click.option("--every", type=FiniteNumber(min=0.1), default=30.0, show_default=True,
               help="Seconds after which a gateway is asked again.")  # fmt: skip
-@click.option("--database-password-file", type=PemPath, help="File that contains only the password of ADDRESS's user.")
+@click.option("--database-password-file", type=OldFile, help="File that contains only the password of ADDRESS's user.")
 @access_options
 def collect(
-    site: str,
-    connect: tuple[str, ...],
-    prefix: str,
-    every: float,
-    authority: Path | None,
-    certificate: Path | None,
-    key: Path | None,
-    user: str | None,
-    password_file: Path | None,
-    database_password_file: Path | None,
-) -> None:
+    site: str, connect: tuple[str, ...], prefix: str, every: float, authority: Path | None, certificate: Path | None,
+    key: Path | None, user: str | None, password_file: Path | None, database_password_file: Path | None,
+) -> None:  # fmt: skip
     """Keep what all gateways at --connect have stored in FOLDER, as Parquet by table, machine and day, or in the
     PostgreSQL database at ADDRESS, such as postgresql://collector@db.plant.example/site.
 

@@ -2,13 +2,17 @@
 
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
-from gateway.cli.arguments import KeyPrefixText, PemPath, access_of, access_options
+from gateway.cli.arguments import KeyPrefixText, OldFile, with_access
 from gateway.cli.exits import EXIT_WORLD
 from gateway.config.fields import DEFAULT_PREFIX, LOOPBACK
 from gateway.model.commands import CommandName
+
+if TYPE_CHECKING:
+    from gateway.telemetry.session import Access
 
 
 @click.command()
@@ -16,24 +20,15 @@ from gateway.model.commands import CommandName
 @click.option(
     "--as", "operator", required=True, help="Your name in a [[telemetry.operator]] of the gateway's configuration."
 )
-@click.option("--operator-key", type=PemPath, required=True, help="File with that operator's key.")
+@click.option("--operator-key", type=OldFile, required=True, help="File with that operator's key.")
 @click.option("--connect", multiple=True, help=f"Zenoh endpoint. [default: {LOOPBACK}]")
 @click.option("--prefix", type=KeyPrefixText(), default=DEFAULT_PREFIX, show_default=True)
 @click.option("--machine", help="Name of the machine. Default: the one that runs there, if there is only one.")
-@access_options
+@with_access
 def command(
-    name: str,
-    operator: str,
-    operator_key: Path,
-    connect: tuple[str, ...],
-    prefix: str,
-    machine: str | None,
-    authority: Path | None,
-    certificate: Path | None,
-    key: Path | None,
-    user: str | None,
-    password_file: Path | None,
-) -> None:
+    name: str, operator: str, operator_key: Path, connect: tuple[str, ...], prefix: str, machine: str | None,
+    access: "Access",
+) -> None:  # fmt: skip
     """Give a running gateway a command, and print its answer (docs/commands.md).
 
     \b
@@ -48,7 +43,6 @@ def command(
     from gateway.telemetry.client import Machine, MachineError
     from gateway.telemetry.command_signer import CommandSigner
 
-    access = access_of(authority, certificate, key, user, password_file)
     try:
         signer = CommandSigner.of_file(operator, operator_key)
     except (OSError, ValueError) as error:

@@ -1,15 +1,13 @@
 """`talc-gateway db`: looks after a database, also while a gateway writes to it."""
 
-import sqlite3
 import sys
-from contextlib import closing, suppress
 from pathlib import Path
 
 import click
 
-from gateway.cli.arguments import read_config
+from gateway.cli.arguments import AnyFile, OldFile, read_config
 
-Database = click.argument("database", type=click.Path(exists=True, dir_okay=False, path_type=Path))
+Database = click.argument("database", type=OldFile)
 _DAMAGED = 1
 _MB = 1e6
 
@@ -59,7 +57,7 @@ def stats(database: Path) -> None:
     metavar="TABLE",
     type=click.Choice(["readings", "minutes", "steps", "measurements", "events", "compensation", "commands", "runs"]),
 )
-@click.option("-o", "--output", type=click.Path(dir_okay=False, path_type=Path), required=True, help=".csv or .parquet")
+@click.option("-o", "--output", type=AnyFile, required=True, help=".csv or .parquet")
 def export(database: Path, table: str, output: Path) -> None:
     """Write TABLE of DATABASE to a file, one value a column (docs/storage.md describes them).
 
@@ -74,28 +72,20 @@ def export(database: Path, table: str, output: Path) -> None:
 
 @db.command()
 @Database
-@click.option("-o", "--output", type=click.Path(dir_okay=False, path_type=Path), required=True, help="Must not exist.")
+@click.option("-o", "--output", type=AnyFile, required=True, help="Must not exist.")
 def backup(database: Path, output: Path) -> None:
     """Copy DATABASE to a file, also while a gateway writes to it; the file appears once it is complete."""
-    from gateway.storage.history import History
+    from gateway.storage.backup import back_up
 
     if output.exists():
         raise click.UsageError(f"{output} already exists; give another name with -o")
-    part = output.with_name(output.name + ".part")
-    try:
-        with History(database), closing(sqlite3.connect(database)) as source, closing(sqlite3.connect(part)) as target:
-            source.backup(target)
-            target.execute("PRAGMA journal_mode = DELETE")
-        part.rename(output)
-    finally:
-        with suppress(OSError):
-            part.unlink(missing_ok=True)
+    back_up(database, output)
     click.echo(f"{output}: {output.stat().st_size / _MB:.1f} MB")
 
 
 @db.command("export-learnt")
 @Database
-@click.option("-o", "--output", type=click.Path(dir_okay=False, path_type=Path), required=True, help="A JSON file.")
+@click.option("-o", "--output", type=AnyFile, required=True, help="A JSON file.")
 def export_learnt(database: Path, output: Path) -> None:
     """Write what the gateway of DATABASE has learnt, for `import-learnt`: weights, models and the reference.
 
@@ -107,8 +97,8 @@ def export_learnt(database: Path, output: Path) -> None:
 
 
 @db.command("import-learnt")
-@click.argument("config", type=click.Path(exists=True, dir_okay=False, path_type=Path))
-@click.argument("file", type=click.Path(exists=True, dir_okay=False, path_type=Path))
+@click.argument("config", type=OldFile)
+@click.argument("file", type=OldFile)
 @click.option(
     "--replace", is_flag=True, help="If the database has a record, keep it under another name and begin a new one."
 )

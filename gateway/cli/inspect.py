@@ -14,13 +14,13 @@ from drivers.mqtt.settings import MqttBusSettings
 from drivers.number_types import ByteNumber
 from drivers.problems import read_settings
 from drivers.section import LONGEST_ANSWER_S
-from gateway.cli.arguments import FiniteNumber, Numbers, field_option
+from gateway.cli.arguments import AnyFile, FiniteNumber, Written, field_option, numbers
 from gateway.cli.exits import EXIT_WORLD
 from gateway.commissioning.scan.drafts import BYTE_KINDS
 
 _MOST_ADDRESSES = 1000
 _TIMEOUT_S = 1.0
-Draft = click.option("--draft", type=click.Path(dir_okay=False, path_type=Path),
+Draft = click.option("--draft", type=AnyFile,
                      help="Write a profile of what was read; the file must not exist yet.")  # fmt: skip
 
 Scale = click.option(
@@ -31,7 +31,7 @@ Quantity = click.option("--quantity", default="degC", show_default=True, help="U
 
 @click.command("registers")
 @click.argument("where")
-@click.argument("addresses", type=Numbers(0, 65535))
+@click.argument("addresses", type=numbers(0, 65535))
 @click.option(
     "--unit", type=click.IntRange(*ModbusTcpSettings.units), default=1, show_default=True, help="Modbus unit id."
 )
@@ -81,26 +81,10 @@ def new_file(draft: Path | None) -> None:
         raise click.UsageError(f"--draft: {draft} {wrong}; give another name")
 
 
-class ObjectPlace(click.ParamType[CanObject]):
-    """`2100:01`, both hexadecimal; without a sub-index: 0."""
-
-    name = "object"
-
-    def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> CanObject:
-        index, _, subindex = str(value).partition(":")
-        try:
-            found = CanObject(int(index, 16), int(subindex or "0", 16))
-        except ValueError:
-            self.fail(f"{value!r}: expected index:subindex in hexadecimal, such as 2100:01", param, ctx)
-        if not (0x1000 <= found.index <= 0xFFFF and found.subindex <= 0xFF):
-            self.fail(f"{value!r}: expected an index of 1000 to FFFF and a subindex of 00 to FF", param, ctx)
-        return found
-
-
 @click.command("objects")
 @click.argument("channel")
 @click.argument("node", type=click.IntRange(*CanOpenSettings.units))
-@click.argument("objects", type=ObjectPlace(), nargs=-1, required=True)
+@click.argument("objects", type=Written("object", CanObject.of), nargs=-1, required=True)
 @field_option("--interface", CanOpenSettings, "interface")
 @field_option("--bitrate", CanOpenSettings, "bitrate")
 @click.option("--timeout", "timeout_s", type=FiniteNumber(0.01, LONGEST_ANSWER_S), default=1.0, show_default=True)

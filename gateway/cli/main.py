@@ -5,27 +5,31 @@ import sys
 from datetime import UTC, datetime
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import click
 
 from gateway.cli.arguments import (
     SCAN_LIMIT_S,
+    Address,
+    AnyFile,
     ConfigPath,
     FiniteNumber,
     KeyPrefixText,
     LanguageOption,
-    access_of,
-    access_options,
-    address_of,
+    OldFile,
     heard_options,
-    print_hash,
+    parsed,
     read_config,
+    with_access,
 )
 from gateway.cli.exits import EXIT_WORLD, Commands
-from gateway.cli.log import log_to_stderr
 from gateway.config.fields import DEFAULT_PREFIX, LOOPBACK
 from gateway.runtime.extras import need_extra
+from gateway.runtime.log import log_to_stderr
+
+if TYPE_CHECKING:
+    from gateway.telemetry.session import Access
 
 _ELSEWHERE = {
     "agent-test": "gateway.cli.agent_test",
@@ -74,8 +78,7 @@ def _with_simulators() -> None:
 
 @main.command()
 @ConfigPath
-@click.option("--answers", type=click.Path(exists=True, dir_okay=False, path_type=Path),
-              help="TOML file with the answers: nothing is asked (docs/wiring.md).")  # fmt: skip
+@click.option("--answers", type=OldFile, help="TOML file with the answers: nothing is asked (docs/wiring.md).")
 @click.option("--limit", type=FiniteNumber(min=1), default=SCAN_LIMIT_S, show_default=True,
               help="Scan each wire at most this many seconds.")  # fmt: skip
 def init(config: Path, answers: Path | None, limit: float) -> None:
@@ -95,31 +98,15 @@ def init(config: Path, answers: Path | None, limit: float) -> None:
 @ConfigPath
 def check(config: Path) -> None:
     """Check CONFIG without touching the network."""
-    from gateway.commissioning.scan.first import to_confirm
-    from gateway.config.consequences import unarmed
+    from gateway.commissioning.check import checked_lines
     from gateway.config.extended import other_kinds
-    from gateway.config.prior import described
-    from gateway.config.problems import ConfigError
-    from gateway.config.telemetry_rules import credential_problems
-    from gateway.control.restart.proven import dry_run_wanted
-    from gateway.service.opening import armed, contents
 
-    checked = read_config(config)
-    if wrong := list(credential_problems(checked.telemetry, datetime.now(UTC))):
-        raise ConfigError(config, wrong)
-    usable, broken = other_kinds()
+    checked, (usable, broken) = read_config(config), other_kinds()
+    lines = list(checked_lines(config, checked, usable))
     for text in broken:
         click.echo(f"warning: {text}", err=True)
-    click.echo(
-        f"{config}: good. {contents(checked)}; {armed(checked)}; fingerprint {checked.fingerprint()[:16]}"
-        + ("" if checked.prior is None else f"; {described(checked.prior, checked.input_names)}")
-    )
-    if usable:
-        click.echo(f"kinds of other packages: {', '.join(usable)}")
-    for consequence in filter(None, (*unarmed(checked), dry_run_wanted(checked))):
-        click.echo(consequence)
-    if guesses := to_confirm(config.read_text(encoding="utf-8")):
-        click.echo(f"still to confirm: {len(guesses)} (line {', '.join(str(number) for number, _ in guesses)})")
+    for line in lines:
+        click.echo(line)
 
 
 @main.command()
@@ -156,7 +143,7 @@ def probe(config: Path, watched: bool, seconds: float | None, every: float | Non
 
 @main.command()
 @ConfigPath
-@click.option("-o", "--output", type=click.Path(dir_okay=False, path_type=Path), default=Path("field.wire"),
+@click.option("-o", "--output", type=AnyFile, default=Path("field.wire"),
               show_default=True, help="Text file, one line per message. Must not exist yet.")  # fmt: skip
 @click.option("--seconds", type=FiniteNumber(min=0.1), help="Stop after this time. Default: at Ctrl-C.")
 @click.option("--most-mb", type=FiniteNumber(min=0.01), default=200.0, show_default=True, help="Stop at this size.")
@@ -176,7 +163,7 @@ def record(config: Path, output: Path, seconds: float | None, most_mb: float) ->
 
 
 @main.command()
-@click.argument("file", type=click.Path(exists=True, dir_okay=False, path_type=Path))
+@click.argument("file", type=OldFile)
 @click.option("--folder", type=click.Path(file_okay=False, path_type=Path), help="Default: FILE with .play added.")
 @click.option("--seconds", type=FiniteNumber(min=0.1), help="Stop after this time. Default: at Ctrl-C.")
 @click.option("--multicast", metavar="GROUP:PORT", help="Put CAN on this UDP group of the computer, such as "
@@ -191,21 +178,16 @@ def play(file: Path, folder: Path | None, seconds: float | None, multicast: str 
     the sequence starts again.
     """
     _with_simulators()
-    from drivers.can.settings import is_multicast_group
+    from gateway.demo.play import multicast_group
     from gateway.demo.play import play as be_devices
 
-    group = None
-    if multicast is not None:
-        address, _, port = multicast.rpartition(":")
-        if not port.isdecimal() or not 0 < int(port) < 65535 or not is_multicast_group(address):
-            raise click.UsageError(f"--multicast {multicast}: expected GROUP:PORT, such as 239.74.163.2:43113")
-        group = address, int(port)
+    group = None if multicast is None else parsed("--multicast", multicast_group, multicast)
     be_devices(file, folder or file.with_name(file.name + ".play"), seconds, group)
 
 
 @main.command()
 @ConfigPath
-@click.option("--record", "wires", type=click.Path(dir_okay=False, path_type=Path),
+@click.option("--record", "wires", type=AnyFile,
               help="Record what passes on the wires, for `play`; the previous file gets .1 added.")  # fmt: skip
 @click.option("--record-mb", type=FiniteNumber(min=0.01), default=100.0, show_default=True,
               help="With --record: start a new file at this size.")  # fmt: skip
@@ -245,18 +227,9 @@ def run(config: Path, wires: Path | None, record_mb: float) -> None:
     help="The emulated control, or the real LinuxCNC if it is installed (then only --folder applies).",
 )
 def demo(
-    hours: float,
-    method: Literal["learner", "models"] | None,
-    preset: str | None,
-    calibration_hours: float | None,
-    speed: float,
-    seed: int,
-    folder: Path,
-    zenoh_port: int,
-    connect: tuple[str, ...],
-    plain: bool,
-    nc: str,
-) -> None:
+    hours: float, method: Literal["learner", "models"] | None, preset: str | None, calibration_hours: float | None,
+    speed: float, seed: int, folder: Path, zenoh_port: int, connect: tuple[str, ...], plain: bool, nc: str,
+) -> None:  # fmt: skip
     """Run an emulated machine and its gateway over real protocols, on this computer only."""
     _with_simulators()
     if nc == "linuxcnc":
@@ -275,50 +248,40 @@ def demo(
 
 
 @main.command()
-@click.argument("config", required=False, type=click.Path(exists=True, dir_okay=False, path_type=Path))
+@click.argument("config", required=False, type=OldFile)
 @click.option("--connect", multiple=True, help=f"Zenoh endpoint. [default: {LOOPBACK}]")
 @click.option("--prefix", type=KeyPrefixText(), help=f"[default: {DEFAULT_PREFIX}]")
 @click.option("--machine", help="Name of the machine. Default: the one that runs there, if there is only one.")
 @LanguageOption
-@access_options
+@with_access
 def watch(
-    config: Path | None,
-    connect: tuple[str, ...],
-    prefix: str | None,
-    machine: str | None,
-    authority: Path | None,
-    certificate: Path | None,
-    key: Path | None,
-    user: str | None,
-    password_file: Path | None,
-    language: str,
-) -> None:
+    config: Path | None, connect: tuple[str, ...], prefix: str | None, machine: str | None, language: str,
+    access: "Access",
+) -> None:  # fmt: skip
     """Follow a running gateway as an ordinary Zenoh subscriber: the gateway of CONFIG, or the one at --connect."""
     from gateway.listeners.watch.watch import watch as follow
     from gateway.listeners.watch.watch import watch_own
+    from gateway.telemetry.session import Access
 
-    if config is not None:
-        if connect or prefix or machine or authority or certificate or key or user or password_file:
-            raise click.UsageError("CONFIG says where and how; give either it or options")
-        sys.exit(0 if watch_own(read_config(config), language) else EXIT_WORLD)
-    access = access_of(authority, certificate, key, user, password_file)
-    sys.exit(0 if follow(connect or (LOOPBACK,), prefix or DEFAULT_PREFIX, machine, access, language) else EXIT_WORLD)
+    if config is None:
+        seen = follow(connect or (LOOPBACK,), prefix or DEFAULT_PREFIX, machine, access, language)
+    elif connect or prefix or machine or access != Access():
+        raise click.UsageError("CONFIG says where and how; give either it or options")
+    else:
+        seen = watch_own(read_config(config), language)
+    sys.exit(0 if seen else EXIT_WORLD)
 
 
 @main.command()
 @heard_options
-@click.option("--settings", type=click.Path(dir_okay=False, path_type=Path),
-              help="TOML file: TLS, users, tolerances (docs/page.md).")  # fmt: skip
-@click.option("--listen", default="127.0.0.1:8080", show_default=True, metavar="HOST:PORT", help="Address of the page.")
+@click.option("--settings", type=AnyFile, help="TOML file: TLS, users, tolerances (docs/page.md).")
+@click.option("--listen", type=Address, default="127.0.0.1:8080", show_default=True, metavar="HOST:PORT",
+              help="Address of the page.")  # fmt: skip
 @click.option("--make-password", is_flag=True, help="Ask for a password, print its hash for --settings, and end.")
 def web(
-    config: Path | None,
-    connect: tuple[str, ...],
-    prefix: str | None,
-    settings: Path | None,
-    listen: str,
-    make_password: bool,
-) -> None:
+    config: Path | None, connect: tuple[str, ...], prefix: str | None, settings: Path | None,
+    listen: tuple[str, int], make_password: bool,
+) -> None:  # fmt: skip
     """Serve the page for operators: whether the machine may cut, and why not.
 
     The page shows the gateway of CONFIG, which runs on this computer, or all that are heard at --connect. It only
@@ -327,11 +290,11 @@ def web(
     """
     need_extra("web")
     from gateway.listeners.web.serve import WebCommand, serve_pages
+    from gateway.runtime.passwords import ask_password
 
     if make_password:
-        print_hash()
+        ask_password()
         return
     if config is None and not connect:
         raise click.UsageError("give CONFIG, or --connect ENDPOINT")
-    host, port = address_of(listen)
-    serve_pages(WebCommand(None if config is None else read_config(config), connect, prefix, settings, host, port))
+    serve_pages(WebCommand(None if config is None else read_config(config), connect, prefix, settings, *listen))

@@ -1,16 +1,12 @@
 """`talc-gateway nc`: writes the files for the control, and has its probing cycle run dry."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
 from drivers.base import SetupError
-from drivers.nc import LARGEST_HEIGHT_MM
-from gateway.cli.arguments import ConfigPath, FiniteNumber, read_config
-
-if TYPE_CHECKING:
-    from gateway.config.model import GatewayConfig
+from drivers.nc import LARGEST_HEIGHT_MM, LEAST_HEIGHT_MM
+from gateway.cli.arguments import AnyFile, ConfigPath, FiniteNumber, read_config
 
 
 @click.group()
@@ -20,10 +16,9 @@ def nc() -> None:
 
 @nc.command("dry-run")
 @ConfigPath
-@click.option("--height-mm", type=FiniteNumber(1, LARGEST_HEIGHT_MM), default=50.0, show_default=True,
+@click.option("--height-mm", type=FiniteNumber(LEAST_HEIGHT_MM, LARGEST_HEIGHT_MM), default=50.0, show_default=True,
               help="How far the cycle's path is raised.")  # fmt: skip
-@click.option("-o", "--output", type=click.Path(dir_okay=False, path_type=Path),
-              help="The report. Default: beside the database, .dry-run.txt.")  # fmt: skip
+@click.option("-o", "--output", type=AnyFile, help="The report. Default: beside the database, .dry-run.txt.")
 def dry_run(config: Path, height_mm: float, output: Path | None) -> None:
     """Have the control of CONFIG go its probing cycle's path above the sphere, without touching. THE MACHINE MOVES.
 
@@ -51,6 +46,7 @@ def sinumerik_files(config: Path, output: Path) -> None:
     """
     from gateway.config.file import load
     from gateway.config.problems import ConfigError, Problem
+    from gateway.nc.program_file import program_of
 
     try:
         text = program_of(load(config))
@@ -59,16 +55,3 @@ def sinumerik_files(config: Path, output: Path) -> None:
     path = output / "TALC_ERRORS.SPF"
     path.write_text(text, encoding="ascii", newline="\r\n")
     click.echo(f"{path}: {text.count('IDS=')} synchronised actions. Call it at power on instead of TALC_START")
-
-
-def program_of(config: "GatewayConfig") -> str:
-    """TALC_ERRORS.SPF. Raises SetupError for another control or route."""
-    from drivers.sinumerik.programs import ErrorTerms, errors_program
-    from drivers.sinumerik.settings import SinumerikSettings
-    from gateway.config.controls import SinumerikNc
-
-    if not isinstance(config.nc, SinumerikNc):
-        raise SetupError("CONFIG has no control of kind = 'sinumerik'")
-    settings: SinumerikSettings = config.nc.settings(config.probing.poses_deg, ())
-    comp = config.compensation
-    return errors_program(settings, ErrorTerms(comp.slew_um_per_s, config.probing.sphere_radius_mm, comp.bound_um))

@@ -4,9 +4,11 @@ from pathlib import Path
 
 import click
 
+from gateway.cli.arguments import AnyFile
+
 
 @click.command()
-@click.argument("outlets", type=click.Path(dir_okay=False, path_type=Path))
+@click.argument("outlets", type=AnyFile)
 @click.option("--check", "only_check", is_flag=True, help="Check OUTLETS and end, without using the network.")
 def publish(outlets: Path, only_check: bool) -> None:
     """Forward what gateways publish to the systems of OUTLETS, a TOML file: MQTT, InfluxDB (docs/outlets.md).

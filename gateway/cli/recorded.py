@@ -3,34 +3,28 @@
 import sys
 from datetime import datetime
 from pathlib import Path
+from zoneinfo import ZoneInfo
 
 import click
 
 from gateway.cli.arguments import (
+    AnyFile,
     FiniteNumber,
     LanguageOption,
-    PemPath,
+    OldFile,
+    ZoneName,
     check_output,
-    named_errors,
-    named_units,
     page_path,
-    shifts_of,
-    skipped_lines,
-    time_unit_of,
-    time_zone_of,
+    parsed,
 )
 from gateway.cli.exits import EXIT_DIFFERENT
 from gateway.runtime.extras import need_extra
 
 
 @click.command()
-@click.argument("file", type=click.Path(exists=True, dir_okay=False, path_type=Path))
-@click.option(
-    "-o", "--output", type=click.Path(dir_okay=False, path_type=Path), help="HTML page. Default: beside FILE."
-)
-@click.option(
-    "--config", type=click.Path(exists=True, dir_okay=False, path_type=Path), help="File with [grid] and [talc]."
-)
+@click.argument("file", type=OldFile)
+@click.option("-o", "--output", type=AnyFile, help="HTML page. Default: beside FILE.")
+@click.option("--config", type=OldFile, help="File with [grid] and [talc].")
 @click.option("--time", "time_column", default="time", show_default=True, help="Column of the time.")
 @click.option("--time-of-day", "time_of_day", metavar="COLUMN", default="",
               help="Column of the time of day, if the time column contains only the date.")  # fmt: skip
@@ -38,7 +32,9 @@ from gateway.runtime.extras import need_extra
               help="Unit of times that are plain numbers: ns, us, ms, s, min, h or days.")  # fmt: skip
 @click.option("--time-format", metavar="FORMAT", default="",
               help="How times are written, such as '%d.%m.%Y %H:%M', or `excel` for its numbers.")  # fmt: skip
-@click.option("--time-zone", metavar="ZONE", help="Time zone of times without one, such as Europe/Zurich.")
+@click.option(
+    "--time-zone", type=ZoneName, metavar="ZONE", help="Time zone of times without one, such as Europe/Zurich."
+)
 @click.option("--error", "errors", multiple=True, metavar="NAME=COLUMN",
               help="Column of a thermal error; NAME may be any name.")  # fmt: skip
 @click.option("--unit", "units", multiple=True, metavar="NAME=UNIT", help="Unit of an error's column, such as mm.")
@@ -55,31 +51,17 @@ from gateway.runtime.extras import need_extra
 @click.option("--missing", multiple=True, metavar="CELL", help="Cell that stands for an unknown value, such as OVL.")
 @click.option("--calibration-interval", "calibration_min", type=FiniteNumber(min=0, min_open=True),
               metavar="MINUTES", help="Time between the measurements of a calibration (method models).")  # fmt: skip
-@click.option("--out", type=click.Path(dir_okay=False, path_type=Path),
+@click.option("--out", type=AnyFile,
               help="Write a table of each step: predictions, sigmas, contributions of inputs; and beside it "
               "NAME-models with the weights of what was learnt. CSV or Parquet.")  # fmt: skip
 @click.option("--every-measurement", is_flag=True, help="Use all measurements, not only the requested ones.")
 @LanguageOption
 def replay(
-    file: Path,
-    output: Path | None,
-    config: Path | None,
-    time_column: str,
-    time_of_day: str,
-    time_unit: str,
-    time_format: str,
-    time_zone: str | None,
-    errors: tuple[str, ...],
-    units: tuple[str, ...],
-    inputs: tuple[str, ...],
-    ignore: tuple[str, ...],
-    skip: tuple[str, ...],
-    missing: tuple[str, ...],
-    calibration_min: float | None,
-    out: Path | None,
-    every_measurement: bool,
-    language: str,
-) -> None:
+    file: Path, output: Path | None, config: Path | None, time_column: str, time_of_day: str, time_unit: str,
+    time_format: str, time_zone: ZoneInfo | None, errors: tuple[str, ...], units: tuple[str, ...],
+    inputs: tuple[str, ...], ignore: tuple[str, ...], skip: tuple[str, ...], missing: tuple[str, ...],
+    calibration_min: float | None, out: Path | None, every_measurement: bool, language: str,
+) -> None:  # fmt: skip
     """Repeat the decisions of a database, or run the controller on a recording.
 
     FILE is a gateway's database: its frames go to a fresh controller, and every decision is compared.
@@ -88,9 +70,10 @@ def replay(
     with gaps (EX0C, ... in µm; EA0C, EB0C, EC0C in µm/m), and every other column is an input. The controller runs on it
     as if it were live and writes the report. The options are for recordings.
     """
+    from gateway.reporting.recordings import options
     from gateway.reporting.recordings.columns import Columns
     from gateway.reporting.recordings.files import is_database
-    from gateway.reporting.recordings.layout import TextLayout
+    from gateway.reporting.recordings.layout import TextLayout, line_ranges
     from gateway.reporting.recordings.times import TimeFormat
 
     if is_database(file):
@@ -100,10 +83,12 @@ def replay(
     need_extra("report")
     from gateway.control.replay.run import Request, run_recording
 
-    named = named_errors(errors)
-    clock = TimeFormat(time_format, time_zone_of(time_zone), time_unit_of(time_unit, time_format))
-    layout = TextLayout(skipped_lines(skip), missing)
-    columns = Columns(time_column, named, ignore, inputs, named_units(units), clock, time_of_day, layout)
+    unit = parsed("--time-unit", options.time_unit, time_unit, time_format)
+    clock = TimeFormat(time_format, time_zone, unit)
+    layout = TextLayout(parsed("--skip", line_ranges, skip), missing)
+    named = parsed("--error", options.named_errors, errors)
+    error_units = parsed("--unit", options.named_units, units)
+    columns = Columns(time_column, named, ignore, inputs, error_units, clock, time_of_day, layout)
     page = page_path(output, file, config)
     if out is not None and out.suffix not in (".csv", ".parquet"):
         raise click.BadParameter(f"{str(out)!r}: expected a name that ends in .csv or .parquet", param_hint="--out")
@@ -133,8 +118,8 @@ def prior() -> None:
 @prior.command("make")
 @click.argument("given", metavar="DATABASE|FOLDER|ADDRESS...", nargs=-1, required=True, type=_SourceOrAddress())
 @click.option("--kind", help="[machine] kind of the machines that count. Default: all, if they have the same.")
-@click.option("-o", "--output", type=click.Path(dir_okay=False, path_type=Path), required=True, help="JSON file.")
-@click.option("--database-password-file", type=PemPath, help="File that contains only the password of ADDRESS's user.")
+@click.option("-o", "--output", type=AnyFile, required=True, help="JSON file.")
+@click.option("--database-password-file", type=OldFile, help="File that contains only the password of ADDRESS's user.")
 def make_prior(
     given: tuple[Path | str, ...], kind: str | None, output: Path, database_password_file: Path | None
 ) -> None:
@@ -150,21 +135,27 @@ def make_prior(
 
 
 @click.command()
-@click.argument("database", type=click.Path(exists=True, dir_okay=False, path_type=Path))
-@click.option("-o", "--output", type=click.Path(dir_okay=False, path_type=Path), help="Default: beside DATABASE.")
-@click.option("--time-zone", help="Time zone of the report, such as Europe/Zurich. Default: this computer's.")
+@click.argument("database", type=OldFile)
+@click.option("-o", "--output", type=AnyFile, help="Default: beside DATABASE.")
+@click.option(
+    "--time-zone",
+    type=ZoneName,
+    metavar="TEXT",
+    help="Time zone of the report, such as Europe/Zurich. Default: this computer's.",
+)
 @click.option(
     "--shifts", default="06:00,14:00,22:00", show_default=True, help="When shifts begin, local time; empty: no shifts."
 )
 @click.option("--day", type=click.DateTime(["%Y-%m-%d"]), help="Only this day, local time, such as 2026-03-02.")
 @LanguageOption
 def report(
-    database: Path, output: Path | None, time_zone: str | None, shifts: str, day: datetime | None, language: str
+    database: Path, output: Path | None, time_zone: ZoneInfo | None, shifts: str, day: datetime | None, language: str
 ) -> None:
     """Write the HTML report of DATABASE and print its table."""
     need_extra("report")
+    from gateway.reporting.local import shift_starts
     from gateway.service.report_data import Reader
     from gateway.service.report_file import write
 
-    reader = Reader(time_zone_of(time_zone), shifts_of(shifts), None if day is None else day.date(), language)
+    reader = Reader(time_zone, parsed("--shifts", shift_starts, shifts), None if day is None else day.date(), language)
     write(database, page_path(output, database), reader=reader)

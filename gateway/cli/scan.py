@@ -1,7 +1,7 @@
 """`talc-gateway scan`: its commands `ports`, `serial`, `tcp` and `can`."""
 
 import sys
-from collections.abc import Awaitable
+from collections.abc import Awaitable, Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,8 +13,8 @@ from drivers.canopen.settings import CanOpenSettings
 from drivers.micro_epsilon.settings import MeRs485Settings
 from drivers.modbus.settings import ModbusRtuSettings, ModbusRtuTcpSettings, ModbusTcpSettings
 from drivers.problems import read_settings
-from drivers.section import LONGEST_ANSWER_S, host_and_port
-from gateway.cli.arguments import SCAN_LIMIT_S, FiniteNumber, Numbers, field_option, field_type
+from drivers.section import LONGEST_ANSWER_S
+from gateway.cli.arguments import SCAN_LIMIT_S, Decorated, FiniteNumber, Written, field_option, field_type, numbers
 from gateway.cli.exits import EXIT_WORLD
 from gateway.commissioning.scan.can import CanScan, scan_can
 from gateway.commissioning.scan.found import ScanProgress, ScanReport
@@ -34,30 +34,10 @@ from gateway.commissioning.scan.serial import plan, scan_line, scanned_port
 from gateway.commissioning.scan.tcp import TcpScan, scan_hosts, scanned_host
 
 
-class Host(click.ParamType[tuple[str, int | None]]):
-    """`name` or `name:port`."""
-
-    name = "host"
-
-    def convert(
-        self, value: object, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[str, int | None]:
-        try:
-            return scanned_host(str(value))
-        except ValueError as error:
-            self.fail(str(error), param, ctx)
-
-
-class SerialPath(click.ParamType[str]):
-    """The path of a serial port of this computer."""
-
-    name = "path"
-
-    def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
-        try:
-            return scanned_port(value)
-        except ValueError as error:
-            self.fail(str(error), param, ctx)
+def timeout(default: float) -> Callable[[Decorated], Decorated]:
+    """How long an answer may take."""
+    return click.option("--timeout", "timeout_s", type=FiniteNumber(0.01, LONGEST_ANSWER_S), default=default,
+                        show_default=True, help="Seconds to wait for an answer.")  # fmt: skip
 
 
 Toml = click.option(
@@ -86,28 +66,21 @@ def ports_command() -> None:
 
 
 @click.command("serial")
-@click.argument("port", type=SerialPath())
+@click.argument("port", type=Written("path", scanned_port))
 @click.option("--baud", "bauds", type=field_type(ModbusRtuSettings, "baud"), multiple=True, default=BAUDS,
               show_default=True, help="Speed to try; may be given several times.")  # fmt: skip
+@click.option("--parity", "parities", type=field_type(ModbusRtuSettings, "parity"), multiple=True,
+              default=PARITIES, show_default=True)  # fmt: skip
 @click.option(
-    "--parity",
-    "parities",
-    type=field_type(ModbusRtuSettings, "parity"),
-    multiple=True,
-    default=PARITIES,
-    show_default=True,
-)
-@click.option(
-    "--units", type=Numbers(*ModbusRtuSettings.units), default="1-32", show_default=True, help="Modbus unit ids to ask."
+    "--units", type=numbers(*ModbusRtuSettings.units), default="1-32", show_default=True, help="Modbus unit ids to ask."
 )
 @click.option("--me-baud", "me_bauds", type=field_type(MeRs485Settings, "baud"), multiple=True, default=ME_BAUDS,
               show_default=True, help="Speeds at which Micro-Epsilon sensors are asked, parity N and E.")  # fmt: skip
-@click.option("--me-addresses", type=Numbers(*MeRs485Settings.units), default="126", show_default=True)
+@click.option("--me-addresses", type=numbers(*MeRs485Settings.units), default="126", show_default=True)
 @click.option("--protocol", type=click.Choice(["both", "modbus_rtu", "me_rs485"]), default="both", show_default=True)
 @click.option("--function", type=click.Choice([3, 4]), default=3, show_default=True,
               help="Function code for reading; some simple units support only 4 and do not refuse 3.")  # fmt: skip
-@click.option("--timeout", "timeout_s", type=FiniteNumber(0.01, LONGEST_ANSWER_S), default=SERIAL_TIMEOUT_S,
-              show_default=True, help="Seconds that a unit may take to answer.")  # fmt: skip
+@timeout(SERIAL_TIMEOUT_S)
 @Limit
 @Toml
 @Yes
@@ -121,37 +94,19 @@ def serial_command(
         port, bauds=bauds, parities=parities, units=units if protocol != "me_rs485" else (), me_bauds=me_bauds,
         me_addresses=me_addresses if protocol != "modbus_rtu" else (), timeout_s=timeout_s, function=function,
     )  # fmt: skip
-    framings: dict[str, list[str]] = {}
-    for attempt in what.tries:
-        framings.setdefault(attempt.protocol, []).append(attempt.framing)
-    listed = "; ".join(f"{protocol} at {', '.join(at)}" for protocol, at in framings.items())
-    intro = f"{port}: {what.requests} requests ({listed})"
-    sys.exit(
-        0
-        if scan_to_file(intro, what.requests, what.longest_s, limit, toml, yes, lambda p, s, _: scan_line(what, p, s))
-        else EXIT_WORLD
+    found = scan_to_file(
+        f"{port}: {what.intro}", what.requests, what.longest_s, limit, toml, yes, lambda p, s, _: scan_line(what, p, s)
     )
+    sys.exit(0 if found else EXIT_WORLD)
 
 
 @click.command("tcp")
-@click.argument("hosts", type=Host(), nargs=-1, required=True)
-@click.option(
-    "--units",
-    type=Numbers(*ModbusTcpSettings.units),
-    default="1",
-    show_default=True,
-    help="Units to ask behind each host.",
-)
+@click.argument("hosts", type=Written("host", scanned_host), nargs=-1, required=True)
+@click.option("--units", type=numbers(*ModbusTcpSettings.units), default="1", show_default=True,
+              help="Units to ask behind each host.")  # fmt: skip
 @click.option("--rtu", is_flag=True,
               help="Ask with RTU frames: for a device server that passes on the bytes of its serial line.")  # fmt: skip
-@click.option(
-    "--timeout",
-    "timeout_s",
-    type=FiniteNumber(0.01, LONGEST_ANSWER_S),
-    default=TCP_TIMEOUT_S,
-    show_default=True,
-    help="Seconds to wait for an answer.",
-)
+@timeout(TCP_TIMEOUT_S)
 @Limit
 @Toml
 @Yes
@@ -170,13 +125,10 @@ def tcp_command(
     if rtu and not lowest <= min(units) <= max(units) <= highest:
         raise click.UsageError(f"--units: expected {lowest} to {highest} with --rtu")
     what = TcpScan(hosts, units, timeout_s, rtu)
-    listed = ", ".join(host if port is None else host_and_port(host, port) for host, port in hosts)
-    intro = f"{listed}: {what.requests} requests"
-    sys.exit(
-        0
-        if scan_to_file(intro, what.requests, what.longest_s, limit, toml, yes, lambda p, s, _: scan_hosts(what, p, s))
-        else EXIT_WORLD
+    found = scan_to_file(
+        what.intro, what.requests, what.longest_s, limit, toml, yes, lambda p, s, _: scan_hosts(what, p, s)
     )
+    sys.exit(0 if found else EXIT_WORLD)
 
 
 @click.command("can")
@@ -185,18 +137,11 @@ def tcp_command(
 @click.option("--bitrate", "bitrates", type=field_type(CanOpenSettings, "bitrate"),
               multiple=True, help=f"Bit rates to try on slcan. Default: {', '.join(map(str, BITRATES))}.")  # fmt: skip
 @click.option(
-    "--nodes", type=Numbers(*CanOpenSettings.units), default="1-127", show_default=True, help="CANopen nodes to ask."
+    "--nodes", type=numbers(*CanOpenSettings.units), default="1-127", show_default=True, help="CANopen nodes to ask."
 )
 @click.option("--listen", "listen_s", type=FiniteNumber(0, 3600), default=LISTEN_S, show_default=True,
               help="Listen this many seconds before asking.")  # fmt: skip
-@click.option(
-    "--timeout",
-    "timeout_s",
-    type=FiniteNumber(0.01, LONGEST_ANSWER_S),
-    default=CAN_TIMEOUT_S,
-    show_default=True,
-    help="Seconds to wait for an answer.",
-)
+@timeout(CAN_TIMEOUT_S)
 @field_option("--udp-port", CanOpenSettings, "port", "For udp_multicast only.")
 @Limit
 @Toml
@@ -217,10 +162,9 @@ def can_command(
     settings = read_settings(CanOpenSettings, {"interface": interface, "channel": channel, "port": udp_port})
     rates = bitrates or (BITRATES if interface == "slcan" else (settings.bitrate,))
     what = CanScan(settings, rates, nodes, listen_s, timeout_s)
-    rate = "bit rate set by the system" if interface == "socketcan" else f"bit rates {', '.join(map(str, rates))}"
-    intro = f"{interface} {channel}: listening, then asking {len(nodes)} nodes ({rate})"
 
     def run(tell: ScanProgress, stopped: Stopped, anyway: bool) -> Awaitable[ScanReport]:
         return scan_can(replace(what, anyway=anyway), tell, stopped)
 
-    sys.exit(0 if scan_to_file(intro, 2 * len(rates), what.longest_s, limit, toml, yes, run) else EXIT_WORLD)
+    found = scan_to_file(what.intro, 2 * len(rates), what.longest_s, limit, toml, yes, run)
+    sys.exit(0 if found else EXIT_WORLD)

@@ -27,7 +27,8 @@ from talc.frame import EventKind
 
 _POLL_S = 0.2
 _STATES = {
-    ProbingState.REQUESTED: "requested: the control begins at its next safe point (SINUMERIK: run TALC_SAFE_POINT)",
+    ProbingState.REQUESTED: "requested: the control begins at its next safe point (SINUMERIK: run TALC_SAFE_POINT "
+    "twice: the first call shows which program it is)",
     ProbingState.ACCEPTED: "accepted: the probe is fetched, then the axes go over the sphere",
     ProbingState.RUNNING: "running",
     ProbingState.DONE: "done",
@@ -74,8 +75,11 @@ async def dry_run(
             with clock.hold():
                 await nc.connect()
                 if not (isinstance(nc, RunsDry) and nc.runs_dry):
-                    hint = 'drive its cycle by hand at reduced feed, then write [probing] dry_run = "not offered"'
-                    raise Refused("the control's program knows no dry runs", device="nc", hint=hint)
+                    hint = (
+                        "on a SINUMERIK call TALC_SAFE_POINT once, which shows what it knows. If there are none, drive "
+                        'its cycle by hand at reduced feed, then write [probing] dry_run = "not offered"'
+                    )
+                    raise Refused("the control's program has shown no dry runs", device="nc", hint=hint)
                 path = nc.path_mark if isinstance(nc, MarksPath) else ""
                 if last is not None:
                     await nc.withdraw_probing(last)  # a gateway that was killed may have left it behind

@@ -66,10 +66,9 @@ _CONTROLS: Final[Mapping[str, tuple[type[ControlAnswers], Mapping[str, str]]]] =
 }
 """Kind of control to its answers, and the question for each of them."""
 _AGENT_TIMEOUT_S = 5.0
-_FIRST_NODE, _LAST_NODE = CanOpenSettings.units
 _UNITS = tuple(range(1, 33))
 _ME_ADDRESSES = (126,)
-_NODES = tuple(range(_FIRST_NODE, _LAST_NODE + 1))
+_NODES = tuple(range(CanOpenSettings.units[0], CanOpenSettings.units[1] + 1))
 
 
 @dataclass(frozen=True, slots=True)

@@ -95,7 +95,7 @@ async def _nc(config: GatewayConfig, *, try_writing: bool) -> list[_ProbedRow]:
             texts["tool"] = str(snapshot.tool)
         if snapshot.probe_in_spindle is not None:
             texts["probe in spindle"] = "yes" if snapshot.probe_in_spindle else "no"
-        if snapshot.cannot_probe:
+        if snapshot.cannot_probe and not config.nc.only_read:
             texts["cannot probe"] = snapshot.cannot_probe
         if snapshot.alarms:
             texts["alarms"] = ", ".join(map(str, snapshot.alarms))

@@ -7,6 +7,7 @@ import asyncio
 import logging
 import math
 from collections.abc import Callable, Sequence
+from typing import Protocol
 
 from gateway.control.grid import GridSampler, Instant, Schedule
 from gateway.control.measuring import Measuring
@@ -25,6 +26,18 @@ _PARTS = 10
 """Parts of a step; after each of them the correction is renewed."""
 
 
+class Compensating(Protocol):
+    """What corrects the machine, such as an NcLink."""
+
+    def follow(self, decision: Decision) -> None:
+        """Compensate by this decision from now on."""
+        ...
+
+    def renew(self, corrected: FloatArray) -> None:
+        """Compensate by these (9,) errors until the next decision, or until they are renewed again."""
+        ...
+
+
 class GridLoop:
     """Drives the pure controller on the grid.
 
@@ -35,8 +48,8 @@ class GridLoop:
     sink: receives frames, decisions and events
     measuring, trainings: carry out what the controller wants
     ages: how long ago the last stored frame was; None: there is none
+    link: compensates by what is decided; None: nothing does
     followers: called with every frame and its decision, in this order
-    renew: called with the correction (9,) of each moment between two steps
     """
 
     def __init__(
@@ -49,13 +62,13 @@ class GridLoop:
         measuring: Measuring,
         trainings: Trainings,
         ages: Ages | None = None,
+        link: Compensating | None = None,
         followers: Sequence[Callable[[Frame, Decision], None]] = (),
-        renew: Callable[[FloatArray], None] = lambda _: None,
     ) -> None:
         self._controller, self._sampler, self._schedule, self._clock = controller, sampler, schedule, clock
         self._sink, self._measuring, self._trainings = sink, measuring, trainings
         self._ages, self._followers = ages or Ages(clock, 1.0, None), tuple(followers)
-        self._renew = renew
+        self._link = link
         self._last_k, self._stepped_s = -1, 0.0
 
     async def run(self) -> None:
@@ -94,8 +107,8 @@ class GridLoop:
         if self._last_k < 0 or now_s <= self._stepped_s:
             return
         corrected = self._controller.between(inputs, valid, (now_s - self._stepped_s) / self._schedule.step_s)
-        if corrected is not None:
-            self._renew(corrected)
+        if corrected is not None and self._link is not None:
+            self._link.renew(corrected)
 
     def _step(self, instant: Instant) -> None:
         unknown = self._last_k < 0 and math.isinf(self._ages.pause_s)
@@ -108,6 +121,8 @@ class GridLoop:
             self._sink(EventReported(worded(event), decision.k))
         self._measuring.want(decision)
         self._trainings.want(decision.training, frame.k)
+        if self._link is not None:
+            self._link.follow(decision)
         for follow in self._followers:
             follow(frame, decision)
 

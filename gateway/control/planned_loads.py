@@ -10,7 +10,7 @@ from gateway.model.codes import NoticeCode
 from gateway.model.text import Text
 from gateway.runtime.clocks import ServiceClock
 from gateway.runtime.problems import Problems
-from talc.frame import BoolArray, FloatArray, Frame, Frames
+from talc.frame import BoolArray, Decision, FloatArray, Frame, Frames
 from talc.load_heat import HISTORY_S
 from talc.planned import LoadResponse, learn_response
 from talc.steps import DAY_S, steps_in
@@ -66,7 +66,7 @@ class PlannedLoads:
             for k, inputs, valid in zip(before.k.tolist(), before.inputs, before.valid, strict=True):
                 self._append(k, inputs, valid)
 
-    def frame(self, frame: Frame) -> None:
+    def follow(self, frame: Frame, _: Decision | None = None) -> None:
         """Take a frame; returns at once."""
         if not self._planned:
             return

@@ -14,8 +14,8 @@ from gateway.model.text import Text, failure
 from gateway.model.wording import event_of, finding_text, problem_event
 from gateway.runtime.clocks import ServiceClock
 from gateway.runtime.problems import Problems
-from gateway.runtime.workers.process import WorkError, apart
-from talc.frame import BoolArray, Event, EventKind, FloatArray, Frame, Frames
+from gateway.runtime.workers.process import WorkError, in_process
+from talc.frame import BoolArray, Decision, Event, EventKind, FloatArray, Frame, Frames
 from talc.sensor_check import Finding, judge, rows_needed
 from talc.sensor_model import SensorModel, learn
 from talc.settings import SensorCheckSettings
@@ -72,7 +72,7 @@ async def _learn_apart(
     loads: Sequence[str],
     step_s: float,
 ) -> SensorModel | None:
-    return await apart(learn, names, inputs, valid, settings, loads, step_s)
+    return await in_process(learn, names, inputs, valid, settings, loads, step_s)
 
 
 class SensorWatch:
@@ -129,7 +129,7 @@ class SensorWatch:
             if len(seen.k) >= settings.learn_steps + settings.window_steps:  # no more are loaded of a longer record
                 self._first_k = int(seen.k[0]) - self._learn_first
 
-    def frame(self, frame: Frame) -> None:
+    def follow(self, frame: Frame, _: Decision | None = None) -> None:
         """Take a frame; returns at once."""
         self._append(frame.k, frame.inputs, frame.valid)
         if self._settings.enabled and frame.k % self._judge_every == 0:
@@ -185,7 +185,7 @@ class SensorWatch:
         if len(model.names) <= _MOST_IN_A_THREAD:
             judgement = await asyncio.to_thread(judge, *given)
         else:
-            judgement = await apart(judge, *given)
+            judgement = await in_process(judge, *given)
         self._sink(SensorsJudged(judgement, k, tuple(self._since(finding, k) for finding in judgement.findings)))
         if not judgement.smallest_offset_K:
             return False

@@ -9,7 +9,7 @@ from gateway.model.events import EventReported, ModelsAdopted, Sink
 from gateway.model.text import Text, failure
 from gateway.model.wording import worded
 from gateway.runtime.clocks import ServiceClock
-from gateway.runtime.workers.process import apart
+from gateway.runtime.workers.process import in_process
 from talc.control import Controller
 from talc.frame import TrainingJob
 from talc.models import ModelSet
@@ -21,7 +21,7 @@ log = logging.getLogger(__name__)
 
 async def train_apart(job: TrainingJob) -> ModelSet:
     """The models of a job, trained in a separate process. Raises WorkError."""
-    return await apart(train, job)
+    return await in_process(train, job)
 
 
 def models_of_failure(job: TrainingJob, error: Exception) -> ModelSet:

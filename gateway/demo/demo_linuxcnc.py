@@ -48,8 +48,10 @@ _HEIGHT_MM = 80.0
 _CYCLE_LIMIT_S = 240.0
 _REFUSED_LIMIT_S = 60.0
 _POLL_S = 0.2
-_DRY_RUN, _DRY_RUN_MM = 1, 50.0
-"""Number of its request, and its height."""
+_DRY_RUN = 1
+"""Number of the dry run's request."""
+_DRY_RUN_MM = 50.0
+"""Its height."""
 _PERIOD_S = 0.05
 _MACHINE = {
     **HURRY,

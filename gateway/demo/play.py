@@ -14,6 +14,7 @@ import can
 
 from drivers.build import BUS_KINDS
 from drivers.bus_settings import BusWire, Here
+from drivers.can.settings import is_multicast_group
 from gateway.acquisition.wire_log import WireEvent, WireLogError, is_wire_log, read_wire_log
 from gateway.config.model import GatewayConfig
 from gateway.config.packed import unpacked
@@ -104,7 +105,7 @@ def _passed(events: Iterable[WireEvent], wire: BusWire) -> Iterable[Passed]:
     """The events in the player's terms. The gateway's own actions on the connection are omitted."""
     for event in events:
         if event.passed == "note":
-            if wire == "tcp" and event.note.startswith("lost"):
+            if wire == "tcp" and event.lost:
                 yield Passed(event.at_s, False, None)
         else:
             identifier = event.identifier
@@ -117,6 +118,14 @@ def _link(link: Path, target: str) -> str:
     link.unlink(missing_ok=True)
     link.symlink_to(target)
     return str(link.absolute())
+
+
+def multicast_group(text: str) -> tuple[str, int]:
+    """Group and port of `GROUP:PORT`. Raises ValueError."""
+    address, _, port = text.rpartition(":")
+    if not port.isdecimal() or not 0 < int(port) < 65535 or not is_multicast_group(address):
+        raise ValueError(f"{text}: expected GROUP:PORT, such as 239.74.163.2:43113")
+    return address, int(port)
 
 
 def play(path: Path, folder: Path, seconds: float | None, group: tuple[str, int] | None = None) -> None:

@@ -20,9 +20,10 @@ from talc.frame import FloatArray
 _LATE_S = 10.0
 """A write without an answer may still arrive for at least this long. Until then the offsets stand where it would find
 them, so that it is a step of one period's slew at most."""
-_APART, _WAITS = 0.99, 0.1
-"""Two writes that the control does not slew act at least the first share of a period apart. The later one waits for the
-second share at most, or for the next period."""
+_APART = 0.99
+"""Two writes that the control does not slew act at least this share of a period apart."""
+_WAITS = 0.1
+"""For that the later one waits for this share of a period at most, or for the next period."""
 _LATEST_S = 120.0
 """The offsets stand for at most this long, whatever the control says: TCP's maximum segment lifetime (RFC 9293)."""
 

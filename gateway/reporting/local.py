@@ -45,3 +45,12 @@ def shifts_between(
     for edge, after in pairwise(edges):
         if edge < end_utc_s and after > begin_utc_s:
             yield edge, after
+
+
+def shift_starts(text: str) -> tuple[time, ...]:
+    """The times of day at which shifts begin, in order. Raises ValueError."""
+    try:
+        parts = [part.strip().partition(":") for part in text.split(",") if part.strip()]
+        return tuple(sorted({time(int(hour), int(minute)) for hour, _, minute in parts}))
+    except ValueError:
+        raise ValueError(f"{text!r}: expected times of day such as 06:00,14:00,22:00") from None

@@ -34,7 +34,9 @@ _LIGHT = {
     Ink.T6: "#c2255c",
     Ink.T7: "#5c6670",
 }
-_INK, _GRID, _UPDATE = "#1f2933", "#e2e8f0", "#16a34a"
+_INK = "#1f2933"
+_GRID = "#e2e8f0"
+_UPDATE = "#16a34a"
 _SHADE = {Phase.CALIBRATION: "#f4ecd2", Phase.NO_GOOD: "#f6d9d5"}
 _VARIABLES = {
     **{colour: f"var(--{ink})" for ink, colour in _LIGHT.items()},

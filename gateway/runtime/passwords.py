@@ -8,6 +8,7 @@ from binascii import Error as NotBase64
 from collections import deque
 from typing import Annotated
 
+import click
 from pydantic import AfterValidator
 
 from drivers.section import matching
@@ -18,8 +19,12 @@ _MOST_BYTES = 64 * 2**20
 _SALT = 16
 _LENGTH = 32
 
-_FREE, _FIRST_S, _LONGEST_S = 5, 1.0, 300.0
-"""Wrong passwords without a pause; the pause after the next one; the longest."""
+_FREE = 5
+"""Wrong passwords without a pause."""
+_FIRST_S = 1.0
+"""The pause after the next one."""
+_LONGEST_S = 300.0
+"""The longest pause."""
 _MOST = 20
 """Passwords that are checked within that time, of all names together: each takes a processor for some 50 ms."""
 _WITHIN_S = 60.0
@@ -110,3 +115,8 @@ def hash_printed_by(command: str) -> AfterValidator:
 
 UserName = Annotated[str, matching(r"[^:\x00-\x1f]+", "a name without a colon")]
 """The name of a user whose password hash is kept."""
+
+
+def ask_password() -> None:
+    """Ask for a password, twice on a terminal, and print its hash."""
+    click.echo(make_hash(click.prompt("password", hide_input=True, confirmation_prompt=True, err=True)))

@@ -5,20 +5,14 @@ Every critical loop waits on the service's clock between two rounds of work, so 
 
 import asyncio
 import logging
+from collections.abc import Mapping
 from contextlib import AbstractContextManager
 from datetime import datetime
 
-from gateway.config.model import GatewayConfig
 from gateway.runtime.clocks import ServiceClock
 from gateway.service.service_manager import ServiceManager
 
 log = logging.getLogger(__name__)
-
-_WORK_S = 60.0
-"""No loop works longer than this without waiting, apart from the reads of a bus."""
-_LOOPS = ("grid", "stale", "storage", "health", "clock")
-"""Names of the service's tasks that run always. Not the sensor check: it waits for frames, not on the clock, and gives
-advice only."""
 
 
 class WatchedClock:
@@ -35,16 +29,10 @@ class WatchedClock:
         self._awake_since_s: dict[str, float] = {}
         """By name of the task; absent: it waits."""
 
-    def expect(self, config: GatewayConfig) -> None:
-        """Watch the loops of this configuration from now on. A new one must wait within its longest work."""
-        longest_s = dict.fromkeys(_LOOPS, _WORK_S)
-        if config.nc is not None:
-            longest_s["nc"] = _WORK_S
-        for bus in config.buses:
-            reads_s = bus.read_limit_s * len(config.devices_of(bus.name))
-            longest_s[f"bus {bus.name}"] = _WORK_S + reads_s
-        new = longest_s.keys() - self._longest_s.keys()
-        self._longest_s = longest_s
+    def expect(self, works_s: Mapping[str, float]) -> None:
+        """Watch the tasks of these names from now on. A new one must wait within its longest work."""
+        new = works_s.keys() - self._longest_s.keys()
+        self._longest_s = dict(works_s)
         self._awake_since_s |= dict.fromkeys(new, self._clock.monotonic())
 
     def stuck(self) -> list[str]:

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 from zoneinfo import ZoneInfo
 
-from gateway.runtime.workers.process import WorkError, apart
+from gateway.runtime.workers.process import WorkError, in_process
 from gateway.telemetry.answers import ReportPage
 from gateway.telemetry.report_queries import ReportRequest
 
@@ -54,7 +54,7 @@ def _zone(name: str) -> ZoneInfo | None:
 
 async def _made_apart(database: Path, asked: ReportRequest) -> bytes:
     """The same, made in a separate process. Raises WorkError."""
-    return await apart(made, database, asked)
+    return await in_process(made, database, asked)
 
 
 class DayReports:

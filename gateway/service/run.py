@@ -13,7 +13,6 @@ from gateway.acquisition.wire_log import WireLogWriter
 from gateway.config.applied import ConfigurationApplied
 from gateway.config.model import GatewayConfig
 from gateway.config.packed import packed_toml
-from gateway.model.events import GatewayEvent
 from gateway.runtime.clocks import RealClock
 from gateway.runtime.signals import stop_on_signals
 from gateway.runtime.workers.control_group import UndividedError, divide
@@ -52,16 +51,16 @@ def run_service(config: GatewayConfig, path: Path, record: Path | None = None, r
         beside: list[asyncio.Task[None]] = []
         running = config
 
-        def applied(event: GatewayEvent) -> None:
-            nonlocal running
-            if isinstance(event, ConfigurationApplied):
+        def started(service: Service) -> None:
+            def applied(event: ConfigurationApplied) -> None:
+                nonlocal running
                 running = event.config
-                clock.expect(running)
+                clock.expect(service.parts.works_s)
                 for line in opening(running):
                     log.info("%s", line)
                 manager.ready(f"machine {running.machine.name}")
 
-        def started(service: Service) -> None:
+            service.events.subscribe(ConfigurationApplied, applied)
             freeze_gc()
             beside.append(asyncio.create_task(reloading.run(service), name="reload"))
             beside.append(asyncio.create_task(_tell_end(manager, stop, lambda: running), name="end"))
@@ -72,16 +71,8 @@ def run_service(config: GatewayConfig, path: Path, record: Path | None = None, r
         began_s = clock.monotonic()
         try:
             with _wire_log(config, record, record_mb) as wire_log:
-                more = [applied]
                 await serve(
-                    config,
-                    clock,
-                    stop,
-                    simulated=False,
-                    more=more,
-                    started=started,
-                    wire_log=wire_log,
-                    reload=reloading.ask,
+                    config, clock, stop, simulated=False, started=started, wire_log=wire_log, reload=reloading.ask
                 )
         finally:
             for task in beside:

@@ -2,16 +2,13 @@
 
 import asyncio
 import logging
-from collections.abc import Awaitable, Callable, Mapping
-from contextlib import AsyncExitStack
+from collections.abc import Awaitable, Callable, Mapping, Sequence
 from functools import partial
-from typing import NamedTuple
 
 from drivers.tap import Tap
 from gateway.acquisition.acquisition import Acquisition
 from gateway.acquisition.board import Board
 from gateway.acquisition.build import lines_of
-from gateway.acquisition.line import Line
 from gateway.acquisition.quantities import Quantities
 from gateway.acquisition.reload import BusChanges, PreparedReload, ReloadError, apply, prepare
 from gateway.config.applied import ConfigurationApplied
@@ -21,7 +18,7 @@ from gateway.control.grid import GridSampler, Schedule
 from gateway.control.loop import GridLoop
 from gateway.control.measuring import Measuring
 from gateway.control.planned_loads import PlannedLoads
-from gateway.control.restart.earlier import Past
+from gateway.control.restart.earlier import EarlierRun
 from gateway.control.sensor_watch import SensorWatch
 from gateway.control.trainer import Trainings
 from gateway.model.codes import NoticeCode
@@ -38,6 +35,7 @@ from gateway.model.events import (
     StoreHealth,
     problems_to,
 )
+from gateway.model.sample import Sample
 from gateway.model.text import NOTHING, Text, failure
 from gateway.model.wording import event_of
 from gateway.nc.build import control_of
@@ -47,6 +45,7 @@ from gateway.nc.probing.schedule import schedule_of
 from gateway.nc.settings import Earlier, Identity, LinkSettings, Listeners
 from gateway.runtime.ages import Ages
 from gateway.runtime.clocks import ServiceClock
+from gateway.runtime.parts import Part, Parts
 from gateway.service.clock_watch import ClockWatch
 from gateway.service.command_taker import CommandTaker
 from gateway.service.health import HealthWatch
@@ -56,19 +55,12 @@ from talc.frame import EventKind
 
 log = logging.getLogger(__name__)
 
+_WORK_S = 60.0
+"""No part works longer than this without waiting on the clock, apart from the buses."""
 _LOOKS_PER_STEP = 60
 """How often the store's health is looked at: each 5 s with a grid of 5 min."""
 _SHORTEST_LOOK_S = 1.0
 """With a short grid step not more often than this."""
-
-
-class Part(NamedTuple):
-    """A named task of the service, which runs until it is cancelled."""
-
-    name: str
-    run: Callable[[], Awaitable[None]]
-    stop: Callable[[], Awaitable[None]] | None = None
-    """Called after every part has ended and the buses are closed; None: nothing is left to do."""
 
 
 async def _nothing_to_wait_for() -> None:
@@ -76,7 +68,7 @@ async def _nothing_to_wait_for() -> None:
 
 
 class Service:
-    """One gateway.
+    """One gateway: `parts` that run together, `events` that they publish, and the `link` to its control.
 
     Parameters
     ----------
@@ -97,7 +89,7 @@ class Service:
         config: GatewayConfig,
         clock: ServiceClock,
         sink: Sink,
-        past: Past,
+        past: EarlierRun,
         tap: Callable[[str], Tap] | None = None,
         health: Callable[[], StoreHealth] = StoreHealth,
         identity: Identity | None = None,
@@ -106,21 +98,25 @@ class Service:
         reload: Callable[["Service"], Awaitable[Text]] | None = None,
     ) -> None:
         self._config, self._clock, self._tap = config, clock, tap
-        self._acquisition: Acquisition | None = None
+        self.parts = Parts()
         names, step_s = config.input_names, config.grid.step_s
         self.board = Board({c.name: c.period_s for c in config.channels})
         sampler = GridSampler(names, step_s)
-        self._events = events = Events()
-        events.subscribe(ReadingsTaken, lambda taken: sampler.add(taken.readings))
-        events.subscribe_to_all(sink)
-        publish, self._notify = events.publish, problems_to(events.publish)
+        self.events = Events(sink)
+        publish, notify = self.events.publish, problems_to(self.events.publish)
         ages = Ages(clock, step_s, past.moment, past.pauses)
-        self._lines: tuple[Line, ...] = lines_of(config, clock, tap)
+
+        def taken(readings: Sequence[Sample]) -> None:
+            sampler.add(readings)
+            publish(ReadingsTaken(readings))
+
+        self._acquisition = Acquisition(
+            lines_of(config, clock, tap), clock, taken, notify, board=self.board, parts=self.parts
+        )
 
         def stored() -> bool:
             """Whether the compensation may go on as far as the store is concerned."""
-            storage = self._config.storage
-            return storage.compensate_unstored or health().failing_s <= storage.unstored_after_s
+            return config.storage.compensate_unstored or health().failing_s <= config.storage.unstored_after_s
 
         async def requested(number: int) -> None:
             publish(ProbingRequested(number))
@@ -136,15 +132,13 @@ class Service:
                 clock,
                 LinkSettings.of(config, identity or Identity()),
                 _earlier(past, ages, clock),
-                Listeners(
-                    sampler.add_states, lambda write: publish(CompensationStepped(write)), self._notify, requested
-                ),
+                Listeners(sampler.add_states, lambda write: publish(CompensationStepped(write)), notify, requested),
                 stored=stored,
             )
         link = self.link
         self._health = HealthWatch(step_s, self.board, link, clock, health, synchronised, publish)
-        events.subscribe(DecisionMade, self._health.decided)
-        events.subscribe(OutlookChanged, self._health.outlook_changed)
+        self.events.subscribe(DecisionMade, self._health.decided)
+        self.events.subscribe(OutlookChanged, self._health.outlook_changed)
         quantities = Quantities({channel.name for channel in config.channels}, self.board, clock)
         sensors = SensorWatch(
             names,
@@ -170,7 +164,7 @@ class Service:
             if link is not None:
                 link.remembered(_measured_s(past, ages), _missing_s(past, ages))
 
-        self._clock_watch = ClockWatch(ages, clock, self._notify, remember)
+        self._clock_watch = ClockWatch(ages, clock, notify, remember)
         job, wanted = past.pending
         measuring = Measuring(link, schedule_of(config.probing), config.probing, clock, publish, wanted)
         explanations = Explanations(past.controller, step_s, clock, publish, planned.changes)
@@ -183,27 +177,22 @@ class Service:
             measuring,
             Trainings(past.controller, clock, publish, job),
             ages,
-            [
-                *(() if link is None else (lambda _, decision: link.follow(decision),)),
-                lambda frame, _: sensors.frame(frame),
-                lambda frame, _: planned.frame(frame),
-                explanations.follow,
-            ],
-            *(() if link is None else (link.renew,)),
+            link,
+            (sensors.follow, planned.follow, explanations.follow),
         )
         period_s = max(_SHORTEST_LOOK_S, step_s / _LOOKS_PER_STEP)
-        store_watch = StoreWatch(health, config.storage, clock, period_s, self._notify, publish)
+        store_watch = StoreWatch(health, config.storage, clock, period_s, notify, publish)
         self._commands = CommandTaker(
             link, measuring.order, clock, publish, on_disk, None if reload is None else partial(reload, self)
         )
-        self._parts = (
-            Part("grid", grid.run),
-            Part("sensors", sensors.run),
+        self.parts.add(
+            Part("grid", grid.run, works_s=_WORK_S),
+            Part("sensors", sensors.run),  # it waits for frames, and gives advice only
             Part("planned loads", planned.run),
-            Part("storage", store_watch.run),
-            Part("health", self._health.run),
-            Part("clock", self._clock_watch.run),
-            *(() if link is None else (Part("nc", link.run, link.stop),)),
+            Part("storage", store_watch.run, works_s=_WORK_S),
+            Part("health", self._health.run, works_s=_WORK_S),
+            Part("clock", self._clock_watch.run, works_s=_WORK_S),
+            *(() if link is None else (Part("nc", link.run, link.stop, _WORK_S),)),
         )
 
     @property
@@ -219,8 +208,7 @@ class Service:
     @property
     def periods_missed(self) -> Mapping[str, int]:
         """Number of periods, by bus since its start, without a read because the previous one took too long."""
-        runners = {} if self._acquisition is None else self._acquisition.runners
-        return {name: runner.missed for name, runner in runners.items()}
+        return {name: runner.missed for name, runner in self._acquisition.runners.items()}
 
     async def prepare(self, config: GatewayConfig) -> PreparedReload:
         """Build what applying another checked configuration needs, and change nothing. Raises ReloadError, SetupError.
@@ -236,12 +224,11 @@ class Service:
         """
         if prepared.old is not self._config:  # another one was applied meanwhile
             prepared = await self.prepare(prepared.new)
-        acquisition = self._acquisition
-        if acquisition is None:
+        if not self.parts.running:
             raise ReloadError(Text(NoticeCode.RELOAD_NOT_RUNNING))
-        change = await apply(acquisition, prepared)
+        change = await apply(self._acquisition, prepared)
         self._config = prepared.new
-        self._events.publish(ConfigurationApplied(prepared.new))
+        self.events.publish(ConfigurationApplied(prepared.new))
         log.info(
             "configuration %s runs; buses exchanged: %s", self.fingerprint[:16], ", ".join(change.started) or "none"
         )
@@ -249,7 +236,7 @@ class Service:
 
     async def obey(self, command: Command, refused: Text = NOTHING) -> CommandOutcome:
         """Obey a command, or refuse it; see CommandTaker. Raises OSError while the service does not run."""
-        if self._acquisition is None:
+        if not self.parts.running:
             raise OSError("the gateway is starting or stopping; give the command again")
         outcome = await self._commands.take(command, refused)
         self._health.report()
@@ -257,33 +244,16 @@ class Service:
 
     def tell(self, text: Text) -> None:
         """Report an event for people."""
-        self._events.publish(EventReported(event_of(EventKind.OPERATOR, text), None))
+        self.events.publish(EventReported(event_of(EventKind.OPERATOR, text), None))
 
     async def run(self, stop: asyncio.Event) -> None:
         """Run until `stop` is set. Raises an exception group if a part of the service fails."""
-        async with AsyncExitStack() as stack:
-            for part in self._parts:
-                if part.stop is not None:
-                    stack.push_async_callback(part.stop)
-            self._acquisition = await stack.enter_async_context(
-                Acquisition(
-                    self._lines,
-                    self._clock,
-                    lambda readings: self._events.publish(ReadingsTaken(readings)),
-                    self._notify,
-                    board=self.board,
-                )
-            )
-            stack.callback(setattr, self, "_acquisition", None)
-            self._events.publish(ConfigurationApplied(self._config))
-            async with asyncio.TaskGroup() as tasks:
-                running = [tasks.create_task(part.run(), name=part.name) for part in self._parts]
-                await stop.wait()
-                for task in running:
-                    task.cancel()
+        async with self.parts:
+            self.events.publish(ConfigurationApplied(self._config))
+            await stop.wait()
 
 
-def _earlier(past: Past, ages: Ages, clock: ServiceClock) -> Earlier:
+def _earlier(past: EarlierRun, ages: Ages, clock: ServiceClock) -> Earlier:
     """What an earlier run left, for the link."""
     return Earlier(
         first_number=number_after(past.last_number, clock.utc()),
@@ -298,9 +268,9 @@ def _earlier(past: Past, ages: Ages, clock: ServiceClock) -> Earlier:
     )
 
 
-def _measured_s(past: Past, ages: Ages) -> list[float]:
+def _measured_s(past: EarlierRun, ages: Ages) -> list[float]:
     return [ages.monotonic_of(k) for k in past.measured]
 
 
-def _missing_s(past: Past, ages: Ages) -> dict[str, float]:
+def _missing_s(past: EarlierRun, ages: Ages) -> dict[str, float]:
     return {name: ages.monotonic_of(k) for name, k in past.missing.items()}

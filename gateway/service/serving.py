@@ -12,7 +12,7 @@ from gateway.acquisition.wire_log import WireLogWriter
 from gateway.config.applied import ConfigurationApplied
 from gateway.config.model import GatewayConfig
 from gateway.config.packed import packed_toml
-from gateway.control.restart.earlier import Past, past_in
+from gateway.control.restart.earlier import EarlierRun, earlier_run
 from gateway.control.restart.rebuild import Interrupted, Rebuilt
 from gateway.control.restart.snapshots import SnapshotKeeper
 from gateway.model.codes import NoticeCode
@@ -149,7 +149,7 @@ def _store(config: GatewayConfig, boot: str, clock: ServiceClock) -> Store:
     )
 
 
-def _news(past: Past, config: GatewayConfig) -> list[Text]:
+def _news(past: EarlierRun, config: GatewayConfig) -> list[Text]:
     """What has changed since the latest run, and what became of what was learnt."""
     news, method = [], config.talc.method
     if past.former_method is not None:
@@ -164,7 +164,7 @@ def _news(past: Past, config: GatewayConfig) -> list[Text]:
     return news
 
 
-async def _past(store: Store, config: GatewayConfig, clock: ServiceClock, stop: asyncio.Event) -> Past | None:
+async def _past(store: Store, config: GatewayConfig, clock: ServiceClock, stop: asyncio.Event) -> EarlierRun | None:
     """What an earlier run left; None: stopped before it was rebuilt, which can take minutes after an update."""
     ended = threading.Event()
 
@@ -172,9 +172,9 @@ async def _past(store: Store, config: GatewayConfig, clock: ServiceClock, stop: 
         if ended.is_set():
             raise Interrupted
 
-    def rebuilt() -> Past | None:
+    def rebuilt() -> EarlierRun | None:
         try:
-            return past_in(store, config, progress)
+            return earlier_run(store, config, progress)
         except Interrupted:
             return None
 

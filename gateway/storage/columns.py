@@ -7,6 +7,7 @@ from datetime import UTC, datetime
 from typing import Final, Literal
 
 from gateway.model.commands import CommandOutcome
+from gateway.model.text import json_of
 from gateway.storage.stored import StoredCompensation, StoredMeasurement, StoredRun, StoredStep
 from talc.explanation import Reasons
 from talc.frame import Event
@@ -38,7 +39,9 @@ MEASUREMENTS: Final[CellKinds] = {
 }  # fmt: skip
 EVENTS: Final[CellKinds] = {
     "time": "time", "k": "whole", "kind": "text", "text": "text", "error": "text", "value": "number", "limit": "number",
+    "code": "text", "code_values": "text",
 }  # fmt: skip
+"""`code_values` is JSON: what belongs to the code, which says the same as the text."""
 COMPENSATION_CELLS: Final[CellKinds] = {
     "time": "time", "mode": "text", "source": "text", "x_um": "number", "y_um": "number", "z_um": "number",
     "written": "whole",
@@ -91,7 +94,8 @@ def measurement_cells(m: StoredMeasurement) -> Cells:
 def event_cells(found: tuple[datetime, int | None, Event]) -> Cells:
     """Cells of one event."""
     at, k, e = found
-    return at, k, e.kind.value, e.text, e.error, e.value, e.limit
+    values = json.dumps(json_of(e.values)) if e.code else None
+    return at, k, e.kind.value, e.text, e.error, e.value, e.limit, e.code or None, values
 
 
 def command_cells(outcome: CommandOutcome) -> Cells:

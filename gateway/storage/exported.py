@@ -19,49 +19,21 @@ NamedRows = tuple[columns.CellKinds, Iterator[columns.Cells]]
 _AT_ONCE = 10_000
 
 
-def _readings(history: History) -> NamedRows:
-    return columns.READINGS, ((columns.utc(row[0]), *row[1:]) for row in history.readings())
-
-
-def _minutes(history: History) -> NamedRows:
-    return columns.MINUTES, ((columns.utc(row[0]), *row[1:]) for row in history.minutes())
-
-
 def _steps(history: History) -> NamedRows:
     config = stored_config(history)
     found = history.steps(names=config.input_names)
     return columns.steps(config.input_names), (columns.step_cells(step, config.grid.step_s) for step in found)
 
 
-def _measurements(history: History) -> NamedRows:
-    return columns.MEASUREMENTS, map(columns.measurement_cells, history.measurements())
-
-
-def _events(history: History) -> NamedRows:
-    return columns.EVENTS, map(columns.event_cells, history.events())
-
-
-def _compensation(history: History) -> NamedRows:
-    return columns.COMPENSATION_CELLS, map(columns.compensation_cells, history.compensation())
-
-
-def _commands(history: History) -> NamedRows:
-    return columns.COMMANDS, map(columns.command_cells, history.commands())
-
-
-def _runs(history: History) -> NamedRows:
-    return columns.RUNS, map(columns.run_cells, history.starts())
-
-
 _TABLES: Mapping[str, Callable[[History], NamedRows]] = {
-    "readings": _readings,
-    "minutes": _minutes,
+    "readings": lambda h: (columns.READINGS, ((columns.utc(row[0]), *row[1:]) for row in h.readings())),
+    "minutes": lambda h: (columns.MINUTES, ((columns.utc(row[0]), *row[1:]) for row in h.minutes())),
     "steps": _steps,
-    "measurements": _measurements,
-    "events": _events,
-    "compensation": _compensation,
-    "commands": _commands,
-    "runs": _runs,
+    "measurements": lambda h: (columns.MEASUREMENTS, map(columns.measurement_cells, h.measurements())),
+    "events": lambda h: (columns.EVENTS, map(columns.event_cells, h.events())),
+    "compensation": lambda h: (columns.COMPENSATION_CELLS, map(columns.compensation_cells, h.compensation())),
+    "commands": lambda h: (columns.COMMANDS, map(columns.command_cells, h.commands())),
+    "runs": lambda h: (columns.RUNS, map(columns.run_cells, h.starts())),
 }
 
 

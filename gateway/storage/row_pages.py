@@ -192,6 +192,13 @@ def _each(
     return page
 
 
+def _events(connection: sqlite3.Connection, span: RowSpan, limit: int) -> TableRows:
+    coded = connection.execute("SELECT 1 FROM sqlite_master WHERE name = 'coded'").fetchone()
+    selected = f"{rows.EVENT_COLUMNS}, {rows.CODE_OF_EVENT if coded else 'NULL, NULL'}"
+    page = _each("event", selected, columns.EVENTS, lambda row: columns.event_cells(rows.coded_event_of(row)))
+    return page(connection, span, limit)
+
+
 _TABLES: Final[Mapping[str, _TablePage]] = {
     "measurements": _each(
         "measurement",
@@ -201,7 +208,7 @@ _TABLES: Final[Mapping[str, _TablePage]] = {
     ),
     "steps": _steps,
     "models": _models,
-    "events": _each("event", rows.EVENT_COLUMNS, columns.EVENTS, lambda row: columns.event_cells(rows.event_of(row))),
+    "events": _events,
     "compensation": _each(
         "compensation",
         rows.COMPENSATION_COLUMNS,

@@ -80,10 +80,6 @@ UNREADABLE = (sqlite3.Error, UnicodeDecodeError)
 """What reading a damaged file raises: SQLite's own messages may contain what is in it."""
 
 
-_NO_TEXT = "Could not decode to UTF-8"
-"""Python's own message for bytes that are not a text; it has no error code."""
-
-
 def connect(path: Path, patience_s: float = 10.0) -> sqlite3.Connection:
     """A connection for writing, which waits this long for another program's lock.
 
@@ -103,10 +99,10 @@ def connect(path: Path, patience_s: float = 10.0) -> sqlite3.Connection:
 
 def is_damage(error: BaseException) -> bool:
     """Whether this was raised because of what the file holds."""
-    if isinstance(error, UnicodeDecodeError | DamagedError) or str(error).startswith(_NO_TEXT):
-        return True
     code = getattr(error, "sqlite_errorcode", None)
-    return code is not None and code & 0xFF in (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB)
+    if code is None:  # Python's own error for bytes that are not a text has none
+        return isinstance(error, UnicodeDecodeError | DamagedError | sqlite3.OperationalError)
+    return code & 0xFF in (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB)
 
 
 def unusable(path: Path, error: Exception) -> StoreError:

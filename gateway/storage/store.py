@@ -68,7 +68,6 @@ class Store:
     retention: how long readings, compensation steps and reasons stay
     retry_s: interval between attempts after a failure, in real seconds
     look_s: how often it looks whether the file is still at its path, and uncut, in real seconds
-    prune_s: how often what is older than `retention` is deleted, in real seconds
     hangs_after_s: a disk that takes longer for one statement or commit counts as failing, in real seconds
     silent_s: at the end, the longest that the disk may take for one statement or commit, in real seconds; then the
         process should end, as the lock is only released by that
@@ -87,7 +86,6 @@ class Store:
         retention: Retention = _RETENTION,
         retry_s: float = WriterTiming.retry_s,
         look_s: float = WriterTiming.look_s,
-        prune_s: float = WriterTiming.prune_s,
         hangs_after_s: float = WriterTiming.hangs_after_s,
         silent_s: float = WriterTiming.silent_s,
         origin: str = "",
@@ -122,7 +120,6 @@ class Store:
             commit_s=commit_s,
             retry_s=retry_s,
             look_s=look_s,
-            prune_s=prune_s,
             hangs_after_s=hangs_after_s,
             silent_s=silent_s,
         )

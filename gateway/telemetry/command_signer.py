@@ -1,7 +1,6 @@
 """The side that gives commands: signs them with an operator's key, and believes no answer without its signature."""
 
 import secrets
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Self
@@ -43,10 +42,8 @@ class CommandSigner:
         except ValueError as error:
             raise ValueError(f"{path} {error}") from None
 
-    def sign(
-        self, name: CommandName, terms: CommandTerms, machine: str, nonce: Callable[[int], str] = secrets.token_hex
-    ) -> SignedCommand:
+    def sign(self, name: CommandName, terms: CommandTerms, machine: str) -> SignedCommand:
         """A command to this machine, for the challenge in `terms`."""
-        request = CommandRequest(machine, name.value, self.name, terms.challenge, nonce(32))
+        request = CommandRequest(machine, name.value, self.name, terms.challenge, secrets.token_hex(32))
         payload, session = encode(request), session_key(self.key, request.challenge, request.nonce)
         return SignedCommand(payload, signature(session, ASKER, 0, payload), session)

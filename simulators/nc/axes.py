@@ -81,8 +81,7 @@ class Axes:
     limits: Mapping[str, tuple[float, float]]
     gap: Callable[[Floats], Floats]
     tool: int = 0
-    spindle: str = "turns"
-    coolant: bool = True
+    spindle: str = "stands"
     probe_on: bool = False
     """Without it the probe does not switch."""
     stuck: bool = False

@@ -30,8 +30,8 @@ from simulators.nc.synchronised import ProgramAlarm
 from simulators.nc.words import AXES, LONGEST_PROGRAM_NAME, PROCEDURES, TYPES, Tokens, check_name
 
 _NUMBERED = re.compile(r"([GMD])(\d+)")
-M_CODES: Final = frozenset({5, 6, 9})
-"""Spindle stop, tool change, cutting fluid off."""
+M_CODES: Final = frozenset({6})
+"""Tool change."""
 _VALUED: Final = ("T", "D", "DL", "F", "MEAS", "SPOS")
 
 

@@ -7,6 +7,7 @@ to the main run. What a program reads of those before its STOPRE is what was the
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Final
 
 from simulators.nc import statements as b
@@ -41,6 +42,10 @@ def _at(place: str) -> Iterator[None]:
         yield
     except ProgramAlarm as alarm:
         raise alarm if " line " in str(alarm) else ProgramAlarm(f"{place}: {alarm}") from None
+
+
+def _reset() -> None:
+    raise Reset("M0: only RESET ends it here")
 
 
 @dataclass(slots=True)
@@ -82,7 +87,10 @@ class Channel:
         """F as it was programmed last."""
         self.r = [0.0] * _R_COUNT
         self.written: list[tuple[int, float, dict[str, float], int]] = []
-        """Each R-parameter that was written, its value, where the axes were then, and how many moves there had been."""
+        """Each R-parameter that was written, its value, where the axes and which tool (T) was in the spindle then, and
+        how many moves there had been."""
+        self.halted: Callable[[], None] = _reset
+        """What the operator does at M0; without any, RESET."""
         self.messages: list[str] = []
         self.variables, self.actions, self._hooks = dict(variables or {}), actions, dict(hooks or {})
         self._global = {name: self._made(entry) for name, entry in read_global_data(data).items()}
@@ -176,7 +184,7 @@ class Channel:
             self._stop()
         elif statement.word == "M0":
             self._stop()
-            raise Reset("M0: only RESET ends it here")
+            self.halted()
         else:
             raise _Return
 
@@ -219,7 +227,7 @@ class Channel:
     def _action(self, statement: b.Action) -> None:
         if self.actions is None:
             raise ProgramAlarm("no synchronised actions here")
-        self.actions(statement.text)
+        self._put(partial(self.actions, statement.text))
 
     # Blocks ---------------------------------------------------------------------------------------------------------
 
@@ -234,8 +242,8 @@ class Channel:
             self._put(self._positioned)
         if "T" in values:
             self._put(self.tools.select(int(converted(values["T"], "INT"))))
-        for m in block.m:
-            self._put(self.tools.change() if m == 6 else self._stopped if m == 5 else self._dry)
+        for _ in block.m:
+            self._put(self.tools.change())
         if "D" in values:
             self.tools.cut(int(converted(values["D"], "INT")))
         if "DL" in values:
@@ -254,12 +262,6 @@ class Channel:
 
     def _positioned(self) -> None:
         self.axes.spindle = "in position"
-
-    def _stopped(self) -> None:
-        self.axes.spindle = "stands"
-
-    def _dry(self) -> None:
-        self.axes.coolant = False
 
     def _move(self, block: b.Words, *, measures: bool) -> None:
         path = path_of(block, self, self._end, measures=measures)
@@ -318,7 +320,8 @@ class Channel:
         if name == "R":
             number = self._number(name, index, len(self.r))
             self.r[number] = float(converted(value, "REAL"))
-            self.written.append((number, self.r[number], dict(self.axes.position), len(self.axes.moves)))
+            there = {**self.axes.position, "T": float(self.axes.tool)}
+            self.written.append((number, self.r[number], there, len(self.axes.moves)))
         elif name[0] == "$":
             entry, at = self._setting(name, index)
             if entry.read_only:

@@ -126,7 +126,11 @@ class Nck:
         self._noise_of = math.nan
         self._sign = compensation_sign
         self.r = [0.0] * (r_count if errors is None else max(r_count, R_COUNT_WITH_ERRORS))
+        self.version = VERSION
+        """What its probing program shows at each safe point; 0: an older one that shows nothing, and always touches."""
         self.r[R_VERSION] = VERSION
+        self._called_s = 0.0
+        """Next call of TALC_SAFE_POINT that can show the version again."""
         self.k0_mm = [0.0] * 3
         """SD43900 $SA_TEMP_COMP_ABS_VALUE of X, Y, Z."""
         self.slope = [0.0] * 3
@@ -188,6 +192,8 @@ class Nck:
         self._run(now_s)
         self.cycle.advance(now_s)
         self._show_answer(now_s)
+        if self.version and self._called_s <= now_s:
+            self.r[R_VERSION] = self.version
         if self.advanced is not None:
             self.advanced(now_s)
 
@@ -281,9 +287,11 @@ class Nck:
                 self.watchdog.beat(now_s)
             else:
                 self._run_ahead(now_s)
+        elif number == R_VERSION:
+            self._called_s = self.cycle.next_safe_point(now_s)
         elif number == R_REQUEST and value > 0 and value != self.cycle.answer.number:
             valid_for, raised_mm = self.r[R_VALID_FOR], max(0.0, self.r[R_DRY_RUN])
-            if self.r[R_VERSION] != VERSION:
+            if self.version != VERSION:
                 raised_mm = 0.0  # an older program, which touches whatever the parameter says
             self.cycle.ask(now_s, int(value), valid_for if valid_for > 0 else math.inf, raised_mm)
         elif number == R_WITHDRAW and value > 0:
@@ -316,10 +324,11 @@ class Nck:
         elif started:
             self.k0_mm[:] = self.slope[:] = [0.0] * 3
             self.table_weight[:] = [0.0] * len(CEC_TABLES)
-            for number in range(R_OFFSETS, R_SLOPE_RAMP + 1):
+            for number in (R_VERSION, *range(R_OFFSETS, R_SLOPE_RAMP + 1)):
                 self.r[number] = 0.0
             if self.errors is not None:
                 self.errors.power_on(now_s)
+        self._called_s = self.cycle.next_safe_point(now_s)
         self.referenced = False
         self._note(now_s, ramped=False)
         self._show_answer(now_s)

@@ -21,6 +21,8 @@ class Told:
     """MD20700: no program starts while an axis is not referenced."""
     length_stays: bool = True
     """MD10760 bit 0 = 0: SUPA leaves the tool's length in force."""
+    turns: int = 5
+    """$P_SDIR: direction of the spindle that was programmed last, 3 or 4; 5: it stands."""
     event: int = 0
     """$P_PROG_EVENT."""
     alarm: int = 0

@@ -54,6 +54,7 @@ _NUMBERED: Final[dict[str, Callable[[Read, int], Value]]] = {
     "$P_GG": lambda c, group: c.modal.number(group),
     "$A_PROBE": lambda c, _: int(c.axes.deflected),
     "$AC_MEA": lambda c, _: int(c.axes.triggered),
+    "$P_SDIR": lambda c, _: c.told.turns,
 }
 _SINGLE: Final[dict[str, Callable[[Read], Value]]] = {
     "$P_SIM": lambda c: c.told.simulation,
@@ -65,6 +66,7 @@ _SINGLE: Final[dict[str, Callable[[Read], Value]]] = {
     "$P_PROG_EVENT": lambda c: c.told.event,
     "$AC_ALARM_STAT": lambda c: c.told.alarm,
     "$P_F": lambda c: c.feed,
+    "$P_MSNUM": lambda _: 1,
     "$P_TOOL": lambda c: c.tools.edge,
     "$P_DLNO": lambda c: c.tools.sum,
     "$P_TOOLNO": lambda c: c.tools.number,

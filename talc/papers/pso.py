@@ -11,7 +11,6 @@ from typing import Final
 import numpy as np
 
 from talc import _kernel
-from talc._kernel import Progress
 from talc.frame import FloatArray
 from talc.papers.arx import Regression
 from talc.papers.criteria import CRITERIA, Criterion
@@ -50,7 +49,6 @@ def select_by_swarm(
     most: int | None = None,
     swarm: int = SWARM,
     iterations: int = ITERATIONS,
-    progress: Progress | None = None,
 ) -> Chosen:
     """Penalty, inputs and orders with the least criterion.
 
@@ -93,7 +91,7 @@ def select_by_swarm(
         draws,
         _PULL,
         *_INERTIA,
-        progress,
+        None,
     )
     na, sizes = orders[0], [nb + 1 for nb in orders[1:]]
     columns = [s * lags + j for s, size in enumerate(sizes) for j in range(size)]

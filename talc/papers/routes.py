@@ -6,7 +6,6 @@ from functools import partial
 
 import numpy as np
 
-from talc._kernel import Progress
 from talc.frame import BoolArray, FloatArray
 from talc.names import ERROR_UNITS, MICROMETRE, THERMAL_ERRORS
 from talc.papers import pso, tck
@@ -66,13 +65,11 @@ class Shared:
         self.candidates = Candidates(pole_sets, make, self.outputs, scaled.shape[1])
 
 
-def by_search(
-    shared: Shared, error: str, fixed: tuple[int, ...] | None, settings: TrainingSettings, within: Progress | None
-) -> Fitted:
-    """An output-error model (talc.papers.search). fixed: positions of inputs to keep; within: may end it early."""
+def by_search(shared: Shared, error: str, fixed: tuple[int, ...] | None, settings: TrainingSettings) -> Fitted:
+    """An output-error model (talc.papers.search). fixed: positions of inputs to keep."""
     column = shared.column[error]
     most = min(settings.max_inputs, shared.scaled.shape[1])
-    best = shared.candidates.choose(column, most, fixed, within, settings.judged_by)
+    best = shared.candidates.choose(column, most, fixed, settings.judged_by)
     inputs = tuple(s for s, count in enumerate(best.coefficients) if count)
     design = Design.make(shared.scaled[:, inputs], best.poles, shared.lags, shared.rows)
     counts = tuple(best.coefficients[s] for s in inputs)
@@ -95,7 +92,6 @@ def by_arx(
     fixed: tuple[int, ...] | None,
     error: str,
     settings: TrainingSettings,
-    within: Progress | None,
     sensors: Callable[[], tck.Ensemble],
 ) -> Fitted:
     """An ARX model as in the papers; a measurement replaces its past outputs.
@@ -110,7 +106,6 @@ def by_arx(
         tolerance=settings.tolerance_um if ERROR_UNITS[error] == MICROMETRE else settings.tolerance_um_per_m,
         safety=settings.safety,
         most=settings.max_inputs,
-        progress=within,
     )
     window = _with_past(window, settings, swarm)
     regression = Regression(window, settings.max_na, settings.max_nb)

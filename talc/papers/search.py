@@ -20,7 +20,6 @@ from typing import Literal
 import numpy as np
 
 from talc import _kernel
-from talc._kernel import Progress
 from talc.frame import FloatArray
 from talc.papers.group_lasso import GroupLasso
 from talc.papers.output_error import Design
@@ -92,14 +91,12 @@ class Candidates:
         output: int,
         most: int,
         fixed: tuple[int, ...] | None = None,
-        progress: Progress | None = None,
         judged_by: Literal["unseen", "seen"] = "unseen",
     ) -> Choice:
         """The best model of one output, by its column.
 
-        most: largest number of inputs; fixed: these inputs, only poles and orders are chosen; progress: reports the
-        share done and may stop the search, which then returns the best so far; judged_by: residuals of blocks left out,
-        or of all rows as in the plain BIC.
+        most: largest number of inputs; fixed: these inputs, only poles and orders are chosen; judged_by: residuals of
+        blocks left out, or of all rows as in the plain BIC.
         """
         moment, energy = np.ascontiguousarray(self._moment[output]), np.ascontiguousarray(self._energy[output])
         rows = self._unseen_rows if judged_by == "unseen" else self._rows
@@ -119,7 +116,7 @@ class Candidates:
             _FLOOR * rows,
             most,
             fixed is not None,
-            progress,
+            None,
         )
         return Choice(self._poles[chosen], tuple(coefficients), cost)
 

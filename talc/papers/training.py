@@ -1,13 +1,11 @@
 """Training: a job in, the models of the nine thermal errors out. Deterministic for a given job and machine."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from itertools import combinations
 
 import numpy as np
 
-from talc._kernel import Progress
 from talc.disturbance import Disturbance, disturbance_of
 from talc.frame import LEAST_VALID, BoolArray, FloatArray, TrainingJob
 from talc.models import ErrorModel, ModelSet
@@ -18,7 +16,7 @@ from talc.papers.search import BLOCKS
 from talc.papers.window import Window
 from talc.settings import TrainingSettings
 
-__all__ = ["Cancelled", "Progress", "train"]
+__all__ = ["train"]
 
 _POLES = (0.7, 0.88, 0.95, 0.98)
 """Of one step, whatever it lasts, as in the papers. At 5 min, time constants of 14 min, 39 min, 97 min and 4 h."""
@@ -27,17 +25,7 @@ _LEAST_SPREAD = 1e-6
 _LEAST_OUTPUT_SPREAD = 1e-3
 
 
-class Cancelled(Exception):
-    """The caller cancelled the training."""
-
-
-def train(
-    job: TrainingJob,
-    *,
-    progress: Callable[[float], None] | None = None,
-    cancelled: Callable[[], bool] | None = None,
-    within: Progress | None = None,
-) -> ModelSet:
+def train(job: TrainingJob) -> ModelSet:
     """Models of the nine errors.
 
     Inputs with fewer than 80 % good rows, or that never changed, are not offered. A missing value is replaced by the
@@ -45,25 +33,16 @@ def train(
     output-error model: the poles, inputs and orders that best predict blocks of rows which the fit has not seen
     (talc.papers.search). With `pso` or `tck` it gets an ARX model as in the papers. An error with fewer than 24
     measured rows gets no model, nor does one whose model would be unstable.
-
-    progress: called with the share done, 0 to 1, after each model; cancelled: called before each error, True ends the
-    training; within: progress of the present error; its `cancel` ends the training from another thread.
-    Raises Cancelled.
     """
-    run = _Training(job, within)
+    run = _Training(job)
     models: list[ErrorModel | None] = []
     notes = list(run.notes)
-    for e, error in enumerate(THERMAL_ERRORS):
-        if cancelled is not None and cancelled():
-            raise Cancelled
+    for error in THERMAL_ERRORS:
         try:
             models.append(run.model(error))
         except _NoModel as reason:
             models.append(None)
             notes.append(f"{error}: no model, {reason}")
-            continue
-        if progress is not None:
-            progress((e + 1) / len(THERMAL_ERRORS))
     return ModelSet(k=job.k, why=job.why.value, input_names=job.input_names, models=tuple(models), notes=tuple(notes))
 
 
@@ -72,16 +51,10 @@ class _NoModel(Exception):
 
 
 class _Training:
-    """One training: the inputs on offer, each error's measurements, and what errors share.
+    """One training: the inputs on offer, each error's measurements, and what errors share."""
 
-    Parameters
-    ----------
-    job: what to train on
-    within: progress of the present error; its `cancel` ends the training
-    """
-
-    def __init__(self, job: TrainingJob, within: Progress | None) -> None:
-        self._job, self._within = job, within
+    def __init__(self, job: TrainingJob) -> None:
+        self._job = job
         self._offer, self.notes = _offered(job)
         self._records = {error: _record(job, e) for e, error in enumerate(THERMAL_ERRORS)}
         self._shared: dict[bytes, Shared] = {}
@@ -89,14 +62,12 @@ class _Training:
         self._sensors = cache(lambda: tck.Ensemble(tck.offered(self._offer.scaled), seed=job.settings.seed))
 
     def model(self, error: str) -> ErrorModel:
-        """The model of one thermal error. Raises _NoModel and Cancelled."""
+        """The model of one thermal error. Raises _NoModel."""
         record, offer = self._records[error], self._offer
         if record.rows.sum() < _LEAST_ROWS or not offer.names:
             raise _NoModel(f"{int(record.rows.sum())} measured rows and {len(offer.names)} usable inputs")
         fixed = self._kept(error)
         found = self._searched(error, fixed) if self._job.settings.selector == "search" else self._arx(error, fixed)
-        if self._is_cancelled():
-            raise Cancelled
         return _model(error, record, found, offer)
 
     def _kept(self, error: str) -> tuple[int, ...] | None:
@@ -107,7 +78,7 @@ class _Training:
         return None if keep is None else tuple(sorted(names.index(name) for name in keep if name in names))
 
     def _searched(self, error: str, fixed: tuple[int, ...] | None) -> Fitted:
-        return by_search(self._measured_with(error), error, fixed, self._job.settings, self._within)
+        return by_search(self._measured_with(error), error, fixed, self._job.settings)
 
     def _measured_with(self, error: str) -> Shared:
         """The regressions of all errors that were measured at the same steps as this one, made once."""
@@ -123,14 +94,9 @@ class _Training:
         record = self._records[error]
         try:
             window = Window(self._offer.scaled, record.scaled, record.scaled, record.std)
-            return by_arx(window, fixed, error, self._job.settings, self._within, self._sensors)
+            return by_arx(window, fixed, error, self._job.settings, self._sensors)
         except (ValueError, RuntimeError) as problem:
-            if self._is_cancelled():
-                raise Cancelled from problem
             raise _NoModel(str(problem)) from problem
-
-    def _is_cancelled(self) -> bool:
-        return self._within is not None and self._within.cancelled
 
 
 @dataclass(frozen=True, slots=True)

@@ -60,7 +60,7 @@ async def commanded(
     loop = GridLoop(
         controller, GridSampler(("a",), STEP_S), Schedule(STEP_S), clock, told,
         measuring, Trainings(controller, clock, told),
-        followers=[] if follow is not None else [lambda _, decision: bench.link.follow(decision)],
+        link=None if follow is not None else bench.link,
     )  # fmt: skip
     found = Commanded(bench, told, None)  # type: ignore[arg-type]
     found.taker = CommandTaker(bench.link, measuring.order, bench.clock, told, found.on_disk, reload)

@@ -17,7 +17,7 @@ from unittest.mock import patch
 from gateway.config.extended import validate
 from gateway.config.model import GatewayConfig
 from gateway.control.replay.stored import replay
-from gateway.control.restart.earlier import Past, past_in
+from gateway.control.restart.earlier import EarlierRun, earlier_run
 from gateway.control.restart.snapshots import SnapshotKeeper
 from gateway.model.events import DecisionMade, Events, GatewayEvent
 from gateway.nc.settings import Identity
@@ -166,7 +166,7 @@ class Life:
                         hangs_after_s=self._hangs_after_s, silent_s=LIMIT_S, origin="here",
                     )
                 )  # fmt: skip
-                past = past_in(store, self._config)
+                past = earlier_run(store, self._config)
                 store.begin(self._config.canonical(), self._config.fingerprint(), "")
                 started = True
                 await self._serve(store, name, past)
@@ -186,7 +186,7 @@ class Life:
             self.verdict.wrong.append(f"{boot}: stopped with {self._in_force()} in force")
         return True
 
-    async def _serve(self, store: Store, name: str, past: Past) -> None:
+    async def _serve(self, store: Store, name: str, past: EarlierRun) -> None:
         keeper = SnapshotKeeper(past, store, self._config, every_steps=4)
 
         async def on_disk() -> None:

@@ -15,7 +15,7 @@ from drivers.nc import (
 from simulators.nc import Nck, ReasonCode
 from simulators.nc.cycle import CycleState
 from simulators.nc.moves import AXIS_LETTERS
-from simulators.nc.nck import R_DRY_RUN, R_REQUEST, R_VALID_FOR, R_VERSION, R_WITHDRAW, VERSION
+from simulators.nc.nck import R_DRY_RUN, R_REQUEST, R_VALID_FOR, R_WITHDRAW, VERSION
 from simulators.nc.watchdog import R_BEAT, R_OWNER, R_RAMP, R_SILENCE, R_WATCH, WatchState
 
 MODES = (OperatingMode.JOG, OperatingMode.MDA, OperatingMode.AUTO)
@@ -55,7 +55,7 @@ class InProcess:
 
     @property
     def runs_dry(self) -> bool:
-        return self._kernel.r[R_VERSION] >= VERSION
+        return self._kernel.version == VERSION
 
     async def request_probing(self, number: int, dry_run_mm: float = 0.0) -> None:
         _check(number, "request number")

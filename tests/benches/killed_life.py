@@ -14,7 +14,7 @@ from unittest.mock import patch
 import numpy as np
 
 from drivers.nc import NcSnapshot, RequestStatus
-from gateway.control.restart.earlier import past_in
+from gateway.control.restart.earlier import earlier_run
 from gateway.control.restart.snapshots import SnapshotKeeper
 from gateway.model.events import DecisionMade, Events, GatewayEvent
 from gateway.nc.settings import Identity
@@ -118,7 +118,7 @@ class GatewayLife:
                 )  # fmt: skip
                 stack.enter_context(store)
             with death.within("rebuild"):
-                past = past_in(store, self._config)
+                past = earlier_run(store, self._config)
             assert not store.health.mended, store.health.mended
             stack.enter_context(patch.object(Controller, "step", learning))
             with death.within("start"):

@@ -57,6 +57,8 @@ _STATES: dict[str, nc_starts.State] = {
     "old tool's offset": _ODD | {"edge after a change": -2, "old tool's offset": True},
     "old tool's offset without a magazine": nc_starts.USUAL | {"edge after a change": -2, "old tool's offset": True},
     "no edge after a change": nc_starts.USUAL | {"edge after a change": 0, "edge": 0},
+    "the spindle turns": nc_starts.USUAL | {"spindle": 3},
+    "the spindle turns backwards": nc_starts.USUAL | {"spindle": 4},
     "alarm": nc_starts.USUAL | {"control is": "alarmed"},
     **{f"control is {what}": nc_starts.USUAL | {"control is": what} for what in nc_starts.CHOICES["control is"][1:5]},
     **{f"axis {axis}": nc_starts.USUAL | {"not referenced": axis, "start lock": False} for axis in "XYZAC"},
@@ -87,11 +89,15 @@ def _failed(cell: Cell, reason: int) -> list[str]:
         wrong.append(f"{before} became {cell.state()}")
     if cell.moves and cell.workshop.gap(cell.moves[-1].path[-1:])[0] < CLEARANCE_MM:
         wrong.append("the probe is left at what it met")
-    if cell.axes.probe_on or cell.axes.coolant:
+    if cell.axes.probe_on:
         wrong.append("the probe stays switched on")
-    ended = [at["Z"] for number, value, at, _ in cell.channel.written if (number, value) == (65, 5.0)]
-    if len(ended) != 1 or ended[0] < SAFE_Z + cell.r[63] - 1e-3:
-        wrong.append("R65 becomes 5 before the probe is up")
+    if len(cell.halts) != (reason != 4) or not all(cell.halts):
+        wrong.append(f"stopped with {cell.halts}, and NC start is needed unless it was withdrawn")
+    *_, (_, let_go), (state, ended) = [(value, at) for number, value, at, _ in cell.channel.written if number == 65]
+    if let_go["Z"] < SAFE_Z + cell.r[63] - 1e-3:
+        wrong.append("the offsets are let go before the probe is up")
+    if state != 5.0 or ended["T"] != before["tools"][0]:
+        wrong.append("R65 becomes 5 before the tool is back")
     return wrong
 
 
@@ -129,9 +135,12 @@ def _too_low(texts: Texts) -> list[str]:
 
 
 def _below_zero(texts: Texts) -> list[str]:
-    cell = Cell(texts=texts)
-    cell.r[63] = -1.0
-    return _not_begun(cell, 4, 15)
+    wrong = []
+    for height in (-1.0, 19.0):  # at 19 a touch would come down to the sphere's contact
+        cell = Cell(texts=texts)
+        cell.r[63] = height
+        wrong += _not_begun(cell, 4, 15)
+    return wrong
 
 
 def _no_probe(texts: Texts) -> list[str]:
@@ -175,9 +184,9 @@ def _post_on_the_way(texts: Texts) -> list[str]:
 
 
 def _met_in_dry_run(texts: Texts) -> list[str]:
-    """So little above the sphere that the way of a touch goes through it."""
-    cell = Cell(texts=texts)
-    cell.r[63] = 3.0
+    """The sphere is as much higher as the whole way: a touch meets it."""
+    cell = Cell(Workshop((_SPHERE[0], _SPHERE[1], _SPHERE[2] + 50.0)), texts)
+    cell.r[63] = 50.0
     return _failed(cell, 11)
 
 
@@ -357,7 +366,7 @@ CASES: dict[str, Callable[[Texts], list[str]]] = {
     "a post on the table": _post,
     "a post on the way": _post_on_the_way,
     "something met in a dry run": _met_in_dry_run,
-    "withdrawn within the cycle": _some(withdrawn_at, (0, 4, 151, 152)),
+    "withdrawn within the cycle": _some(withdrawn_at, (0, 4, 7, 150, 151, 152)),
     "a height that changes": _height_changed,
     "withdrawn after a failure": _withdrawn_after_a_failure,
     "asked while an axis moves": _asked_late,
@@ -380,7 +389,7 @@ def main() -> None:
     every = range(len(usual.moves))
     cases = CASES | {
         "RESET at every move": _some(reset_at, every),
-        "withdrawn within every move but touches": _some(withdrawn_at, [n for n in every if n not in touches]),
+        "withdrawn within every move": _some(withdrawn_at, every),
         "moved by hand after every move": _some(jogged_at, every),
         "moved by hand within every touch": _some(jogged_within, touches),
         "a probe that sticks after every move": _some(stuck_at, [n for n in every if n not in touches]),

@@ -1,12 +1,12 @@
-"""Deletes each statement of the probing programs in turn: `python -m tests.benches.nc_deleted`.
+"""Deletes each statement of the programs for a SINUMERIK in turn: `python -m tests.benches.nc_deleted`.
 
-The cases of tests/benches/nc_cases.py have to notice. Prints each statement that nothing misses, and how many there
-were.
+The cases of tests/benches/nc_cases.py have to notice, those of tests/benches/watchdog_programs.py for TALC_START,
+TALC_SLOPES and TALC_ERRORS. Prints each statement that nothing misses, and how many there were.
 """
 
 import argparse
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from simulators.nc import statements as b
@@ -14,6 +14,9 @@ from simulators.nc.blocks import read_program
 from simulators.nc.synchronised import ProgramAlarm
 from tests.benches.nc_cases import CASES
 from tests.benches.probing_programs import program_texts
+from tests.benches.watchdog_programs import WATCHDOG_CASES, watchdog_texts
+
+Case = Callable[[Mapping[str, str]], list[str]]
 
 
 @dataclass(frozen=True)
@@ -49,12 +52,14 @@ def _all(body: Sequence[b.Statement]) -> Iterator[b.Statement]:
             yield from _all(statement.body)
 
 
-def missed_by(deleted: Deleted, texts: Mapping[str, str], order: list[str]) -> str | None:
+def missed_by(
+    deleted: Deleted, texts: Mapping[str, str], order: list[str], cases: Mapping[str, Case] = CASES
+) -> str | None:
     """The case that notices; None: none does. order: which case to try first, and how it is best next time."""
     without = deleted.texts(texts)
     for name in list(order):
         try:
-            noticed = bool(CASES[name](without))
+            noticed = bool(cases[name](without))
         except (ProgramAlarm, RecursionError):
             noticed = True
         if noticed:
@@ -67,15 +72,18 @@ def missed_by(deleted: Deleted, texts: Mapping[str, str], order: list[str]) -> s
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("programs", nargs="*", help="without TALC_; all of them")
-    chosen = parser.parse_args().programs
-    texts, order = program_texts(), list(CASES)
-    found = [deleted for deleted in statements(texts) if not chosen or deleted.program in chosen]
-    kept = 0
-    for deleted in found:
-        if missed_by(deleted, texts, order) is None:
-            kept += 1
-            print(f"TALC_{deleted.program} line {deleted.first}: nothing misses {deleted.block}", flush=True)
-    print(f"{len(found)} statements, {kept} of them missed by nothing")
+    chosen, orders = parser.parse_args().programs, dict[bool, list[str]]()
+    count = kept = 0
+    for texts in (program_texts(), watchdog_texts()):
+        for deleted in statements(texts):
+            if chosen and deleted.program not in chosen:
+                continue
+            cases = WATCHDOG_CASES.get(deleted.program, CASES)
+            order, count = orders.setdefault(deleted.program in WATCHDOG_CASES, list(cases)), count + 1
+            if missed_by(deleted, texts, order, cases) is None:
+                kept += 1
+                print(f"TALC_{deleted.program} line {deleted.first}: nothing misses {deleted.block}", flush=True)
+    print(f"{count} statements, {kept} of them missed by nothing")
     sys.exit(bool(kept))
 
 

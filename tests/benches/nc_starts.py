@@ -13,10 +13,8 @@ from collections import Counter
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from simulators.nc.main_run import MainRun
 from simulators.nc.modal import GROUPS
-from simulators.nc.nck import CEC_TABLES
-from simulators.nc.synchronised import ProgramAlarm, SystemVariable
+from simulators.nc.synchronised import ProgramAlarm
 from tests.benches.probing_programs import (
     PROBE_TOOL,
     SAFE_Z,
@@ -54,7 +52,8 @@ CHOICES: dict[str, tuple[Any, ...]] = {
     "not referenced": ("", "Z", "C"),
     "start lock": (True, False),
     "deflected": (False, True),
-    "raised": (0.0, 50.0),
+    "raised": (0.0, 50.0, 20.0),
+    "spindle": (5, 3, 4),
     "blocks ahead": (1000, 0),
     "F": (1234.0, 0.0),
 }
@@ -64,7 +63,7 @@ _MIXED = 0.35
 """How often a value of a mixture is another than usual; a third of that where it ends the cycle early."""
 _EARLY = {
     "group 7", "group 47", "transformation", "tool carrier", "control is", "not referenced", "deflected",
-    "old tool's offset",
+    "old tool's offset", "spindle",
 }  # fmt: skip
 
 
@@ -91,6 +90,7 @@ def made(state: State, texts: Mapping[str, str] | None = None) -> Cell:
     told.search, told.test = state["control is"] == "searching", state["control is"] == "testing"
     told.simulation, told.dry_run = state["control is"] == "simulating", state["control is"] == "in dry run"
     told.alarm = 0x40 if state["control is"] == "alarmed" else 0
+    told.turns, axes.spindle = state["spindle"], "stands" if state["spindle"] == 5 else "turns"
     told.length_stays = state["SUPA leaves the length"]
     channel.frames.settable = {"G54": (100.0, -50.0, 20.0), "G55": (-30.0, 10.0, -5.0)}
     channel.frames.shift = (5.0, 6.0, 7.0) if state["programmable frame"] != "none" else (0.0, 0.0, 0.0)
@@ -112,23 +112,6 @@ def made(state: State, texts: Mapping[str, str] | None = None) -> Cell:
     cell.r[63] = state["raised"]
     cell.r[64:68] = [6.0, 3.0, 0.0, 6.0]
     return cell
-
-
-def watched(cell: Cell) -> MainRun:
-    """The main run beside it takes the synchronised actions of its programs; all offsets are 0."""
-    settings = {
-        "SA_TEMP_COMP_ABS_VALUE": [0.0] * 3,
-        "SA_TEMP_COMP_SLOPE": [0.0] * 3,
-        "SN_CEC_TABLE_WEIGHT": [0.0] * len(CEC_TABLES),
-    }
-    numbers = {axis: number for number, axis in enumerate("XYZ")}
-    run = MainRun([], cell.r, settings, "XYZAC", 0.01, 0.0)
-    cell.channel.actions = run.actions.load
-    cell.channel.variables |= {
-        name: SystemVariable(values, numbers if name.startswith("SA_") else None) for name, values in settings.items()
-    }
-    cell.channel.variables["AC_PARAM"] = SystemVariable([0.0] * 64)
-    return run
 
 
 def _old_offset(state: State) -> bool:
@@ -154,6 +137,7 @@ def refused(state: State) -> set[int]:
             (9, state["transformation"] or state["tool carrier"] or state["control is"] == "in dry run"),
             (13, state["not referenced"]),
             (14, _old_offset(state) if managed else unsure),
+            (16, state["spindle"] != 5),
         )
         if applies
     }
@@ -183,11 +167,12 @@ def run(state: State, texts: Mapping[str, str] | None = None) -> tuple[str, list
         moved = [*wrong, *(["a deflected probe moved elsewhere than up"] * _not_only_up(cell))]
         ended = cell.r[64:68] == [7, 5, 10, 0]
         return "the probe is deflected: failed", [*moved, *([f"R64 to R67 = {cell.r[64:68]}"] * (not ended))]
-    return "the intended way", [*wrong, *off_the_way(cell, start, raised), *_answered_wrongly(cell, raised)]
+    wrong += off_the_way(cell, start, raised)
+    return "the intended way", [*wrong, *_answered_wrongly(cell, raised, before["tools"][0])]
 
 
-def _answered_wrongly(cell: Cell, raised: float) -> list[str]:
-    wrong = list[str]()
+def _answered_wrongly(cell: Cell, raised: float, tool: int) -> list[str]:
+    wrong = ["the part program is stopped"] * bool(cell.halts)
     if cell.r[64:68] != [7, 3, 0, 7]:
         wrong.append(f"R64 to R67 = {cell.r[64:68]}")
     elif centres_off_um(cell, raised) > 2.0 or cell.r[88] > 0.002:
@@ -196,9 +181,14 @@ def _answered_wrongly(cell: Cell, raised: float) -> list[str]:
         wrong.append("an old state or result stands under the new number")
     if [number for number, _ in reported(cell)][-2:] != [67, 65]:
         wrong.append("R65 = 3 is not the last, after R67")
-    frozen = [at for number, value, at, _ in cell.channel.written if number == 65 and value in (2.0, 3.0)]
+    states = [(value, at) for number, value, at, _ in cell.channel.written if number == 65]
+    if [value for value, _ in states] != [0, 1, 2, 1, 3]:
+        return [*wrong, f"R65 is {[value for value, _ in states]} in turn"]
+    frozen = [at for _, at in states[2:4]]
     if [at["Z"] for at in frozen] != [SAFE_Z + raised] * 2 or frozen[0]["X"] != frozen[1]["X"]:
-        wrong.append("R65 becomes 2 or 3 elsewhere than over the sphere")
+        wrong.append("the offsets are frozen or let go elsewhere than over the sphere")
+    if [at["T"] for _, at in states[1:]] != [tool, PROBE_TOOL, PROBE_TOOL, tool]:
+        wrong.append("R65 becomes 3 before the tool is back")
     return wrong
 
 

@@ -24,7 +24,7 @@ from typing import NamedTuple
 import click
 
 from gateway.control.replay.stored import replay
-from gateway.control.restart.earlier import past_in
+from gateway.control.restart.earlier import earlier_run
 from gateway.control.restart.snapshots import SnapshotKeeper
 from gateway.storage.damage import damage_found
 from gateway.storage.history import History
@@ -157,7 +157,7 @@ def session(folder: Path) -> None:
     config = two_temperatures(folder / _NAME)
     for run in range(2):
         with Store(config.storage.path, f"run {run}", SteppedClock(), commit_s=COMMIT_S) as store:
-            past = past_in(store, config)
+            past = earlier_run(store, config)
             store.begin(config.canonical(), config.fingerprint(), "")
             keeper = SnapshotKeeper(past, store, config, every_steps=40)
             first = 0 if past.last_k is None else past.last_k + 1
@@ -224,7 +224,7 @@ def cut_and_start(acts: Sequence[DiskAct], seed: int, folder: Path) -> StartVerd
     verdict.pending = passed[-1].what in "wt"
     config = two_temperatures(folder / _NAME)
     with Store(config.storage.path, "after", SteppedClock(), commit_s=0.01) as store:
-        past = past_in(store, config)
+        past = earlier_run(store, config)
         store.begin(config.canonical(), config.fingerprint(), "")
         mended = store.health.mended
         last = -1 if past.last_k is None else past.last_k

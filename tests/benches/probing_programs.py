@@ -96,6 +96,9 @@ class Cell:
         for name, value in self.data.items():
             self.channel.data(name)[0] = value
         self.channel.feed = 1234.0
+        self.halts: list[str] = []
+        """What the message said at each M0, which the operator answers by NC start."""
+        self.channel.halted = lambda: self.halts.append(self.message)
         self.r[60], self.r[62] = 7.0, 900.0
 
     @property
@@ -106,6 +109,11 @@ class Cell:
     def moves(self) -> list[Move]:
         return self.axes.moves
 
+    @property
+    def message(self) -> str:
+        """What the control shows."""
+        return self.channel.messages[-1] if self.channel.messages else ""
+
     def safe_point(self) -> None:
         """The part program calls TALC_SAFE_POINT. Raises ProgramAlarm and Reset."""
         self.channel.start("TALC_SAFE_POINT")
@@ -114,7 +122,14 @@ class Cell:
         """What the part program goes on with."""
         c, t = self.channel, self.tools
         loaded = (self.axes.tool, t.number, t.edge, t.sum, t.programmed_now)
-        return {"modal": dict(c.modal.codes), "F": c.feed, "frame": (c.frames.shift, c.frames.turned), "tools": loaded}
+        return {
+            "modal": dict(c.modal.codes),
+            "F": c.feed,
+            "frame": (c.frames.shift, c.frames.turned),
+            "tools": loaded,
+            "the spindle turns": self.axes.spindle == "turns",
+            "message": self.message,
+        }
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from gateway.config.file import load
-from gateway.control.restart.earlier import Past
+from gateway.control.restart.earlier import EarlierRun
 from gateway.service.service import Service
 from talc.control import Controller
 from tests.benches.kept_events import KeptEvents
@@ -31,4 +31,4 @@ options = { vendor = "jumo" }
 def service_of(path: Path, kept: KeptEvents, clock: SteppedClock, kind: type[Service] = Service) -> Service:
     path.write_text(TEXT, encoding="utf-8")
     config = load(path)
-    return kind(config, clock, kept, Past(Controller(config.input_names, config.talc)))
+    return kind(config, clock, kept, EarlierRun(Controller(config.input_names, config.talc)))

@@ -16,7 +16,7 @@ import numpy as np
 from gateway.acquisition.wire_log import WireLogWriter
 from gateway.config.file import load
 from gateway.config.model import GatewayConfig
-from gateway.control.restart.earlier import past_in
+from gateway.control.restart.earlier import earlier_run
 from gateway.control.restart.snapshots import SnapshotKeeper
 from gateway.model.events import DecisionMade, FrameMade, Sink
 from gateway.model.text import Text
@@ -47,7 +47,7 @@ def taken(config: GatewayConfig, clock: ServiceClock, count: int) -> None:
     """Take this many snapshots, each after the previous one is on the disk."""
     draw, names = np.random.default_rng(1), config.input_names
     with Store(config.storage.path, "first", clock) as store:
-        past = past_in(store, config)
+        past = earlier_run(store, config)
         store.begin(config.canonical(), config.fingerprint(), "")
         keeper = SnapshotKeeper(past, store, config, every_steps=STEPS_A_DAY)
         for k in range(STEPS_A_DAY * (count + 1)):

@@ -35,7 +35,7 @@ from gateway.config.model import GatewayConfig
 from gateway.control import sensor_watch, trainer
 from gateway.model.events import CompensationStepped, DecisionMade, EventReported, GatewayEvent, ReadingsTaken
 from gateway.runtime.clocks import RealClock
-from gateway.runtime.workers.process import apart
+from gateway.runtime.workers.process import in_process
 from gateway.service.memory import give_back_large_blocks
 from gateway.service.serving import serve
 from simulators.bench import gateway_toml
@@ -260,9 +260,9 @@ def table(found: SoakResult) -> str:
     return "\n".join(lines)
 
 
-async def _apart_while_time_stands(work: Callable[..., Any], *given: Any, **named: Any) -> Any:
+async def _in_process_while_time_stands(work: Callable[..., Any], *given: Any, **named: Any) -> Any:
     with held_time():
-        return await apart(work, *given, **named)
+        return await in_process(work, *given, **named)
 
 
 @contextmanager
@@ -270,7 +270,7 @@ def fast_forward() -> Iterator[None]:
     """Inside, simulated time, which waits for the processes that learn."""
     with ExitStack() as stack:
         for module in (sensor_watch, trainer):
-            stack.enter_context(patch.object(module, "apart", _apart_while_time_stands))
+            stack.enter_context(patch.object(module, "in_process", _in_process_while_time_stands))
         stack.enter_context(simulated_time())
         yield
 

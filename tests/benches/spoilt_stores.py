@@ -17,7 +17,7 @@ import click
 import numpy as np
 
 from drivers.base import Quality
-from gateway.control.restart.earlier import Past, past_in
+from gateway.control.restart.earlier import EarlierRun, earlier_run
 from gateway.model.events import DecisionMade, EventReported, FrameMade, MeasurementEnded, ReadingsTaken, Sink
 from gateway.model.probing import Outcome
 from gateway.model.sample import Sample
@@ -70,7 +70,7 @@ def make_whole(path: Path) -> None:
     settings = two_temperatures(path)
     with Store(path, "earlier", SteppedClock()) as store:
         store.begin(settings.canonical(), settings.fingerprint(), "")
-        controller = past_in(store, settings).controller
+        controller = earlier_run(store, settings).controller
         for k in range(STEPS):
             write(store, controller, k)
 
@@ -122,11 +122,11 @@ def damaged(whole: Path, to: Path, damage: Damage, seed: int) -> None:
     to.write_bytes(data)
 
 
-def restarted(path: Path, boot: str) -> tuple[Past, str]:
+def restarted(path: Path, boot: str) -> tuple[EarlierRun, str]:
     """A run of ten steps; returns its past, and what it reported about damage."""
     settings = two_temperatures(path)
     with Store(path, boot, SteppedClock(), commit_s=0.01, retry_s=0.05) as store:
-        past = past_in(store, settings)
+        past = earlier_run(store, settings)
         store.begin(settings.canonical(), settings.fingerprint(), "")
         first = 0 if past.last_k is None else past.last_k + 1
         for k in range(first, first + 10):

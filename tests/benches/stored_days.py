@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from gateway.control.restart.earlier import past_in
+from gateway.control.restart.earlier import earlier_run
 from gateway.model.compensation import Source, Step, Write
 from gateway.model.events import CompensationStepped, DecisionMade, EventReported, FrameMade, MeasurementEnded
 from gateway.model.probing import Outcome
@@ -27,7 +27,7 @@ def two_days(path: Path, first: datetime = datetime(2026, 3, 1, 22, tzinfo=UTC),
     k = int(first.timestamp()) // STEP_S
     with Store(path, "first", SteppedClock()) as store:
         store.begin(config.canonical(), config.fingerprint(), "")
-        controller = past_in(store, config).controller
+        controller = earlier_run(store, config).controller
         for hour in range(hours):
             at, measured = first + timedelta(hours=hour), None
             if hour % 6 == 0:

@@ -22,7 +22,7 @@ from gateway.acquisition.reload import ReloadError, apply, bus_changes, prepare
 from gateway.config.file import load
 from gateway.config.model import GatewayConfig
 from gateway.config.problems import ConfigError
-from gateway.control.restart.earlier import Past
+from gateway.control.restart.earlier import EarlierRun
 from gateway.service.reloading import Reloading
 from gateway.service.service import Service
 from gateway.service.serving import serve
@@ -125,7 +125,7 @@ async def test_a_reload_of_the_service_makes_what_it_exchanges_once(
     tmp_path: Path, made: Counter[str], by_signal: bool
 ) -> None:
     config, clock, stop = configuration(tmp_path), SteppedClock(), asyncio.Event()
-    service = Service(config, clock, KeptEvents(), Past(Controller(config.input_names, config.talc)))
+    service = Service(config, clock, KeptEvents(), EarlierRun(Controller(config.input_names, config.talc)))
     reloading = Reloading(tmp_path / "gateway.toml")
     tasks = [asyncio.create_task(service.run(stop)), asyncio.create_task(reloading.run(service))]
     try:

@@ -12,7 +12,7 @@ import pytest
 
 from drivers.nc import OperatingMode
 from gateway.config.extended import validate
-from gateway.control.restart.earlier import Past
+from gateway.control.restart.earlier import EarlierRun
 from gateway.model.probing import End
 from gateway.model.standing import Standing
 from gateway.runtime.clocks import RealClock
@@ -23,7 +23,7 @@ from talc.frame import Why
 from tests.benches.kept_events import KeptEvents
 from tests.benches.linuxcnc_bench import ANSWER_S, running, until
 
-pytestmark = [pytest.mark.peer, pytest.mark.slow]
+pytestmark = [pytest.mark.peer, pytest.mark.slow, pytest.mark.waits(60)]
 
 
 async def test_an_idle_machine_is_probed_once_allowed_and_a_loose_sphere_is_rejected(tmp_path: Path) -> None:
@@ -50,7 +50,7 @@ async def test_an_idle_machine_is_probed_once_allowed_and_a_loose_sphere_is_reje
         )
         told, stop = KeptEvents(), asyncio.Event()
         controller, paths = Controller(config.input_names, config.talc), frozenset({bench.nc.path_mark})
-        service = Service(config, RealClock(), told, Past(controller, proven=True, paths=paths))
+        service = Service(config, RealClock(), told, EarlierRun(controller, proven=True, paths=paths))
         at_work = asyncio.create_task(service.run(stop))
 
         async def said(*standings: Standing) -> bool:

@@ -92,7 +92,7 @@ def test_what_loads_explain_is_a_least_squares_regression() -> None:
     np.testing.assert_allclose(heat.weights, expected, atol=1e-9)
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(3))
 def test_a_bearing_that_runs_hot_is_found_only_with_the_load(seed: int) -> None:
     """Its neighbours hardly feel it, and its own temperature has often been as high: under higher loads."""
     speed, friction = work(seed, 9), np.ones(9 * DAY)
@@ -107,7 +107,7 @@ def test_a_bearing_that_runs_hot_is_found_only_with_the_load(seed: int) -> None:
     assert found.smallest_offset_K["bearing"] < 0.4 * judged(alone, x).smallest_offset_K["bearing"]
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(3))
 def test_heat_of_a_higher_load_than_ever_accuses_no_sensor(seed: int) -> None:
     """Its neighbours cannot know that the bearing's heat comes from its speed."""
     speed = work(seed, 9)
@@ -117,7 +117,7 @@ def test_heat_of_a_higher_load_than_ever_accuses_no_sensor(seed: int) -> None:
     assert judged(learnt(x[: 8 * DAY], ["spindle_speed"]), x).findings == ()
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(3))
 def test_a_healthy_machine_is_not_accused_because_of_its_loads(seed: int) -> None:
     x = bodies(work(seed, 14), seed)
     model = learnt(x[: 8 * DAY], ["spindle_speed"])

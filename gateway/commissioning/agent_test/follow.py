@@ -22,7 +22,8 @@ from gateway.commissioning.agent_test.offsets import (
 from talc import kinematics
 
 FOLLOW = Clauses()
-_ERRORS, _SLOPES = (frozenset({c}) for c in (Capability.ERRORS, Capability.SLOPES))
+_ERRORS = frozenset({Capability.ERRORS})
+_SLOPES = frozenset({Capability.SLOPES})
 _WARM = (1.0, -0.8, 0.6, 0.5, -0.4, 0.7, 3.0, -4.0, 5.0)
 """Nine errors, µm and µm/m, that differ."""
 

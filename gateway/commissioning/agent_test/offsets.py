@@ -21,7 +21,9 @@ from gateway.commissioning.agent_test.connection import (
 from gateway.commissioning.agent_test.login import OFFSET_CAPABILITIES
 
 OFFSET = Clauses()
-OWNER, _OTHER, _THIRD = (1 + secrets.randbelow(LARGEST_NUMBER) for _ in range(3))
+OWNER = 1 + secrets.randbelow(LARGEST_NUMBER)
+_OTHER = 1 + secrets.randbelow(LARGEST_NUMBER)
+_THIRD = 1 + secrets.randbelow(LARGEST_NUMBER)
 SAME_UM = 0.05
 POLL_S = 0.02
 _LONG_S = 60.0

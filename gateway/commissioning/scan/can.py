@@ -31,6 +31,14 @@ class CanScan:
     """Also send at bit rates at which nothing was heard, if several are to be tried."""
 
     @property
+    def intro(self) -> str:
+        """What is done, for people."""
+        by_system = self.settings.interface == "socketcan"
+        rate = "bit rate set by the system" if by_system else f"bit rates {', '.join(map(str, self.bitrates))}"
+        place = f"{self.settings.interface} {self.settings.channel}"
+        return f"{place}: listening, then asking {len(self.nodes)} nodes ({rate})"
+
+    @property
     def asking_s(self) -> float:
         """The longest duration for one bit rate."""
         slowest = min(self.bitrates)

@@ -56,6 +56,15 @@ class SerialScan:
         return sum(len(attempt.units) for attempt in self.tries)
 
     @property
+    def intro(self) -> str:
+        """What is asked, for people."""
+        framings: dict[str, list[str]] = {}
+        for attempt in self.tries:
+            framings.setdefault(attempt.protocol, []).append(attempt.framing)
+        listed = "; ".join(f"{protocol} at {', '.join(at)}" for protocol, at in framings.items())
+        return f"{self.requests} requests ({listed})"
+
+    @property
     def longest_s(self) -> float:
         """The longest duration if no unit answers; each one that does takes slightly longer."""
         return sum(len(t.units) * (t.settings.timeout_s + 0.003 + 40 / t.settings.baud) for t in self.tries)

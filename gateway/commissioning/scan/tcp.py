@@ -15,7 +15,7 @@ from drivers.modbus.rtu import ModbusRtuTcpBus
 from drivers.modbus.settings import ModbusRtuTcpSettings, ModbusTcpSettings
 from drivers.problems import read_settings
 from drivers.recognition import Recognition, recognise_me_ethernet, recognise_modbus
-from drivers.section import host_name
+from drivers.section import host_and_port, host_name
 from gateway.commissioning.scan.alike import UNUSUAL_UNITS, told_apart
 from gateway.commissioning.scan.found import Found, Place, ScanProgress, ScanReport, open_bus, read_inputs
 from gateway.commissioning.scan.serial import ANY_REGISTER
@@ -56,6 +56,12 @@ class TcpScan:
     @property
     def requests(self) -> int:
         return len(self.hosts) * (len(self.units) + 2)
+
+    @property
+    def intro(self) -> str:
+        """What is asked, for people."""
+        listed = ", ".join(host if port is None else host_and_port(host, port) for host, port in self.hosts)
+        return f"{listed}: {self.requests} requests"
 
     @property
     def longest_s(self) -> float:

@@ -34,7 +34,7 @@ _SAVE_EVERY_STEPS = 20_000
 
 
 @dataclass(frozen=True, slots=True)
-class Past:
+class EarlierRun:
     """What an earlier run left in the store."""
 
     controller: Controller
@@ -83,9 +83,9 @@ def _settings_alike(one: TalcSettings, other: TalcSettings) -> bool:
     return one.method == other.method and used(one) == used(other)
 
 
-def past_in(
+def earlier_run(
     store: Store, config: GatewayConfig, progress: RebuildProgress = go_on, save_every: int = _SAVE_EVERY_STEPS
-) -> Past:
+) -> EarlierRun:
     """`past_of` what a store holds. A damaged one is set aside first, and what can be read of it counts.
 
     A rebuild of years takes minutes: every `save_every` steps it stores a snapshot, from which the next start
@@ -121,7 +121,7 @@ def past_in(
         return past_of(history, config, each)
 
 
-def past_of(history: History, config: GatewayConfig, progress: RebuildProgress = go_on) -> Past:
+def past_of(history: History, config: GatewayConfig, progress: RebuildProgress = go_on) -> EarlierRun:
     """The controller as an earlier run left it, from its last snapshot and the steps after it.
 
     Without a snapshot of these settings and this program, it is rebuilt from the whole record with the stored models.
@@ -131,7 +131,7 @@ def past_of(history: History, config: GatewayConfig, progress: RebuildProgress =
     Raises StoreError when the record was made with another grid step.
     """
     if history.config() is None:
-        return Past(
+        return EarlierRun(
             start_of(config, history.learnt()),
             moment=history.moment(),
             reference_mm=_reference_mm(history),
@@ -152,7 +152,7 @@ def past_of(history: History, config: GatewayConfig, progress: RebuildProgress =
     if not found.from_snapshot:  # all that is stored is read once, so that what is damaged is found
         history.measurements()
         history.events()
-    return Past(
+    return EarlierRun(
         found.controller,
         last_k=found.last_k,
         moment=history.moment(),

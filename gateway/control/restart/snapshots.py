@@ -1,7 +1,7 @@
 """Takes snapshots of the running controller, so that a restart need not repeat the whole record."""
 
 from gateway.config.model import GatewayConfig
-from gateway.control.restart.earlier import Past
+from gateway.control.restart.earlier import EarlierRun
 from gateway.control.restart.rebuild import Rebuilt, marks
 from gateway.model.events import DecisionMade, FrameMade, GatewayEvent
 from gateway.storage.store import Store
@@ -22,7 +22,7 @@ class SnapshotKeeper:
     every_steps: between two snapshots
     """
 
-    def __init__(self, past: Past, store: Store, config: GatewayConfig, every_steps: int = EVERY_STEPS) -> None:
+    def __init__(self, past: EarlierRun, store: Store, config: GatewayConfig, every_steps: int = EVERY_STEPS) -> None:
         missing, measured = dict(past.missing), list(past.measured)
         self._known = Rebuilt(past.controller, missing=missing, measured=measured, steps=past.since_snapshot)
         self._store, self._marks, self._every = store, marks(config), every_steps

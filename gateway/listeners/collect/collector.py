@@ -27,9 +27,10 @@ log = logging.getLogger(__name__)
 
 _LIMIT = 10_000
 """Rows of a table in one answer."""
-_AT_ONCE, _WRITTEN_AT_ONCE = 16, 2
-"""Machines that are asked at the same time, as one that does not answer holds up the others; and answers that are
-written at the same time, as that takes memory."""
+_AT_ONCE = 16
+"""Machines that are asked at the same time, as one that does not answer holds up the others."""
+_WRITTEN_AT_ONCE = 2
+"""Answers that are written at the same time, as that takes memory."""
 _APART_S = 1.0
 """Between two turns in which machines are asked that have nothing more. All at once they would keep processors, disks
 and the network busy for seconds, and live messages would wait."""

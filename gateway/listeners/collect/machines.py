@@ -25,10 +25,8 @@ RUN_FIELDS = ("kind", "step_s", "inputs", "talc", "epoch", "row")
 _TIME_OFF_US = 1000
 """Largest difference between the time of a step and the time of its grid index: both are rounded."""
 _STEPS: columns.CellKinds = columns.steps(())
-_ERRORS, _SIGMA = (
-    [name for name in _STEPS if name.startswith(begin) and name.removeprefix(begin).startswith(THERMAL_ERRORS)]
-    for begin in ("measured_", "measured_sigma_")
-)
+_ERRORS = [name for name in _STEPS if name.startswith(tuple(f"measured_{error}" for error in THERMAL_ERRORS))]
+_SIGMA = [name for name in _STEPS if name.startswith(tuple(f"measured_sigma_{error}" for error in THERMAL_ERRORS))]
 
 
 @dataclass(frozen=True, slots=True)

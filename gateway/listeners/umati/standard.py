@@ -13,7 +13,7 @@ from asyncua import ua
 from asyncua.server.address_space import AddressSpace, NodeData, NodeManagementService
 from asyncua.server.internal_server import InternalServer
 
-from gateway.runtime.workers.process import WorkError, apart
+from gateway.runtime.workers.process import WorkError, in_process
 
 log = logging.getLogger(__name__)
 
@@ -144,7 +144,7 @@ class LightServer(InternalServer):
     async def load_standard_address_space(self, shelf_file: Path | None = None) -> None:
         """As in the library, in a process beside."""
         try:
-            packs = await apart(pack_standard)
+            packs = await in_process(pack_standard)
         except WorkError as error:
             log.warning("the nodes of the standard take 52 MB more, as they could not be packed: %s", error)
             await super().load_standard_address_space(shelf_file)

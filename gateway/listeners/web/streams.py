@@ -21,9 +21,10 @@ from gateway.telemetry.subscriber.machine import MachineSeen
 from gateway.telemetry.subscriber.site import SiteSeen
 
 _ENCODER = msgspec.json.Encoder(enc_hook=json_text)
-_FASTEST_S, _SLOWEST_S = 0.25, 2.0
-"""Between two rounds: while messages come, and while none comes. A browser that hears nothing for longer than some
-rounds says so."""
+_FASTEST_S = 0.25
+"""Between two rounds while messages come."""
+_SLOWEST_S = 2.0
+"""Between two while none comes. A browser that hears nothing for longer than some rounds says so."""
 MOST_BROWSERS: Final = 64
 _LIST_S = 1.0
 """Between two rounds of a list: it is judged as a whole, and a site has many machines."""

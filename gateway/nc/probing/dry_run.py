@@ -64,10 +64,10 @@ def _wrong(run: DryRun) -> Sequence[str]:
         where = "is the sphere where [probing] says, and does the control's program have these poses?"
         if pose.aside_mm > _BESIDE_MM:
             found.append(f"pose {number}: {pose.aside_mm:.1f} mm beside the sphere that [probing] gives: {where}")
-        if pose.above_mm < run.height_mm - _ROUNDED_MM:
+        if not abs(pose.above_mm - run.height_mm) <= _ROUNDED_MM:
             found.append(
-                f"pose {number}: {pose.above_mm:.1f} mm above the sphere's centre, not at least {run.height_mm:g}: "
-                f"{where}"
+                f"pose {number}: {pose.above_mm:.1f} mm above the sphere's centre, not {run.height_mm:g}: {where} Was "
+                "origin_mm found with the probe in the spindle?"
             )
     return found
 

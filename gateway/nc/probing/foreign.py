@@ -40,7 +40,10 @@ class CyclePath:
         for axis, (low, high) in self._within.items():
             if not low <= snapshot.positions[axis] <= high:
                 unit = "°" if axis == "A" else " mm"
-                return f"{axis} was at {snapshot.positions[axis]:.1f}{unit}, where no pose of the cycle leads"
+                return (
+                    f"{axis} was at {snapshot.positions[axis]:.1f}{unit}, where no pose of the cycle leads: if every "
+                    "cycle ends so, look at [nc] origin_mm and at the sphere in [probing]"
+                )
         return ""
 
 
@@ -54,32 +57,43 @@ class CycleWatch:
         self._path = path
         self._running = self._seen = False
         self._first: NcSnapshot | None = None
-        self._stood = False
+        self._stood = self._said = False
+        self._doubt = ""
+        """Where a snapshot showed axes or tool: it counts once the cycle is known to have run on after it."""
         self.found = ""
         """What happened in the present or the latest cycle that it did not command; empty: nothing."""
 
     def begin(self) -> None:
         """A cycle is requested."""
-        self._running, self._seen, self._stood, self._first, self.found = False, False, False, None, ""
+        self._running = self._seen = self._stood = self._said = False
+        self._first, self._doubt, self.found = None, "", ""
 
     def told(self, state: ProbingState) -> None:
         """The state of the cycle, as the control tells it."""
         self._running = state is ProbingState.RUNNING
+        if self._running:
+            self.found = self.found or self._doubt
+        self._doubt = ""
 
     def look(self, snapshot: NcSnapshot) -> bool:
-        """Whether this snapshot shows the first thing that the cycle did not command."""
-        if not self._running or self.found or snapshot.probing is False or snapshot.quality is not Quality.GOOD:
-            return False
+        """Whether this is the first look at which something is known that the cycle did not command."""
+        if self._running and not self.found and snapshot.probing is not False and snapshot.quality is Quality.GOOD:
+            self._judge(snapshot)
+        said, self._said = self._said, bool(self.found)
+        return self._said and not said
+
+    def _judge(self, snapshot: NcSnapshot) -> None:
         if not self._seen:  # it may have been read before the cycle was running
             self._seen = True
-            return False
+            return
         first = self._first = self._first or snapshot
         # In one snapshot alone, some controls tell so between two blocks of a cycle.
         stood, self._stood = self._stood, snapshot.program in _STANDS and first.program in _RUNS
-        self.found = _changed(first, snapshot) or ("" if self._path is None else self._path.beyond(snapshot))
+        self.found = _changed(first, snapshot)
         if not self.found and stood and self._stood:
             self.found = f"the program was {snapshot.program.value}"
-        return bool(self.found)
+        # The cycle may have ended since its state was read, and the probe be on its way to the magazine.
+        self._doubt = self._doubt or _elsewhere(first, snapshot, self._path)
 
 
 def _changed(first: NcSnapshot, now: NcSnapshot) -> str:
@@ -90,6 +104,10 @@ def _changed(first: NcSnapshot, now: NcSnapshot) -> str:
         return f"alarm {', '.join(map(str, new))}"
     if now.mode is not first.mode and unknown not in (now.mode, first.mode):
         return f"the mode changed from {first.mode.value.upper()} to {now.mode.value.upper()}"
+    return ""
+
+
+def _elsewhere(first: NcSnapshot, now: NcSnapshot, path: CyclePath | None) -> str:
     if None not in (now.tool, first.tool) and now.tool != first.tool:
         return f"tool {now.tool} took the place of tool {first.tool}"
-    return ""
+    return "" if path is None else path.beyond(now)

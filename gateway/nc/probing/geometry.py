@@ -1,11 +1,12 @@
 """What a dry run has shown to be free: a control, the poses of its cycle and the sphere. Pure."""
 
 import json
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from hashlib import sha256
 from math import cos, radians, sin
 
 from drivers.nc import Triple
+from gateway.config.controls import SinumerikNc
 from gateway.config.model import GatewayConfig
 from gateway.config.sections import Probing
 from gateway.model.codes import NoticeCode
@@ -21,6 +22,10 @@ class Geometry:
     poses_deg: tuple[tuple[float, float], ...]
     radius_mm: float
     height_mm: float
+    channel: int = 1
+    """In which the control's program runs."""
+    origin_mm: Triple = (0.0, 0.0, 0.0)
+    """Where the control's own positions are at that of the tip; see [nc] origin_mm."""
 
     @property
     def mark(self) -> str:
@@ -45,8 +50,10 @@ def geometry_of(config: GatewayConfig) -> Geometry | None:
     if nc is None:
         return None
     poses = tuple((float(a), float(c)) for a, c in probing.poses_deg)
-    control = f"{nc.kind} at {nc.address}"
-    return Geometry(control, poses, float(probing.sphere_radius_mm), float(probing.sphere_height_mm))
+    found = Geometry(
+        f"{nc.kind} at {nc.address}", poses, float(probing.sphere_radius_mm), float(probing.sphere_height_mm)
+    )
+    return replace(found, channel=nc.channel, origin_mm=nc.origin_mm) if isinstance(nc, SinumerikNc) else found
 
 
 def recorded(geometry: Geometry, what: str, path: str = "") -> Text:

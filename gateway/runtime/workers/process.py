@@ -21,7 +21,9 @@ class WorkError(Exception):
     """The process ended without an answer; the message says how."""
 
 
-async def apart(work: Callable[Arguments, Returned], *given: Arguments.args, **named: Arguments.kwargs) -> Returned:
+async def in_process(
+    work: Callable[Arguments, Returned], *given: Arguments.args, **named: Arguments.kwargs
+) -> Returned:
     """What `work`, a module's function, gives for these arguments. Cancelling ends the process.
 
     Raises WorkError: no process could be started, or the work raised, was killed, or took longer than an hour.

@@ -33,8 +33,12 @@ from talc.names import THERMAL_ERRORS
 
 KEPT = timedelta(hours=8)
 """How much of the past the charts show."""
-_MOST_DECISIONS, _MOST_MEASUREMENTS, _MOST_EVENTS, _MOST_KEYS, _MOST_EXPLAINED = 2000, 200, 200, 1000, 40
-"""Bounds of what anybody who may publish can make this process keep."""
+# Bounds of what anybody who may publish can make this process keep.
+_MOST_DECISIONS = 2000
+_MOST_MEASUREMENTS = 200
+_MOST_EVENTS = 200
+_MOST_KEYS = 1000
+_MOST_EXPLAINED = 40
 
 
 OLD_S = 900.0

@@ -13,7 +13,7 @@ from drivers.nc import OperatingMode, ProbingState
 from drivers.sinumerik.control import Sinumerik
 from drivers.sinumerik.settings import Handshake, SinumerikSettings
 from simulators.nc import User
-from simulators.nc.nck import JOG, R_DRY_RUN, R_REQUEST, R_SPREAD, R_VERSION
+from simulators.nc.nck import JOG, R_DRY_RUN, R_REQUEST, R_SPREAD, R_VERSION, R_WITHDRAW
 from simulators.nc.variables import ALARMS_SHOWN, DRIVES_ON, AccessRight
 from tests.benches.emulated_bench import POSES, OpcUaBench, expected_deviation_um, sinumerik_bench, wired
 from tests.benches.manual_clock import ManualClock
@@ -123,17 +123,65 @@ async def test_refused_when_an_alarm_is_active(bench: OpcUaBench) -> None:
     assert (await bench.cycle(2)).state is ProbingState.DONE
 
 
-@pytest.mark.parametrize("version", [1.0, 7.0])  # 7: of a part program, beside an older program that shows none
-async def test_another_program_gets_no_dry_run_and_its_parameter_stays_with_others(
+@pytest.mark.parametrize("stale", [0.0, 1.0, 2.0, 2.3, 3.0, 7.0, math.nan, math.inf])
+async def test_an_older_program_gets_no_dry_run_whatever_stands_in_the_parameter_of_the_version(
+    stale: float, bench: OpcUaBench
+) -> None:
+    """It would touch: R89 outlasts power off and an exchange of the programs, or is a part program's."""
+    nck = bench.control.nck
+    nck.version, nck.r[R_VERSION] = 0, stale
+    if stale != 2.0:
+        with pytest.raises(Refused, match="R89"):
+            await bench.nc.request_probing(1, 50.0)
+    else:  # it has to show it again
+        await bench.nc.request_probing(1, 50.0)
+        for _ in range(5):
+            bench.clock.move_to(bench.clock.now + 200.0)
+            assert (await bench.nc.probing_status(1)).state is ProbingState.REQUESTED
+        await bench.nc.withdraw_probing(1)
+        assert (await bench.nc.probing_status(1)).state is ProbingState.IDLE
+    assert (nck.r[R_REQUEST], nck.r[R_WITHDRAW], nck.r[R_DRY_RUN], len(bench.plant.asked_at_s)) == (0.0, 0.0, 0.0, 0)
+    assert (await bench.cycle(2)).state is ProbingState.DONE, "it measures without delay"
+
+
+@pytest.mark.parametrize("version", [2.3, 3.0, 7.0, math.nan])
+async def test_a_program_that_shows_another_version_while_a_dry_run_waits_gets_none(
     version: float, bench: OpcUaBench
 ) -> None:
     nck = bench.control.nck
-    nck.r[R_VERSION], nck.r[R_DRY_RUN] = version, 7.5
+    nck.version = 0
+    await bench.nc.request_probing(1, 50.0)
+    nck.r[R_VERSION] = version
     with pytest.raises(Refused, match="R89"):
-        await bench.nc.request_probing(1, 50.0)
-    assert (nck.r[R_REQUEST], nck.r[R_DRY_RUN]) == (0.0, 7.5)
-    assert (await bench.cycle(2)).state is ProbingState.DONE
-    assert nck.r[R_DRY_RUN] == 7.5
+        await bench.nc.probing_status(1)
+    await bench.nc.withdraw_probing(1)
+    assert (nck.r[R_REQUEST], nck.r[R_WITHDRAW]) == (0.0, 0.0), "the control knows of nothing"
+
+
+async def test_a_dry_run_is_asked_for_once_a_call_has_shown_the_version_and_only_then(bench: OpcUaBench) -> None:
+    nck = bench.control.nck
+    bench.clock.move_to(50.0)  # safe points at 80, 120, ...
+    await bench.nc.request_probing(1, 50.0)
+    assert (await bench.nc.probing_status(1)).state is ProbingState.REQUESTED
+    assert (nck.r[R_VERSION], nck.r[R_REQUEST]) == (0.0, 0.0)
+    bench.clock.move_to(81.0)
+    assert (await bench.nc.probing_status(1)).state is ProbingState.REQUESTED
+    assert (nck.r[R_VERSION], nck.r[R_DRY_RUN], nck.r[R_REQUEST]) == (0.0, 50.0, 1.0)
+    bench.clock.move_to(121.0)
+    assert (await bench.nc.probing_status(1)).state is ProbingState.ACCEPTED
+    bench.clock.move_to(330.0)
+    assert (await bench.nc.probing_status(1)).state is ProbingState.DONE
+    nck.version, nck.r[R_VERSION] = 0, 0.0
+    with pytest.raises(Refused, match="R89"):
+        await bench.nc.probing_status(1)  # it was another program that ran
+
+
+async def test_at_power_on_the_version_is_not_known_until_the_next_safe_point(bench: OpcUaBench) -> None:
+    nck = bench.control.nck
+    nck.power_on(50.0)
+    assert nck.r[R_VERSION] == 0.0
+    nck.advance(81.0)
+    assert nck.r[R_VERSION] == 2.0
 
 
 async def test_a_height_that_another_program_changes_makes_no_measurement_and_no_dry_run(
@@ -157,7 +205,8 @@ async def test_a_height_that_another_program_changes_makes_no_measurement_and_no
 async def test_refused_when_the_probe_is_missing(bench: OpcUaBench) -> None:
     bench.control.nck.set_probe_available(False, bench.clock.now)
     status = await bench.cycle(1)
-    assert (status.state, status.reason) == (ProbingState.REFUSED, "the touch probe is missing or does not answer")
+    assert status.state is ProbingState.REFUSED
+    assert status.reason == "another tool than the touch probe is in the spindle"
 
 
 async def test_refused_when_the_operator_has_taken_over_while_it_waited(bench: OpcUaBench) -> None:

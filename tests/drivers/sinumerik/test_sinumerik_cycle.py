@@ -6,9 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.sinumerik.control import PROBING_REASONS
-from drivers.sinumerik.programs import ErrorTerms, errors_program
-from drivers.sinumerik.settings import Handshake, OffsetRoute, SinumerikSettings
+from drivers.sinumerik.handshake import PROBING_REASONS
+from drivers.sinumerik.settings import Handshake
 from tests.benches import nc_starts
 from tests.benches.nc_cases import CASES, jogged_at, jogged_within, reset_at, stuck_at
 from tests.benches.nc_deleted import missed_by, statements
@@ -28,13 +27,9 @@ from tests.benches.probing_programs import (
     started_at,
     unsafe,
 )
+from tests.benches.watchdog_programs import WATCHDOG_CASES, Control, run_at_power_on, watchdog_texts
 
 HAND = Handshake()
-TRAVEL = ((-200.0, 200.0), (-200.0, 200.0), (0.0, 300.0))
-ERRORS = errors_program(
-    SinumerikSettings(security="none", url="opc.tcp://nc", compensation=OffsetRoute(route="errors", travel_mm=TRAVEL)),
-    ErrorTerms(1.0, 120.0, (60.0, 60.0, 60.0)),
-)
 
 
 @pytest.mark.parametrize("case", CASES)
@@ -63,18 +58,19 @@ def test_no_state_comes_without_its_number_and_the_offsets_are_let_go_where_they
     written = reported(cell)
     assert written[:6] == answer
     results = range(HAND.results, HAND.results + 3 * len(POSES))
-    assert [number for number, _ in written[6:]] == [*results, HAND.spread, HAND.result_of, HAND.state]
-    assert written[-2:] == [(HAND.result_of, 7), (HAND.state, 3)]
-    places = {value: at for number, value, at, _ in cell.channel.written if number == HAND.state}
+    assert [number for number, _ in written[6 : 6 + len(results) + 1]] == [*results, HAND.spread]
+    assert written[-4:] == [(HAND.state, 1), (HAND.reason, 0), (HAND.result_of, 7), (HAND.state, 3)]
+    _, accepted, frozen, let_go, done = (at for number, _, at, _ in cell.channel.written if number == HAND.state)
     over = IDEAL.taught(*NOMINAL.poses_deg[0])[:2]
-    assert [places[2][axis] for axis in "XYZ"] == pytest.approx([*over, SAFE_Z])
-    assert places[1] != places[2]
-    assert [places[3][axis] for axis in "XYZA"] == [places[2][axis] for axis in "XYZA"]
-    assert (places[3]["C"] - places[2]["C"]) % 360.0 == pytest.approx(0.0)
+    assert [frozen[axis] for axis in "XYZ"] == pytest.approx([*over, SAFE_Z])
+    assert accepted != frozen
+    assert [let_go[axis] for axis in "XYZA"] == [frozen[axis] for axis in "XYZA"]
+    assert (let_go["C"] - frozen["C"]) % 360.0 == pytest.approx(0.0)
+    assert (let_go["T"], done["T"]) == (99.0, 3.0), "the last state comes with the tool of the part program"
 
 
 def test_every_reason_that_a_program_gives_has_a_text() -> None:
-    given = {1, 2, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15}
+    given = {1, 2, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16}
     assert given <= {code for code, text in PROBING_REASONS.items() if text}
     assert len(set(PROBING_REASONS.values())) == len(PROBING_REASONS)
 
@@ -86,6 +82,10 @@ def test_a_statement_that_is_deleted_is_missed() -> None:
     assert len(found) == 4
     for deleted in found:
         assert missed_by(deleted, texts, ["from a usual machine"]) is not None, deleted
+    texts = watchdog_texts()
+    for deleted in list(statements(texts))[::7]:
+        cases = WATCHDOG_CASES[deleted.program]
+        assert missed_by(deleted, texts, list(cases), cases) is not None, deleted
 
 
 @pytest.mark.slow(minutes=1)
@@ -100,31 +100,26 @@ def test_at_any_move_a_reset_a_hand_and_a_stuck_probe_make_the_cycle_void(at: in
     assert jogged_within(texts, next(n for n in range(at, at + 9) if usual.moves[n].met)) == []
 
 
-@pytest.mark.parametrize("program", ["TALC_START", "TALC_SLOPES", "TALC_ERRORS"])
-def test_the_watchdog_s_programs_run_from_any_state_and_leave_it(program: str) -> None:
-    """Their actions: tests/simulators/nc/test_synchronised_actions.py."""
-    text = ERRORS if program == "TALC_ERRORS" else (FOLDER / f"{program}.SPF").read_text()
-    for state in islice(nc_starts.states(200), 0, None, 3):
-        cell = nc_starts.made(state, {**program_texts(), program: text})
-        run, before = nc_starts.watched(cell), cell.state()
-        if nc_starts.silent(state) or (state["start lock"] and state["not referenced"]):
-            continue  # these programs are called at power on and by hand
-        cell.channel.start(program)
-        assert (cell.state(), cell.moves) == (before, []), state
-        assert len(run.actions.numbers) == text.count("\nIDS=")
+@pytest.mark.parametrize("program", WATCHDOG_CASES)
+def test_the_watchdog_s_programs_start_from_any_state_leave_it_and_watch(program: str) -> None:
+    """From 620 of them: python -m tests.benches.watchdog_programs."""
+    texts = watchdog_texts()
+    for state in islice(nc_starts.states(200), 0, None, 11):
+        assert run_at_power_on(state, program, texts)[1] == [], state
+    for case in WATCHDOG_CASES[program].values():
+        assert case(texts) == []
 
 
-@pytest.mark.parametrize("program", ["TALC_START", "TALC_ERRORS"])
-def test_a_request_from_before_power_off_is_withdrawn(program: str) -> None:
-    text = ERRORS if program == "TALC_ERRORS" else (FOLDER / f"{program}.SPF").read_text()
-    cell = Cell(texts={**program_texts(), program: text})
-    nc_starts.watched(cell)
-    cell.channel.start(program)
+@pytest.mark.parametrize("program", ["START", "ERRORS"])
+def test_after_power_off_the_next_request_runs(program: str) -> None:
+    control = Control(nc_starts.USUAL, watchdog_texts())
+    control.call(f"TALC_{program}")
+    cell = control.cell
     cell.safe_point()
-    assert (cell.moves, cell.r[64:67]) == ([], [7.0, 4.0, 4.0])
+    assert (cell.moves, cell.r[64:67]) == ([], [7.0, 4.0, 4.0]), "what was asked before is withdrawn"
     cell.r[60] = 8.0
     cell.safe_point()
-    assert cell.r[65] == 3.0, "the next one runs"
+    assert (cell.r[65], cell.r[89]) == (3.0, 2.0)
 
 
 def test_the_judge_s_geometry_is_the_machine_s() -> None:

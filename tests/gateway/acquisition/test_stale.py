@@ -10,7 +10,7 @@ from drivers.base import Quality, Reading
 from gateway.acquisition.acquisition import Acquisition
 from gateway.acquisition.board import Board
 from gateway.config.file import parse
-from gateway.control.restart.earlier import Past
+from gateway.control.restart.earlier import EarlierRun
 from gateway.model.events import GatewayEvent, ReadingsTaken
 from gateway.model.sample import Sample
 from gateway.runtime.clocks import RealClock
@@ -115,7 +115,7 @@ async def test_the_service_reports_a_stale_value_while_the_read_hangs() -> None:
     config = parse(TEXT.format(port=await host.start(), period_s=PERIOD_S), FILE)
     clock, stop = RealClock(), asyncio.Event()
     heard = TimedSink(clock)
-    service = Service(config, clock, heard, Past(Controller(config.input_names, config.talc)))
+    service = Service(config, clock, heard, EarlierRun(Controller(config.input_names, config.talc)))
     running = asyncio.create_task(service.run(stop))
 
     async def until(quality: Quality, after: int) -> int:

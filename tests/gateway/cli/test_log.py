@@ -7,7 +7,7 @@ from pathlib import Path
 
 PROGRAM = """
 import logging
-from gateway.cli.log import log_to_stderr
+from gateway.runtime.log import log_to_stderr
 log_to_stderr(logging.INFO)
 log = logging.getLogger("gateway.nc")
 log.info("started")

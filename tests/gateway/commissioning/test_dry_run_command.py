@@ -74,7 +74,7 @@ def test_it_is_asked_for_until_it_has_gone_well_with_this_geometry(tmp_path: Pat
             assert ASKS not in here(command, str(file)).out
         assert not any(ASKS in found.what for found in health_findings(load(file), tmp_path, synchronised=True))
 
-        control.nck.r[R_VERSION] = 1.0
+        control.nck.version, control.nck.r[R_VERSION] = 0, 1.0
         older = here("nc", "dry-run", str(file))
         assert older.code == 3
         assert "not offered" in older.together

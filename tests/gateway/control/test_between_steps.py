@@ -18,7 +18,7 @@ from gateway.control.measuring import Measuring
 from gateway.control.trainer import Trainings
 from gateway.nc.probing.schedule import schedule_of
 from talc.control import Controller
-from talc.frame import FloatArray, Frame, Measurement
+from talc.frame import Decision, FloatArray, Frame, Measurement
 from talc.settings import TalcSettings
 from tests.benches.kept_events import KeptEvents
 from tests.benches.nc_link_bench import LinkBench
@@ -55,11 +55,15 @@ class Between:
             self.told,
             Measuring(bench.link, plan, Probing(), self.clock, self.told),
             Trainings(self.controller, self.clock, self.told),
-            renew=self._renew,
+            link=self,
         )
         self._next_s = 0.0
 
-    def _renew(self, corrected: FloatArray) -> None:
+    def follow(self, decision: Decision) -> None:
+        """The bench only hears what is renewed between two decisions."""
+
+    def renew(self, corrected: FloatArray) -> None:
+        """A new correction."""
         assert self.clock.holds == 1, "simulated time stands still meanwhile"
         self.renewed.append((self.clock.monotonic(), float(corrected[0])))
 

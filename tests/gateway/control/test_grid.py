@@ -102,6 +102,7 @@ def test_a_frame_less_than_a_step_after_the_last_one_has_its_own_readings_only()
     assert sampler.frame(Instant(2, 400.0)).inputs.tolist() == [21.0]
 
 
+@pytest.mark.slow
 def test_looking_at_the_present_for_weeks_takes_no_more_memory() -> None:
     sampler, held = GridSampler(("a",), 300.0), []
     tracemalloc.start()

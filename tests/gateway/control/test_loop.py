@@ -55,9 +55,9 @@ async def running(
         Measuring(bench.link, plan, probing, clock, told, pending),
         Trainings(controller, clock, told),
     )
-    followers = [lambda _, decision: bench.link.follow(decision), Explanations(controller, STEP_S, clock, told).follow]
+    followers = [Explanations(controller, STEP_S, clock, told).follow]
     grid = GridSampler(("a",), STEP_S), Schedule(STEP_S)
-    loop = GridLoop(controller, *grid, clock, told, measuring, trainings, followers=followers)
+    loop = GridLoop(controller, *grid, clock, told, measuring, trainings, link=bench.link, followers=followers)
     task = asyncio.create_task(loop.run())
     try:
         async with bench.running():
@@ -169,6 +169,7 @@ async def test_the_learner_says_why_after_each_measurement_and_each_hour() -> No
     assert [r.next_k - first for r in given] == [1, 14, 14, 27]
 
 
+@pytest.mark.slow
 async def test_the_learner_says_after_each_step_what_the_next_hours_bring() -> None:
     bench, told = LinkBench("monitor"), KeptEvents()
     bench.control.answer = RequestStatus(0, ProbingState.DONE, NOWHERE)

@@ -53,7 +53,7 @@ async def test_sensors_are_learnt_each_day_and_judged_each_hour_at_ten_minutes()
     running = asyncio.create_task(watching.run())
     first_k = 6000
     for k, row in enumerate(x, first_k):
-        watching.frame(Frame(k, row, KNOWN))
+        watching.follow(Frame(k, row, KNOWN))
         assert await clock.looked() == (k - first_k) // 6 + 1, "each hour"
     running.cancel()
     assert teacher.rows == [145, 145 + 144 - 48], "after a day, from all that was judged"
@@ -69,7 +69,7 @@ async def test_a_day_is_waited_for_where_fewer_rows_are_learnt_from(step_s: floa
     for k in range(a_day):
         await watching.look()
         assert teacher.rows == []
-        watching.frame(Frame(k, np.full(len(NAMES), 20.0), KNOWN))
+        watching.follow(Frame(k, np.full(len(NAMES), 20.0), KNOWN))
     await watching.look()
     assert (teacher.rows, teacher.steps_s) == ([36], [step_s])
 
@@ -94,7 +94,7 @@ async def test_no_row_goes_unjudged_where_a_window_is_shorter_than_an_hour() -> 
     watching = SensorWatch(NAMES, settings, 10.0, is_temperature, lambda _: None, clock, None, SensorTeacher())
     running = asyncio.create_task(watching.run())
     for k in range(400):
-        watching.frame(Frame(k, np.full(len(NAMES), 20.0), KNOWN))
+        watching.follow(Frame(k, np.full(len(NAMES), 20.0), KNOWN))
         assert await clock.looked() == k // 96 + 1
     running.cancel()
 
@@ -105,7 +105,7 @@ async def test_planned_loads_are_learnt_after_two_days_and_then_each_day_at_ten_
     running = asyncio.create_task(loads.run())
     learnt = list[int]()
     for k, row in enumerate(x):
-        loads.frame(Frame(k, row, KNOWN))
+        loads.follow(Frame(k, row, KNOWN))
         if await clock.looked() > len(learnt):
             learnt.append(k + 1)
             assert loads.changes(1)["rest"] is not None

@@ -27,7 +27,7 @@ def day(days: int) -> Array:
 def fed(x: Array, k0: int = 0) -> PlannedLoads:
     found = PlannedLoads(NAMES, 300.0, PLANNED, is_load, SteppedClock())
     for k, row in enumerate(x, k0):
-        found.frame(Frame(k, row, np.ones(len(NAMES), np.bool_)))
+        found.follow(Frame(k, row, np.ones(len(NAMES), np.bool_)))
     return found
 
 
@@ -55,7 +55,7 @@ async def test_it_learns_by_itself_after_two_days_and_then_each_day() -> None:
     foreseen = list[int]()
     for k, row in enumerate(x):
         before = clock.holds
-        loads.frame(Frame(k, row, np.ones(len(NAMES), np.bool_)))
+        loads.follow(Frame(k, row, np.ones(len(NAMES), np.bool_)))
         if k + 1 in (2 * DAY, 3 * DAY):
             await until(lambda: loads.changes(1)["rest"] is not None and not clock.holds)
             foreseen.append(k)
@@ -102,7 +102,7 @@ async def test_a_gap_is_unknown_and_not_rest() -> None:
     x = day(6)
     loads = fed(x[: 5 * DAY])
     for k, row in enumerate(x[5 * DAY + 24 :], 5 * DAY + 24):
-        loads.frame(Frame(k, row, np.ones(len(NAMES), np.bool_)))
+        loads.follow(Frame(k, row, np.ones(len(NAMES), np.bool_)))
     await loads.learn()
     found, whole = loads.changes(96)["roughing"], fed(x)
     await whole.learn()
@@ -114,5 +114,5 @@ async def test_a_gap_is_unknown_and_not_rest() -> None:
 
 async def test_without_planned_loads_it_keeps_nothing() -> None:
     loads = PlannedLoads(NAMES, 300.0, {}, is_load, SteppedClock())
-    loads.frame(Frame(0, day(1)[0], np.ones(len(NAMES), np.bool_)))
+    loads.follow(Frame(0, day(1)[0], np.ones(len(NAMES), np.bool_)))
     assert loads.changes(96) == {}

@@ -73,7 +73,7 @@ def watch(ear: Ear, teacher: SensorTeacher, before: SeenBefore | None = None) ->
 
 async def run(watching: SensorWatch, x: NDArray[np.float64], first_k: int) -> None:
     for k, row in enumerate(x, first_k):
-        watching.frame(Frame(k, row, np.ones(len(INPUTS), np.bool_)))
+        watching.follow(Frame(k, row, np.ones(len(INPUTS), np.bool_)))
         if k % 12 == 0:
             await watching.look()
 
@@ -228,7 +228,7 @@ async def test_runs_by_itself_and_learns_in_another_process() -> None:
             k = K0 + 2 * DAY
             # However long it learns: it then judges the present window, and that of an idle machine shows nothing.
             while not any(judgement.smallest_offset_K for judgement, _ in ear.judgements):
-                watching.frame(Frame(k, x[(k - K0) % len(x)], np.ones(len(INPUTS), np.bool_)))
+                watching.follow(Frame(k, x[(k - K0) % len(x)], np.ones(len(INPUTS), np.bool_)))
                 k += 1
                 await asyncio.sleep(0.05)
     finally:
@@ -264,7 +264,7 @@ async def test_a_bearing_that_runs_hot_is_reported_where_the_speed_is_known() ->
             is_load=is_load,
         )
         for k, row in enumerate(x, K0):
-            watching.frame(Frame(k, row, np.ones(len(row), np.bool_)))
+            watching.follow(Frame(k, row, np.ones(len(row), np.bool_)))
             if k % 12 == 0:
                 await watching.look()
         told[known] = [text for kind, text, _ in ear.events if kind == EventKind.SENSOR_SUSPECT]

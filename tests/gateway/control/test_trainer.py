@@ -46,6 +46,7 @@ async def test_what_the_training_raises_is_reported() -> None:
         await train_apart(broken)
 
 
+@pytest.mark.slow
 async def test_the_old_models_go_on_after_a_crash(caplog: pytest.LogCaptureFixture) -> None:
     """A second training that crashes is an event and a log entry; the first one's models predict as before."""
     caplog.set_level(logging.CRITICAL, logger="gateway.control.trainer")

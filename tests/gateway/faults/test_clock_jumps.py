@@ -27,6 +27,7 @@ WAITING_S = 0.15
 """After this time the receiver on the bus is waiting for the next frame."""
 
 
+@pytest.mark.slow
 async def test_periods_and_ages_stay_and_buses_open_and_close(tmp_path: Path) -> None:
     await all_at_once({name: partial(jumped, name) for name in PLANTS}, tmp_path)
 

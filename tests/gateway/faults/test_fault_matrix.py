@@ -22,11 +22,15 @@ from tests.benches.faults.play import all_at_once, done
 
 pytestmark = pytest.mark.simulated_time
 
+MANY_THREADS = ("multicast", "timer", "sync", "dbc")
+"""Plants whose cases together have dozens of threads, which simulated time has to look after."""
 LEARNING_PERIODS = 5
 """After this many polls a bus knows how long its devices take, and waits no longer for a silent one."""
 
 
-@pytest.mark.parametrize("plant", PLANTS)
+@pytest.mark.parametrize(
+    "plant", [pytest.param(name, marks=[pytest.mark.slow] * (name in MANY_THREADS)) for name in PLANTS]
+)
 async def test_every_fault_of(plant: str, tmp_path: Path) -> None:
     cases = [case for case in MATRIX if case.plant == plant]
     with logged():

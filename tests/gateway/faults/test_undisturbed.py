@@ -40,6 +40,7 @@ async def undisturbed(case: Harmless, folder: Path) -> None:
         keeps_period(heard.of(channel, begun))
 
 
+@pytest.mark.slow
 async def test_frozen_value_is_reported_and_only_that_channel(tmp_path: Path) -> None:
     await all_at_once({plant: partial(frozen, plant) for plant in PLANTS}, tmp_path)
 

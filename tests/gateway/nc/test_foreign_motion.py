@@ -175,7 +175,40 @@ def test_what_makes_a_running_cycle_void(changed: dict[str, object], void: bool)
     watch.told(ProbingState.RUNNING)
     for snapshot in (seen(mode=OperatingMode.JOG), seen(), seen()):  # the first may be from before
         assert not watch.look(snapshot)
-    found = [watch.look(seen(**changed)), watch.look(seen(**changed))]
-    assert any(found) is bool(watch.found) is void
+    found = []
+    for _ in range(2):
+        found.append(watch.look(seen(**changed)))
+        watch.told(ProbingState.RUNNING)
+    found.append(watch.look(seen()))
+    assert sum(found) == bool(watch.found) == void
     watch.begin()
     assert not watch.found
+
+
+@pytest.mark.parametrize("changed", [{"tool": 4}, {"positions": {"X": 5.0, "Y": 0.0, "Z": 0.0, "A": 93.0, "C": 0.0}}])
+def test_a_probe_on_its_way_to_the_magazine_makes_no_cycle_void(changed: dict[str, object]) -> None:
+    """The state is read once in poll_s, and a subscription may report the axes before it."""
+    for ended in (ProbingState.ACCEPTED, ProbingState.DONE):
+        watch = CycleWatch(CyclePath(CYCLE.poses_deg, 120.0, 80.0))
+        watch.begin()
+        watch.told(ProbingState.RUNNING)
+        for snapshot in (seen(), seen(), seen(**changed)):
+            assert not watch.look(snapshot)
+        watch.told(ended)
+        assert not watch.look(seen(**changed))
+        assert not watch.found
+
+
+async def test_a_hand_within_a_move_that_reaches_its_end_all_the_same_makes_the_cycle_void() -> None:
+    """A SINUMERIK ends the cycle as usual: each of its moves ends where it was sent. Its program stood meanwhile."""
+    at = AtWork()
+    running = asyncio.create_task(at.link.run())
+    await at.run(2.0)
+    measuring = asyncio.create_task(at.link.measure(Why.INTERVAL))
+    await at.run(30.0)
+    now = at.clock.monotonic()
+    at.nck.interference = Interference(now, now + 3.0, program_status=STOPPED, moved={"X": 2.0})
+    outcome = await at.ended(measuring)
+    assert (outcome.measurement, outcome.end) == (None, End.REJECTED)
+    assert "the program was stopped" in outcome.reason
+    running.cancel()

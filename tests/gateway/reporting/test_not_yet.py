@@ -13,7 +13,7 @@ from click.testing import CliRunner
 from drivers.base import Quality
 from gateway.cli.main import main
 from gateway.config.model import GatewayConfig
-from gateway.control.restart.earlier import past_in
+from gateway.control.restart.earlier import earlier_run
 from gateway.model.events import DecisionMade, FrameMade, MeasurementEnded, ReadingsTaken
 from gateway.model.probing import End, Outcome
 from gateway.model.sample import Sample
@@ -32,7 +32,7 @@ def page_of(path: Path, config: GatewayConfig, steps: int, refused: bool = False
     """The report of a gateway of which only `bed` has ever been read."""
     with Store(path, "first", SteppedClock()) as store:
         store.begin(config.canonical(), config.fingerprint(), "")
-        controller = past_in(store, config).controller
+        controller = earlier_run(store, config).controller
         store.record(ReadingsTaken([Sample("bed", 20.0, "degC", Quality.GOOD, EPOCH, 0.0, sequence=1)]))
         if refused:
             store.record(

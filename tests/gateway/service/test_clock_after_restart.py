@@ -21,7 +21,7 @@ from gateway.control.grid import GridSampler, Schedule
 from gateway.control.loop import GridLoop
 from gateway.control.measuring import Measuring
 from gateway.control.replay.stored import replay
-from gateway.control.restart.earlier import Past, past_of
+from gateway.control.restart.earlier import EarlierRun, past_of
 from gateway.control.restart.rebuild import controller_of
 from gateway.control.trainer import Trainings
 from gateway.model.events import DecisionMade, FrameMade, ReadingsTaken
@@ -111,7 +111,7 @@ def last_k(config: GatewayConfig) -> int:
     return k
 
 
-def ages_of(past: Past, clock: SteppedClock) -> Ages:
+def ages_of(past: EarlierRun, clock: SteppedClock) -> Ages:
     return Ages(clock, STEP_S, past.moment, past.pauses)
 
 

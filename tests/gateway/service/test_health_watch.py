@@ -11,7 +11,7 @@ from drivers.base import Quality, Reading
 from gateway.acquisition.board import Board
 from gateway.config.applied import ConfigurationApplied
 from gateway.config.file import parse
-from gateway.control.restart.earlier import Past
+from gateway.control.restart.earlier import EarlierRun
 from gateway.model.events import DecisionMade, HealthChecked, OutlookChanged, StoreHealth
 from gateway.model.probing import Outlook
 from gateway.model.standing import Standing
@@ -104,7 +104,7 @@ def test_an_unknown_clock_is_no_reason_to_wait(synchronised: bool | None) -> Non
 async def test_a_running_service_reports_its_health_at_once_and_then_every_ten_seconds() -> None:
     config = parse(TEXT, FILE)
     clock, kept, stop = SteppedClock(), KeptEvents(), asyncio.Event()
-    service = Service(config, clock, kept, Past(Controller(config.input_names, config.talc)))
+    service = Service(config, clock, kept, EarlierRun(Controller(config.input_names, config.talc)))
     running = asyncio.create_task(service.run(stop))
     try:
         await clock.run_until(25.0)

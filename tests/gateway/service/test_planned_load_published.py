@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from gateway.config.file import parse
-from gateway.control.restart.earlier import Past
+from gateway.control.restart.earlier import EarlierRun
 from gateway.control.sensor_watch import SeenBefore
 from gateway.model.events import ForecastMade
 from gateway.service.service import Service
@@ -39,7 +39,7 @@ async def test_a_service_foresees_the_planned_loads_of_its_configuration(tmp_pat
     assert config.input_names == NAMES
     x, last_k = bodies(work(4, 6), 4), int(EPOCH.timestamp()) // STEP_S - 1
     frames = Frames(np.arange(last_k + 1 - 6 * DAY, last_k + 1), x, np.ones(x.shape, np.bool_), np.empty((0, 9)))
-    past = Past(Controller(config.input_names, config.talc), seen=SeenBefore(frames, None))
+    past = EarlierRun(Controller(config.input_names, config.talc), seen=SeenBefore(frames, None))
     clock, kept, stop = SteppedClock(), KeptEvents(), asyncio.Event()
     running = asyncio.create_task(Service(config, clock, kept, past).run(stop))
     try:

@@ -16,7 +16,7 @@ import pytest
 
 from gateway.config.extended import validate
 from gateway.config.model import GatewayConfig
-from gateway.control.restart.earlier import Past
+from gateway.control.restart.earlier import EarlierRun
 from gateway.model.events import MeasurementEnded, StoreHealth
 from gateway.model.probing import End, Outcome
 from gateway.model.text import plain
@@ -77,9 +77,9 @@ async def serving(
     learnt: a configuration, instead of `config`, and a controller to begin with
     """
     settings = config(bench, name, storage)
-    past = Past(Controller(settings.input_names, settings.talc), proven=True)
+    past = EarlierRun(Controller(settings.input_names, settings.talc), proven=True)
     if learnt is not None:
-        settings, past = learnt[0], Past(learnt[1], proven=True)
+        settings, past = learnt[0], EarlierRun(learnt[1], proven=True)
     if settings.storage.path.exists():
         past = replace(restarted(settings), proven=True)
     stop = asyncio.Event()

@@ -8,7 +8,7 @@ from gateway.acquisition.reload import ReloadError
 from gateway.config.applied import ConfigurationApplied
 from gateway.config.file import parse
 from gateway.config.model import GatewayConfig
-from gateway.control.restart.earlier import Past
+from gateway.control.restart.earlier import EarlierRun
 from gateway.service.service import Service
 from talc.control import Controller
 from tests.benches.kept_events import KeptEvents
@@ -27,7 +27,7 @@ async def test_a_reload_takes_effect_and_the_fingerprint_is_what_runs() -> None:
     def applied() -> list[GatewayConfig]:
         return [event.config for event in kept.of(ConfigurationApplied)]
 
-    service = Service(old, clock, kept, Past(Controller(old.input_names, old.talc)))
+    service = Service(old, clock, kept, EarlierRun(Controller(old.input_names, old.talc)))
     with pytest.raises(ReloadError, match="not running"):
         await service.reload(await service.prepare(new))
     running = asyncio.create_task(service.run(stop))
@@ -55,7 +55,7 @@ async def test_what_was_prepared_before_another_reload_is_prepared_again() -> No
     """Else a bus that the other one has exchanged would run on as it was."""
     old, second, third = config(), config(TEXT.replace("/nowhere/adapter", "/nowhere/2")), config(TEXT + "# third\n")
     clock, kept, stop = SteppedClock(), KeptEvents(), asyncio.Event()
-    service = Service(old, clock, kept, Past(Controller(old.input_names, old.talc)))
+    service = Service(old, clock, kept, EarlierRun(Controller(old.input_names, old.talc)))
     running = asyncio.create_task(service.run(stop))
     try:
         await clock.run_until(3.0)

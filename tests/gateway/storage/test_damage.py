@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gateway.control.restart.earlier import past_in
+from gateway.control.restart.earlier import earlier_run
 from gateway.model.events import DecisionMade, FrameMade
 from gateway.model.step_time import StepTime
 from gateway.storage.damage import damage_found
@@ -155,7 +155,7 @@ def test_damage_that_shows_while_it_runs_is_repaired_while_it_runs(whole: Path, 
     shutil.copy(whole, path)
     settings = two_temperatures(path)
     with Store(path, "second", SteppedClock(), commit_s=0.01, retry_s=0.05) as store:
-        past = past_in(store, settings)
+        past = earlier_run(store, settings)
         store.begin(settings.canonical(), settings.fingerprint(), "")
         write(store, past.controller, STEPS)
         store.flush()
@@ -211,7 +211,9 @@ def test_a_flipped_bit_in_one_copy_of_the_configuration_costs_nothing(whole: Pat
         assert (past.last_k, mended) == (STEPS - 1, "")
 
 
-@pytest.mark.parametrize("number", [1 + 2**20, 1 + 2**62, -1], ids=str)
+@pytest.mark.parametrize(
+    "number", [1 + 2**20, *(pytest.param(n, marks=pytest.mark.slow) for n in (1 + 2**62, -1))], ids=str
+)
 def test_a_flipped_bit_in_the_number_of_a_run_costs_nothing_but_raw_readings(
     number: int, whole: Path, tmp_path: Path
 ) -> None:

@@ -154,6 +154,7 @@ def test_means_of_readings_of_which_only_some_are_thinned_stay_the_same(tmp_path
     assert means_of(path, BEGIN, end, 60) == pytest.approx(expected(taken, BEGIN, end, 60))
 
 
+@pytest.mark.slow
 def test_a_page_ends_before_too_many_readings_are_looked_at(tmp_path: Path) -> None:
     path, times = tmp_path / "g.sqlite", 600_000
     write(path, "first", readings(0.0, 1.0)[:1])

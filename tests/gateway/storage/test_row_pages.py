@@ -14,10 +14,12 @@ import pytest
 
 from drivers.base import Quality
 from gateway.config.file import parse
+from gateway.model.codes import NoticeCode
 from gateway.model.commands import Command, CommandName, CommandOutcome
 from gateway.model.events import (
     CommandGiven,
     DecisionMade,
+    EventReported,
     FrameMade,
     MeasurementEnded,
     ReadingsTaken,
@@ -25,14 +27,15 @@ from gateway.model.events import (
 )
 from gateway.model.probing import Outcome
 from gateway.model.sample import Sample
-from gateway.model.text import plain
+from gateway.model.text import Text, plain
+from gateway.model.wording import event_of
 from gateway.storage.epochs import NUMBERS, Position
 from gateway.storage.faults import StoreError
 from gateway.storage.readings import Pruning, Retention
 from gateway.storage.row_pages import RowsPage, rows_after
 from gateway.storage.schema import connect
 from gateway.storage.store import Store
-from talc.frame import Frame, Measurement, Why
+from talc.frame import Event, EventKind, Frame, Measurement, Why
 from tests.benches import telemetry_examples as example
 from tests.benches.service_file import MACHINE, adam6015
 from tests.benches.stepped_clock import EPOCH, SteppedClock
@@ -354,3 +357,19 @@ def test_a_table_that_does_not_exist_is_named(written: Path) -> None:
         rows_after(written, {"frames": None}, 10)
     with pytest.raises(StoreError, match="no such file"):
         rows_after(written.with_name("gone"), {"events": None}, 10)
+
+
+def test_an_event_has_its_code_and_values_and_one_of_words_alone_has_none(tmp_path: Path) -> None:
+    path, slow = tmp_path / "g.sqlite", Text(NoticeCode.ANSWERS_AGAIN, subject="device rtd1")
+    with Store(path, "boot-1", SteppedClock()) as store:
+        store.record(EventReported(event_of(EventKind.OPERATOR, slow), None))
+        store.record(EventReported(Event(EventKind.OPERATOR, "words of an earlier program"), None))
+        store.flush()
+    page = rows_after(path, {"events": None}, 10)["events"]
+    assert not isinstance(page, StoreError)
+    assert [cells[-2:] for cells in page.rows] == [("answers_again", '{"subject": "device rtd1"}'), (None, None)]
+    with closing(sqlite3.connect(path)) as connection:
+        connection.execute("DROP TABLE coded")  # as in a store of an earlier program
+    earlier = rows_after(path, {"events": None}, 10)["events"]
+    assert not isinstance(earlier, StoreError)
+    assert [cells[-2:] for cells in earlier.rows] == [(None, None), (None, None)]

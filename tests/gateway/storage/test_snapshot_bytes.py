@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from gateway.config.file import parse
-from gateway.control.restart.earlier import past_in
+from gateway.control.restart.earlier import earlier_run
 from gateway.storage.snapshot import Snapshot, decode_snapshot
 from gateway.storage.store import Store
 from talc.frame import Frame, Frames
@@ -32,7 +32,7 @@ def store(tmp_path: Path) -> Iterator[Store]:
 def snapshot(store: Store, folder: Path, numbers: int) -> Snapshot:
     """The snapshot of a learner whose features have this many numbers, many of them zero and some that look like
     zero."""
-    controller = past_in(store, parse(TEXT, folder / "gateway.toml")).controller
+    controller = earlier_run(store, parse(TEXT, folder / "gateway.toml")).controller
     for k in range(3):
         controller.step(Frame(k, np.full(3, 20.0 + k), np.full(3, fill_value=True)))
     state = controller.state()

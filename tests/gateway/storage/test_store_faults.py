@@ -41,7 +41,7 @@ def stored(path: Path) -> list[int]:
     return [one.frame.k for one in found]
 
 
-@pytest.mark.parametrize("fault", ["ENOSPC", "EIO"])
+@pytest.mark.parametrize("fault", ["ENOSPC", pytest.param("EIO", marks=pytest.mark.slow)])
 def test_what_a_failing_disk_refuses_waits_and_is_stored_when_it_works_again(fault: str, tmp_path: Path) -> None:
     path = tmp_path / "g.sqlite"
     with store_process(path) as store:
@@ -154,7 +154,9 @@ def test_a_disk_that_refuses_to_delete_old_rows_counts_as_failing_until_it_does(
         told.append(writer.health.problem)
         if len(told) == 4:
             often.set()
-        raise sqlite3.OperationalError("disk I/O error")
+        error = sqlite3.OperationalError("disk I/O error")
+        error.sqlite_errorcode = sqlite3.SQLITE_IOERR
+        raise error
 
     writer = DatabaseWriter(path, WriterTiming(commit_s=10.0, retry_s=0.01), refused, lambda _: None, lambda _: NOTHING)
     writer.start()

@@ -35,16 +35,19 @@ def test_mass_surface_and_sources_are_the_bodies(coarse: Solid) -> None:
     assert abs(coarse.K @ np.ones(coarse.K.shape[0])).max() < 1e-9  # an evenly warm body conducts nothing
 
 
+@pytest.mark.slow
 def test_in_the_end_the_skin_gives_off_what_the_sources_bring(coarse: Solid) -> None:
     assert (coarse.H @ steady(coarse, (150, 90))).sum() == pytest.approx(240, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_slowest_time_constant_is_the_lumped_one_and_a_little_more(coarse: Solid) -> None:
     rate = eigsh(coarse.K + coarse.H, k=1, M=coarse.C, sigma=0, which="LM", return_eigenvectors=False)[0]
     assert 1.0 < 1 / rate / LUMPED_s < 1.03  # Biot number well below 1
     assert LUMPED_s / 3600 == pytest.approx(16.35, abs=0.01)
 
 
+@pytest.mark.slow
 def test_mirror_symmetry(coarse: Solid) -> None:
     order = np.lexsort(np.round(coarse.nodes, 9))
     mirrored = coarse.nodes * np.array([[-1], [1], [1]]) + np.array([[1], [0], [0]])
@@ -61,6 +64,7 @@ def test_even_warming_of_the_unstrained_machine_opens_the_gap_by_its_free_growth
     assert growth == pytest.approx([0, 0, 12e-6 * 0.5 * 1e6], abs=1e-6)  # 0.5 m between workpiece and tool
 
 
+@pytest.mark.slow
 def test_ordinary_elastic_solve_with_clamped_feet_gives_the_drift_of_the_adjoint_rows(coarse: Solid) -> None:
     """Stress-strain law and solver of scikit-fem's own, steel in Pa, displacements of every node, then the gap."""
     cells = mesh(0.3)

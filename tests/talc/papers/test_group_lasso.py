@@ -9,9 +9,9 @@ import pytest
 from numpy.typing import NDArray
 from scipy import sparse
 
+from benchmarks.admm import admm, duality_gap
 from simulators.cases import SEASONS, random_axes
 from simulators.plant import Plant, load_machine, record_drive
-from talc.papers.admm import admm, duality_gap
 from talc.papers.group_lasso import GroupLasso
 
 Array = NDArray[np.float64]

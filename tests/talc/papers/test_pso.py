@@ -7,11 +7,10 @@ import pytest
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
+from benchmarks.admm import admm
 from talc.papers import criteria
-from talc.papers.admm import admm
 from talc.papers.arx import Regression
 from talc.papers.pso import Chosen, select_by_swarm
-from talc.papers.training import Progress
 from talc.papers.window import Structure, Window
 from tests.benches.thermal_series import series
 
@@ -89,13 +88,6 @@ def test_the_same_seed_gives_the_same_choice_and_more_iterations_no_worse_one() 
 def test_what_made_the_record_is_among_the_chosen_inputs() -> None:
     chosen = select_by_swarm(problem(5, error=2, steps=400), seed=1)
     assert {2, 5} <= set(chosen.structure.inputs)
-
-
-def test_a_cancelled_swarm_stops() -> None:
-    progress = Progress()
-    progress.cancel()
-    select_by_swarm(problem(6), seed=1, iterations=500, progress=progress)
-    assert progress.share == 0.0
 
 
 def test_too_few_rows_are_refused() -> None:

@@ -33,7 +33,7 @@ def rows() -> tuple[FloatArray, FloatArray]:
 def test_the_search_finds_the_input_and_its_pole(rows: tuple[FloatArray, FloatArray]) -> None:
     u, y = rows
     shared = Shared(u, np.isfinite(y), {"EX0C": y}, [(), (0.5,), (POLE,), (0.99,)], lags=2)
-    found = by_search(shared, "EX0C", None, SETTINGS, None)
+    found = by_search(shared, "EX0C", None, SETTINGS)
     assert 1 in found.inputs
     assert found.parameters.a.tolist() == [-POLE]
     assert found.residual.std() < 2 * NOISE
@@ -43,12 +43,12 @@ def test_the_search_finds_the_input_and_its_pole(rows: tuple[FloatArray, FloatAr
 def test_the_search_keeps_the_inputs_that_are_given(rows: tuple[FloatArray, FloatArray]) -> None:
     u, y = rows
     shared = Shared(u, np.isfinite(y), {"EX0C": y}, [(POLE,)], lags=2)
-    assert by_search(shared, "EX0C", (0, 1), SETTINGS, None).inputs == (0, 1)
+    assert by_search(shared, "EX0C", (0, 1), SETTINGS).inputs == (0, 1)
 
 
 def test_the_papers_route_finds_the_input_and_its_pole(rows: tuple[FloatArray, FloatArray]) -> None:
     u, y = rows
-    found = by_arx(Window(u, y, y, 1.0), None, "EX0C", SETTINGS, None, unused)
+    found = by_arx(Window(u, y, y, 1.0), None, "EX0C", SETTINGS, unused)
     assert 1 in found.inputs
     assert found.parameters.a[0] == pytest.approx(-POLE, abs=0.05)
     assert found.residual.std() < 3 * NOISE
@@ -58,4 +58,4 @@ def test_the_papers_route_finds_the_input_and_its_pole(rows: tuple[FloatArray, F
 def test_the_papers_route_refuses_a_pole_beyond_the_limit(rows: tuple[FloatArray, FloatArray]) -> None:
     u, y = rows
     with pytest.raises(ValueError, match=r"a pole of magnitude 0\.[89]\d+, expected less than 0\.5"):
-        by_arx(Window(u, y, y, 1.0), None, "EX0C", replace(SETTINGS, max_pole=0.5), None, unused)
+        by_arx(Window(u, y, y, 1.0), None, "EX0C", replace(SETTINGS, max_pole=0.5), unused)

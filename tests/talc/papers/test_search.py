@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 
 from talc.papers.output_error import Design, fit
 from talc.papers.search import BLOCKS, RIDGE, Candidates
-from talc.papers.training import Progress
 from tests.benches.thermal_series import series
 
 Array = NDArray[np.float64]
@@ -76,19 +75,6 @@ def test_given_inputs_are_kept_and_only_poles_chosen() -> None:
     y = (s.measured[:, 1] - s.measured[:, 1].mean()) / s.measured[:, 1].std()
     choice = candidates(designs(s.inputs), y, 12).choose(0, 6, fixed=(2, 7))
     assert [i for i, count in enumerate(choice.coefficients) if count] == [2, 7]
-
-
-def test_a_cancelled_search_ends_early_with_what_it_has() -> None:
-    s = series(288, seed=4)
-    y = (s.measured[:, 1] - s.measured[:, 1].mean()) / s.measured[:, 1].std()
-    progress = Progress()
-    progress.cancel()
-    candidates(designs(s.inputs), y, 12).choose(0, 6, progress=progress)
-    assert progress.cancelled
-    assert progress.share == 0.25  # of four designs
-    whole = Progress()
-    candidates(designs(s.inputs), y, 12).choose(0, 6, progress=whole)
-    assert whole.share == 1.0
 
 
 def test_constant_and_duplicate_inputs_do_no_harm() -> None:

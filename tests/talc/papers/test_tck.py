@@ -45,6 +45,7 @@ def chosen(u: Array, y: Array, na: int = 0, nb: int = 0) -> Structure:
     return select_by_clusters(Regression(Window(u, y, y.copy(), 1.0), na, nb), Ensemble(offered(u), seed=1))
 
 
+@pytest.mark.slow
 def test_a_further_series_is_as_like_as_if_it_were_one_of_them() -> None:
     ensemble = Ensemble(two_kinds(), seed=3)
     np.testing.assert_allclose(ensemble.likeness(two_kinds()[4]), ensemble.kernel()[4], atol=1e-12)
@@ -54,6 +55,7 @@ def test_a_further_series_is_as_like_as_if_it_were_one_of_them() -> None:
     assert likeness[:10].min() > likeness[10:].max()
 
 
+@pytest.mark.slow
 def test_an_input_that_makes_the_output_is_chosen_and_its_cluster_dropped() -> None:
     s = series(300, seed=3)
     u = (s.inputs - s.inputs.mean(0)) / s.inputs.std(0)

@@ -10,7 +10,7 @@ from scipy.signal import lfilter
 from talc.frame import TrainingJob, Why
 from talc.models import ModelSet
 from talc.papers.output_error import Design, fit
-from talc.papers.training import Cancelled, Progress, train
+from talc.papers.training import train
 from talc.settings import TrainingSettings
 from tests.benches.thermal_series import ThermalSeries, series
 
@@ -66,11 +66,13 @@ def test_irregular_measurements_are_enough() -> None:
     assert np.median(unseen_rmse(train(job(s, slice(0, 288))), s, 288)) < 1.0
 
 
+@pytest.mark.slow
 def test_the_same_job_gives_the_same_models_bit_for_bit() -> None:
     s = series(288, seed=6)
     assert train(job(s)).fingerprint() == train(job(s)).fingerprint()
 
 
+@pytest.mark.slow
 def test_order_of_inputs_does_not_matter() -> None:
     s = series(400, seed=7)
     turned = ThermalSeries(s.names[::-1], s.inputs[:, ::-1].copy(), s.truth, s.measured)
@@ -111,11 +113,6 @@ def test_every_pole_is_stable_and_below_the_bound() -> None:
     s = series(300, seed=11)
     models = train(job(s, settings=TrainingSettings(max_pole=0.9)))
     assert all(abs(p) < 0.9 for m in models.models if m is not None for p in m.poles())
-
-
-def test_can_be_cancelled() -> None:
-    with pytest.raises(Cancelled):
-        train(job(series(100, seed=1)), cancelled=lambda: True)
 
 
 def test_output_error_fit_recovers_a_transfer_function() -> None:
@@ -168,6 +165,7 @@ def test_threads_and_solver_seeds_change_nothing() -> None:
     assert set(prints) == {train(jobs[0]).fingerprint()}
 
 
+@pytest.mark.slow
 def test_a_masked_row_never_matters() -> None:
     s = series(288, seed=8)
     s.measured[40:90] = np.nan
@@ -205,15 +203,6 @@ def test_impossible_designs_and_fits_are_refused() -> None:
         Design.make(u, (1.0,), 1, rows)
     with pytest.raises(ValueError, match="blocks = 1"):
         fit(Design.make(u, (0.9,), 1, rows), (1,), u[:, 0], 1e-4, 1)
-
-
-@pytest.mark.parametrize("selector", ["search", "pso"])
-def test_a_selection_under_way_can_be_ended_from_another_thread(selector: str) -> None:
-    s = series(288, seed=6)
-    progress = Progress()
-    progress.cancel()
-    with pytest.raises(Cancelled):
-        train(job(s, settings=TrainingSettings(selector=selector)), within=progress)  # type: ignore[arg-type]
 
 
 @pytest.mark.slow

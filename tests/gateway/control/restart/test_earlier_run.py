@@ -13,7 +13,7 @@ import pytest
 from gateway.config.file import parse
 from gateway.config.model import GatewayConfig
 from gateway.control.replay.stored import replay
-from gateway.control.restart.earlier import past_in, past_of
+from gateway.control.restart.earlier import earlier_run, past_of
 from gateway.control.sensor_watch import SeenBefore
 from gateway.control.trainer import models_of_failure
 from gateway.model.events import DecisionMade, EventReported, FrameMade, ModelsAdopted
@@ -45,7 +45,7 @@ def config(tmp_path: Path) -> GatewayConfig:
     return parse(TEXT, tmp_path / "gateway.toml")
 
 
-def earlier_run(config: GatewayConfig, *events: tuple[int, Event], adopted: bool = True) -> None:
+def stored_run(config: GatewayConfig, *events: tuple[int, Event], adopted: bool = True) -> None:
     """Sixty frames, a training wanted meanwhile that failed (or never ended), and what the sensor check reported."""
     draw = np.random.default_rng(8)
     x = 20.0 + np.cumsum(draw.normal(0, 0.2, (STEPS, 2)), axis=0)
@@ -75,7 +75,7 @@ def seen(config: GatewayConfig) -> SeenBefore:
 
 
 def test_the_sensor_watch_goes_on_from_the_stored_frames(config: GatewayConfig) -> None:
-    earlier_run(config)
+    stored_run(config)
     before = seen(config)
     assert (before.frames.k.tolist(), before.suspect_since_k) == (list(range(STEPS)), None)
     assert before.frames.inputs.shape == (STEPS, 2)
@@ -86,19 +86,19 @@ def test_planned_loads_go_on_from_the_stored_frames_of_two_weeks(tmp_path: Path)
     of_models = TEXT[TEXT.index("[talc]") : TEXT.index("[[bus]]")]
     few = TEXT.replace(of_models, "[sensor_check]\nwindow_steps = 12\nlearn_steps = 36\n")
     config = parse(few, tmp_path / "gateway.toml")
-    earlier_run(config)
+    stored_run(config)
     assert len(seen(config).frames.k) == 48, "all that the sensor check looks at"
     planned = parse(few + '[[planned_load]]\nname = "warm"\nloads = { bed = 25.0 }\n', tmp_path / "gateway.toml")
     assert len(seen(planned).frames.k) == STEPS
 
 
 def test_what_was_suspect_and_had_not_ended_still_is(config: GatewayConfig) -> None:
-    earlier_run(config, (10, SUSPECT), (20, AGREE), (30, SUSPECT), (40, SUSPECT))
+    stored_run(config, (10, SUSPECT), (20, AGREE), (30, SUSPECT), (40, SUSPECT))
     assert seen(config).suspect_since_k == 30
 
 
 def test_a_replay_does_not_repeat_a_training_that_the_computer_made_fail(config: GatewayConfig) -> None:
-    earlier_run(config)
+    stored_run(config)
     with History(config.storage.path) as history:
         result = replay(history)
     assert result.identical, result.first
@@ -106,12 +106,12 @@ def test_a_replay_does_not_repeat_a_training_that_the_computer_made_fail(config:
 
 
 def test_a_training_that_never_ended_is_taken_up_and_one_that_failed_is_not(config: GatewayConfig) -> None:
-    earlier_run(config, adopted=False)
+    stored_run(config, adopted=False)
     job = restarted(config).pending[0]
     assert job is not None
     assert job.k == 35
     config.storage.path.unlink()
-    earlier_run(config)
+    stored_run(config)
     assert restarted(config).pending[0] is None
 
 
@@ -144,7 +144,7 @@ def with_method(config: GatewayConfig, method: str) -> GatewayConfig:
 
 def test_a_database_without_a_method_is_replayed_and_continued_with_models(config: GatewayConfig) -> None:
     config = with_method(config, "models")
-    earlier_run(config)
+    stored_run(config)
     stored_before_methods(config)
     with History(config.storage.path) as history:
         assert replay(history).identical
@@ -154,7 +154,7 @@ def test_a_database_without_a_method_is_replayed_and_continued_with_models(confi
 
 def test_a_restart_with_another_method_learns_from_the_record_and_is_replayed(config: GatewayConfig) -> None:
     former, config = with_method(config, "models"), with_method(config, "learner")
-    earlier_run(former)
+    stored_run(former)
     stored_before_methods(former)
     past = restarted(config)
     assert past.former_method == "models"
@@ -173,7 +173,7 @@ def test_a_restart_with_another_method_learns_from_the_record_and_is_replayed(co
 
 
 def test_settings_that_the_method_does_not_use_change_nothing(config: GatewayConfig) -> None:
-    earlier_run(config)
+    stored_run(config)
     text = config.canonical()
     learner = json.loads(text) | {"talc": json.loads(text)["talc"] | {"learner": {"limit_um": 7.0}}}
     with History(config.storage.path) as history:
@@ -182,21 +182,21 @@ def test_settings_that_the_method_does_not_use_change_nothing(config: GatewayCon
 
 
 def test_another_grid_step_needs_another_database(config: GatewayConfig) -> None:
-    earlier_run(config)
+    stored_run(config)
     other = GatewayConfig.model_validate(json.loads(config.canonical()) | {"grid": {"step_s": 60.0}})
     with History(config.storage.path) as history, pytest.raises(StoreError, match="step_s = 300, not 60"):
         past_of(history, other)
 
 
 def test_a_configuration_that_only_an_earlier_program_accepts_is_no_damage(config: GatewayConfig) -> None:
-    earlier_run(config)
+    stored_run(config)
     text = config.canonical().replace('"step_s":', '"gone":1,"step_s":')
     assert text != config.canonical()
     with closing(sqlite3.connect(config.storage.path)) as database, database:
         database.execute("UPDATE boot SET config = ?, fingerprint = ?", (text, sha256(text.encode()).hexdigest()))
     said = r"does not accept the configuration of the latest run: .*gone"
     with Store(config.storage.path, "this", SteppedClock()) as store, pytest.raises(StoreError, match=said):
-        past_in(store, config)
+        earlier_run(store, config)
     assert list(config.storage.path.parent.glob("*damaged*")) == []
     with History(config.storage.path) as history:
         assert len(list(history.steps(-1))) == STEPS

@@ -16,7 +16,7 @@ import pytest
 from gateway.config.file import load
 from gateway.config.model import GatewayConfig
 from gateway.control.replay.stored import replay
-from gateway.control.restart.earlier import Past
+from gateway.control.restart.earlier import EarlierRun
 from gateway.model.events import DecisionMade, FrameMade, MeasurementEnded, ModelsAdopted
 from gateway.model.probing import Outcome
 from gateway.runtime.ages import Ages
@@ -63,7 +63,7 @@ def shortened(packed: dict[str, Any], kept: int) -> dict[str, Any]:
     return {**packed, "shape": list(less.shape), "zlib": b64encode(zlib.compress(less.tobytes())).decode()}
 
 
-def go_on(config: GatewayConfig, past: Past, boot: str, first: int, end: int) -> list[Decision]:
+def go_on(config: GatewayConfig, past: EarlierRun, boot: str, first: int, end: int) -> list[Decision]:
     made = []
     with Store(config.storage.path, boot, SteppedClock()) as store:
         store.begin(config.canonical(), config.fingerprint(), "")
@@ -86,7 +86,7 @@ def go_on(config: GatewayConfig, past: Past, boot: str, first: int, end: int) ->
 @pytest.fixture(scope="module", params=["learner", "models"])
 def source(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> GatewayConfig:
     config = config_of(tmp_path_factory.mktemp("source"), method=request.param)
-    go_on(config, Past(Controller(config.input_names, config.talc)), "before", 0, STEPS)
+    go_on(config, EarlierRun(Controller(config.input_names, config.talc)), "before", 0, STEPS)
     answer = here("db", "export-learnt", config.storage.path, "-o", file_of(config))
     assert answer.code == 0, answer.together
     return config
@@ -147,7 +147,7 @@ def test_inputs_are_matched_by_name_and_what_is_not_taken_is_said(source: Gatewa
 def test_a_database_with_a_record_is_only_replaced_when_told_and_kept(source: GatewayConfig, tmp_path: Path) -> None:
     target = config_of(tmp_path / "here", method=source.talc.method)
     file = tmp_path / "here" / "gateway.toml"
-    go_on(target, Past(Controller(target.input_names, target.talc)), "own", 0, 5)
+    go_on(target, EarlierRun(Controller(target.input_names, target.talc)), "own", 0, 5)
     refused = here("db", "import-learnt", file, file_of(source))
     assert (refused.code, restarted(target).last_k) == (3, 4)
     assert "has a record, which the import would replace" in refused.together

@@ -11,7 +11,7 @@ import pytest
 
 from drivers.base import SetupError
 from gateway.config.file import parse
-from gateway.control.restart.earlier import past_in
+from gateway.control.restart.earlier import earlier_run
 from gateway.storage.snapshot import Snapshot, decode_snapshot
 from gateway.storage.store import Store
 from talc.control import Controller
@@ -24,7 +24,7 @@ from tests.benches.stepped_clock import SteppedClock
 INPUTS = 500
 
 
-def apart(function: str) -> str:
+def in_process(function: str) -> str:
     """What a function of this module prints in a separate process."""
     call = f"from {__name__} import {function}; {function}()"
     done = subprocess.run([sys.executable, "-c", call], capture_output=True, text=True, check=False)
@@ -67,16 +67,16 @@ def start_in_a_little_memory() -> None:
             most = memory_kb("VmSize") * 1024 + 200_000_000
             resource.setrlimit(resource.RLIMIT_AS, (most, resource.RLIM_INFINITY))
             with pytest.raises(SetupError) as caught:
-                past_in(store, config)
+                earlier_run(store, config)
     print(caught.value)
 
 
 @pytest.mark.slow
 def test_a_day_and_a_restart_leave_the_learners_memory_untouched() -> None:
-    assert int(apart("day_and_restart")) < learner_bytes(INPUTS) / 1e6 / 16
+    assert int(in_process("day_and_restart")) < learner_bytes(INPUTS) / 1e6 / 16
 
 
 @pytest.mark.slow
 def test_a_learner_that_does_not_fit_is_reported_in_words() -> None:
-    said = apart("start_in_a_little_memory")
+    said = in_process("start_in_a_little_memory")
     assert said.startswith("the computer has no 0.9 GB of address space for the learner of 300 inputs (use fewer")

@@ -57,6 +57,7 @@ def test_a_fourth_machine_starts_better_with_the_file_of_three(here: Path) -> No
     assert left(told, day(20), later) < left(alone, day(20), later)
 
 
+@pytest.mark.slow
 def test_a_file_of_another_kind_has_lost_its_weight_after_hours(here: Path) -> None:
     plain = json.loads((here / "kind.json").read_text(encoding="utf-8"))
     for told in plain["errors"].values():
@@ -101,6 +102,7 @@ def test_another_prior_after_a_restart_is_reported_and_replayed(here: Path) -> N
     assert result.steps == DAY
 
 
+@pytest.mark.slow
 def test_the_prior_that_a_machine_began_with_is_not_counted_again(here: Path, shop: Path) -> None:
     told, alone = load(written(here, "told", "kind.json")), load(written(here, "alone"))
     for config in (told, alone):

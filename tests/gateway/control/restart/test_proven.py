@@ -7,7 +7,7 @@ import pytest
 
 from gateway.config.file import parse
 from gateway.config.model import GatewayConfig
-from gateway.control.restart.earlier import past_in
+from gateway.control.restart.earlier import earlier_run
 from gateway.control.restart.proven import dry_run_wanted
 from gateway.model.events import EventReported, MeasurementEnded
 from gateway.model.probing import End, Outcome
@@ -41,7 +41,7 @@ def proven(config: GatewayConfig) -> bool:
     wanted = dry_run_wanted(config)
     clock = SteppedClock()
     with Store(config.storage.path, "look", clock) as store:
-        found = past_in(store, config).proven
+        found = earlier_run(store, config).proven
     assert bool(wanted) is not found
     return found
 
@@ -76,6 +76,8 @@ def test_it_counts_for_its_own_geometry_alone(tmp_path: Path) -> None:
     ran(moved, "second", End.REJECTED, clock)
     assert not proven(moved)
     assert not proven(at(tmp_path, "4840", "4841"))
+    assert not proven(at(tmp_path, 'security = "none"', 'security = "none"\nchannel = 2'))
+    assert not proven(at(tmp_path, 'security = "none"', 'security = "none"\norigin_mm = [0.0, 0.0, 1.0]'))
     assert proven(at(tmp_path)), "another limit or mode changes nothing"
     assert proven(at(tmp_path, "armed = true", "armed = true\nmax_repeat_um = 5.0"))
 
@@ -99,7 +101,7 @@ def test_the_paths_of_its_dry_runs_are_remembered_and_those_of_another_geometry_
         with Store(config.storage.path, "dry", clock) as store:
             store.record(EventReported(event_of(EventKind.OPERATOR, recorded(geometry, "6 poses", path)), None))
     with Store(config.storage.path, "look", clock) as store:
-        assert past_in(store, config).paths == {"one", "two"}
+        assert earlier_run(store, config).paths == {"one", "two"}
 
 
 def test_a_control_without_dry_runs_needs_the_word_of_the_configuration(tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ import pytest
 from gateway.config.file import parse
 from gateway.config.model import GatewayConfig
 from gateway.control.replay.stored import replay
-from gateway.control.restart.earlier import Past, past_in, past_of
+from gateway.control.restart.earlier import EarlierRun, earlier_run, past_of
 from gateway.control.restart.rebuild import Interrupted, Rebuilt, marks
 from gateway.control.restart.snapshots import SnapshotKeeper
 from gateway.model.events import DecisionMade, FrameMade, ModelsAdopted
@@ -56,7 +56,7 @@ def frames(first: int, end: int) -> Iterable[Frame]:
         yield Frame(k, x, valid, measured)
 
 
-def run(config: GatewayConfig, past: Past, first: int, end: int, boot: str) -> list[Decision]:
+def run(config: GatewayConfig, past: EarlierRun, first: int, end: int, boot: str) -> list[Decision]:
     """Run as the service does: every step is stored, a training ends within its step, and a keeper takes the
     snapshots."""
     made = []
@@ -69,7 +69,7 @@ def run(config: GatewayConfig, past: Past, first: int, end: int, boot: str) -> l
     return made
 
 
-def keep(frame: Frame, decision: Decision, past: Past, store: Store, keeper: SnapshotKeeper) -> None:
+def keep(frame: Frame, decision: Decision, past: EarlierRun, store: Store, keeper: SnapshotKeeper) -> None:
     """Store a step; a training that it asks for ends within it."""
     for event in (FrameMade(frame), DecisionMade(decision)):
         store.record(event)
@@ -82,8 +82,8 @@ def keep(frame: Frame, decision: Decision, past: Past, store: Store, keeper: Sna
         store.record(ModelsAdopted(models, decision.k))
 
 
-def fresh(config: GatewayConfig) -> Past:
-    return Past(Controller(config.input_names, config.talc))
+def fresh(config: GatewayConfig) -> EarlierRun:
+    return EarlierRun(Controller(config.input_names, config.talc))
 
 
 def snapshots(path: Path) -> list[int]:
@@ -104,7 +104,7 @@ def assert_same(one: Iterable[Decision], other: Iterable[Decision]) -> None:
         assert (a.training is None) == (b.training is None)
 
 
-def assert_same_past(one: Past, other: Past) -> None:
+def assert_same_past(one: EarlierRun, other: EarlierRun) -> None:
     assert (one.last_k, one.pending, one.missing, one.measured) == (
         other.last_k, other.pending, other.missing, other.measured,
     )  # fmt: skip
@@ -112,7 +112,7 @@ def assert_same_past(one: Past, other: Past) -> None:
                 [other.controller.step(f) for f in frames(LONGER, LONGER + 20)])  # fmt: skip
 
 
-@pytest.mark.parametrize("method", ["learner", "models"])
+@pytest.mark.parametrize("method", ["learner", pytest.param("models", marks=pytest.mark.slow)])
 def test_a_restart_from_a_snapshot_decides_as_one_from_the_whole_record(method: str, tmp_path: Path) -> None:
     config = config_of(tmp_path, method)
     run(config, fresh(config), 0, LONGER, "earlier")
@@ -222,7 +222,7 @@ def reordered(config: GatewayConfig, frame: Frame) -> Frame:
     return Frame(frame.k, x, np.ones(4, np.bool_), frame.measurement)
 
 
-@pytest.mark.parametrize("method", ["learner", "models"])
+@pytest.mark.parametrize("method", ["learner", pytest.param("models", marks=pytest.mark.slow)])
 def test_other_inputs_and_settings_keep_what_was_learnt_and_are_replayed(method: str, tmp_path: Path) -> None:
     before = config_of(tmp_path, method)
     run(before, fresh(before), 0, LONGER, "earlier")
@@ -276,7 +276,7 @@ def test_a_rebuild_that_was_interrupted_continues_where_it_was(tmp_path: Path) -
             raise Interrupted
 
     with Store(config.storage.path, "later", SteppedClock()) as store, pytest.raises(Interrupted):
-        past_in(store, config, progress, save_every=25)
+        earlier_run(store, config, progress, save_every=25)
     again = restarted(config)
     assert again.since_snapshot < 25 + 10
     assert_same_past(again, whole)

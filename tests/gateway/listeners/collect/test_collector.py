@@ -79,7 +79,7 @@ def at_call(number: int, what: type[BaseException], syncs: Callable[[int], None]
 
 
 @pytest.mark.parametrize("every", [7, pytest.param(1, marks=pytest.mark.slow)])
-@pytest.mark.parametrize("what", [Killed, OSError])
+@pytest.mark.parametrize("what", [Killed, pytest.param(OSError, marks=pytest.mark.slow)])
 def test_killed_or_failing_at_any_moment_it_loses_and_doubles_nothing(
     what: type[BaseException], every: int, stored_site: StoredSite, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import pytest
 
-from drivers.nc import NumericalControl, ProbingState
+from drivers.nc import NumericalControl, ProbingState, RequestStatus
 from gateway.config.sections import Probing
 from gateway.model.text import plain
 from gateway.nc.probing.cycle import NotBegun, Rejected
@@ -70,8 +70,21 @@ async def test_the_path_is_seen_above_the_sphere_at_each_pose() -> None:
 async def test_a_sphere_elsewhere_than_configured_is_found() -> None:
     farther = await Dry().run(replace(GEOMETRY, radius_mm=155.0))
     assert len(farther.wrong) == 6
-    lower = await Dry().run(replace(GEOMETRY, height_mm=82.0))
-    assert len(lower.wrong) == 4, "the poses at which A turns the sphere's height out of Z go past it in Y"
+    for height_mm in (82.0, 78.0):
+        lower = await Dry().run(replace(GEOMETRY, height_mm=height_mm))
+        assert len(lower.wrong) == 4, "the poses at which A turns the sphere's height out of Z go past it in Y"
+
+
+async def test_a_tip_that_is_elsewhere_than_the_origin_says_is_found() -> None:
+    """The origin was found with a tool 100 mm shorter: the tip is believed that much higher than it is."""
+
+    class Longer(InProcess):
+        async def probing_status(self, number: int) -> RequestStatus:
+            status = await super().probing_status(number)
+            told = status.centres_mm
+            return replace(status, centres_mm=told and tuple((x, y, z + 100.0) for x, y, z in told))
+
+    assert len((await Dry(Longer).run()).wrong) == 6
 
 
 class Deaf(InProcess):
@@ -117,6 +130,8 @@ def test_another_control_pose_or_sphere_is_another_geometry() -> None:
         replace(GEOMETRY, poses_deg=GEOMETRY.poses_deg[:5]),
         replace(GEOMETRY, radius_mm=120.1),
         replace(GEOMETRY, height_mm=-80.0),
+        replace(GEOMETRY, channel=2),
+        replace(GEOMETRY, origin_mm=(0.0, 0.0, 100.0)),
     ]
     text = recorded(GEOMETRY, "6 poses")
     assert is_of(text, GEOMETRY)

@@ -75,7 +75,7 @@ async def test_a_chip_never_reaches_a_frame_or_a_model_and_the_replay_is_identic
         controller, clock, keep = Controller(config.input_names, config.talc), bench.clock, store.record
         loop = GridLoop(
             controller, sampler, Schedule(STEP_S), clock, keep, Measuring(bench.link, plan, Probing(), clock, keep),
-            Trainings(controller, clock, keep, run=here), followers=[lambda _, decision: bench.link.follow(decision)],
+            Trainings(controller, clock, keep, run=here), link=bench.link,
         )  # fmt: skip
         task = asyncio.create_task(loop.run())
         async with bench.running():

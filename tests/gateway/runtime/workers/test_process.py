@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from gateway.runtime.workers.process import WorkError, apart
+from gateway.runtime.workers.process import WorkError, in_process
 from tests.benches.endless_work import say, work_endlessly
 from tests.benches.processes import children, is_alive
 from tests.benches.waits import until
@@ -20,9 +20,9 @@ from tests.benches.waits import until
 GATEWAY = """
 import asyncio, sys
 from pathlib import Path
-from gateway.runtime.workers.process import apart
+from gateway.runtime.workers.process import in_process
 from tests.benches.endless_work import work_endlessly
-asyncio.run(apart(work_endlessly, Path(sys.argv[1])))
+asyncio.run(in_process(work_endlessly, Path(sys.argv[1])))
 """
 JOINING = """
 import sys
@@ -35,7 +35,7 @@ sys.exit(program.main())
 
 async def test_it_works_at_a_lower_priority_than_the_gateway() -> None:
     own = os.getpriority(os.PRIO_PROCESS, 0)
-    assert await apart(os.getpriority, os.PRIO_PROCESS, 0) == min(own + 10, 19)
+    assert await in_process(os.getpriority, os.PRIO_PROCESS, 0) == min(own + 10, 19)
     assert children(os.getpid()) == []
 
 
@@ -52,11 +52,11 @@ def test_it_joins_the_control_group_of_what_learns_before_it_works() -> None:
 
 async def test_what_the_work_raises_is_reported() -> None:
     with pytest.raises(WorkError, match=r"ZeroDivisionError: .* \(exit status 1\)"):
-        await apart(divmod, 1, 0)
+        await in_process(divmod, 1, 0)
 
 
 async def test_killed_work_is_reported(tmp_path: Path) -> None:
-    working = asyncio.create_task(apart(work_endlessly, tmp_path / "begun"))
+    working = asyncio.create_task(in_process(work_endlessly, tmp_path / "begun"))
     await until((tmp_path / "begun").exists)
     os.kill(children(os.getpid())[0], signal.SIGKILL)
     with pytest.raises(WorkError, match="SIGKILL; out of memory"):
@@ -66,7 +66,7 @@ async def test_killed_work_is_reported(tmp_path: Path) -> None:
 async def test_work_beyond_its_limit_is_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("gateway.runtime.workers.process.WORK_LIMIT_S", 0.05)
     with pytest.raises(WorkError, match="did not finish"):
-        await apart(work_endlessly, tmp_path / "begun")
+        await in_process(work_endlessly, tmp_path / "begun")
     assert children(os.getpid()) == []
 
 
@@ -77,14 +77,14 @@ async def test_a_computer_without_descriptors_is_reported() -> None:
     resource.setrlimit(resource.RLIMIT_NOFILE, (spare, limits[1]))
     try:
         with pytest.raises(WorkError, match=r"no process could be started: Too many open files$"):
-            await apart(os.getpid)
+            await in_process(os.getpid)
     finally:
         resource.setrlimit(resource.RLIMIT_NOFILE, limits)
     assert children(os.getpid()) == []
 
 
 async def test_cancelling_ends_the_process(tmp_path: Path) -> None:
-    working = asyncio.create_task(apart(work_endlessly, tmp_path / "begun"))
+    working = asyncio.create_task(in_process(work_endlessly, tmp_path / "begun"))
     await until((tmp_path / "begun").exists)
     working.cancel()
     with pytest.raises(asyncio.CancelledError):
