@@ -88,10 +88,10 @@ imports: $(VENV)/.ready
 
 # Tests against third-party programs (libmodbus; node-opcua, modbus-serial, canopen) need Debian and npm packages;
 # .ci/run installs them, and runs the slow ones too. Tests about the computer's own time (realtime) run alone, after the
-# others. Two more workers than cores, because many tests wait; each takes five seconds of a core to import and collect
+# others. One more worker than cores, because many tests wait; each takes five seconds of a core to import and collect
 # all tests.
 TESTS ?= not peer and not slow
-WORKERS ?= $(shell expr $$(nproc) + 2)
+WORKERS ?= $(shell expr $$(nproc) + 1)
 PYTEST := $(BIN)/python -m pytest --durations=15
 
 # The checks run beside the tests; if one of them fails, the tests still run to their end, and make fails.

@@ -7,6 +7,7 @@ import os
 import threading
 import time
 from collections.abc import AsyncIterator, Generator, Iterator
+from itertools import islice
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -32,6 +33,35 @@ _GRACE_S = 30.0
 
 def pytest_asyncio_loop_factories() -> dict[str, type[IdleLoop]]:
     return {"idle": IdleLoop}
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Begin with the tests that wait for minutes, on half of the workers, beside those that need a processor.
+
+    pytest-xdist gives each worker the next part of the list, and moves tests at the end of a part to workers that have
+    none left.
+    """
+    workers, left = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1")), len(items)
+    first: list[list[pytest.Item]] = [[] for _ in range(workers)]
+    lasting = [0.0] * max(1, workers // 2)
+    for item in sorted(items, key=_waits_s, reverse=True):
+        if (waits_s := _waits_s(item)) > 0:
+            least = lasting.index(min(lasting))
+            lasting[least] += waits_s
+            first[least].append(item)
+    others = iter([item for item in items if not _waits_s(item)])
+    ordered: list[pytest.Item] = []
+    for worker, begins in enumerate(first):
+        part = left // (workers - worker)
+        ordered += [*begins, *islice(others, max(0, part - len(begins)))]
+        left -= part
+    items[:] = [*ordered, *others]
+
+
+def _waits_s(item: pytest.Item) -> float:
+    """How long a test waits, by its marker."""
+    marker = item.get_closest_marker("waits")
+    return 0.0 if marker is None else float(marker.args[0])
 
 
 def pytest_collection_finish() -> None:

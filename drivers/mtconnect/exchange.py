@@ -52,8 +52,8 @@ class _Exchange:
             connection.connect()
             self.hang_up.take(connection.sock)
             connection.request("GET", self._path, headers={"Accept": "text/xml", "Connection": "close"})
-            response = connection.getresponse()
-            return response.status, response.read(_MOST_BYTES + 1)
+            with connection.getresponse() as response:  # else what it has not read keeps the socket open
+                return response.status, response.read(_MOST_BYTES + 1)
         finally:
             connection.close()
 

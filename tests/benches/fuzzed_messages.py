@@ -38,7 +38,7 @@ from gateway.listeners.web.verdict import Viewpoint
 from gateway.listeners.web.view import listed, shown_course, view
 from gateway.listeners.web.weeks import scatter_by_week
 from gateway.model.commands import UNPROVED, Command, CommandName, CommandOutcome
-from gateway.model.text import plain
+from gateway.model.text import json_text, plain
 from gateway.telemetry.answers import CommandTerms, CoursePage, StoredColumn, StoredRows, StoredTable
 from gateway.telemetry.codec import decode, decode_answer
 from gateway.telemetry.command_door import CommandDoor, Entitled
@@ -206,7 +206,7 @@ def _heard(draw: random.Random, _: Path) -> None:
                 shown_course(seen, _MATRIX),
                 listed(machines, {"mill": viewpoint}, 0.0),
             )
-            msgspec.json.encode(shown)
+            msgspec.json.encode(shown, enc_hook=json_text)
 
 
 @cache

@@ -24,7 +24,11 @@ from tests.benches.linuxcnc_bench import AgentBench, running, until
 
 LENGTH_MM, SAFE_MM, BALL_MM, RADIUS_MM, HEIGHT_MM = 40.0, 200.0, 13.0, 120.0, 80.0
 TOOLS: Final = f"T99 P99 Z{LENGTH_MM:g} D6 ;probe\nT1 P1 Z100 D8 ;mill\n"
-MACHINE: Final = {**HURRY, "FEED": 300, "FIND_FEED": 2000, "APPROACH_FEED": 6000, "CYCLE_TIME": 0.001}
+MACHINE: Final = {
+    **HURRY,
+    **dict.fromkeys(("MAX_ACCELERATION", "MAX_LINEAR_ACCELERATION", "MAX_ANGULAR_ACCELERATION"), 20000),
+    **{"FEED": 300, "FIND_FEED": 2000, "APPROACH_FEED": 6000},
+}
 SIGNALS: Final = ("x-drive", "y-drive", "z-drive", "a-drive", "c-drive", "sphere-size")
 DEEP_MM: Final = 0.6
 """How far the stylus gives way: the way to stop from APPROACH_FEED is a quarter of a millimetre."""

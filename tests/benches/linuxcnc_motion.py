@@ -38,7 +38,11 @@ _PROGRAM = (
     "#1 = 1\nG21 G90 G64\nG53 G0 X60 Y0 Z80 A{a} C0\nM68 E9 Q{mark}\n"
     "o1 while [#1 LT 90]\n{motion}#1 = [#1 + 1]\no1 endwhile\nM2\n"
 )
-_MACHINE = {**HURRY, "MAX_ACCELERATION": 2000, "MAX_LINEAR_ACCELERATION": 2000, "SLEW": 10, "LOWER": -0.5, "BOUND": 0.5}
+_MACHINE = {
+    **HURRY,
+    **{"MAX_ACCELERATION": 2000, "MAX_LINEAR_ACCELERATION": 2000, "MAX_ANGULAR_ACCELERATION": 20000},
+    **{"SLEW": 10, "LOWER": -0.5, "BOUND": 0.5},
+}
 
 
 class ShiftsOnly(AgentControl):

@@ -25,6 +25,7 @@ def sent(loop: tuple[ReportData, tuple[Frame, ...]]) -> list[FloatArray]:
     return known(*loop)
 
 
+@pytest.mark.slow
 def test_what_is_sent_is_the_truth_as_far_as_each_way_knows_it(
     loop: tuple[ReportData, tuple[Frame, ...]], sent: list[FloatArray]
 ) -> None:
@@ -51,6 +52,7 @@ def test_what_is_sent_is_the_truth_as_far_as_each_way_knows_it(
     assert left[large] < np.sum((truth - estimate)[first:, large] ** 2)
 
 
+@pytest.mark.slow
 def test_the_control_gets_what_is_sent_and_the_learner_measures_as_before(
     loop: tuple[ReportData, tuple[Frame, ...]], sent: list[FloatArray]
 ) -> None:

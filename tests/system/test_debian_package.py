@@ -9,6 +9,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from shutil import copytree, rmtree, which
 
@@ -20,7 +21,7 @@ from tests.benches.locked import locked
 from tests.benches.package_traces import package_traces
 from tests.benches.service_under_systemd import PACKAGES, SystemdPace, furnish, tries
 
-pytestmark = [pytest.mark.slow, pytest.mark.peer]
+pytestmark = [pytest.mark.slow, pytest.mark.peer, pytest.mark.waits(500)]
 
 ROOT = Path(__file__).parents[2]
 LIMIT_S = 900.0
@@ -53,21 +54,18 @@ def run(*command: str | Path, folder: Path = ROOT) -> str:
 
 
 @pytest.fixture
-def package(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The package, built by the one command."""
+def package_and_debian(tmp_path: Path) -> Iterator[tuple[Path, Path]]:
+    """The package, built by the one command; beside it a minimal Debian of this computer's release with Python, systemd
+    and chrony."""
     assert which("dpkg-deb"), "Debian's package dpkg"
-    folder = tmp_path_factory.mktemp("package")
-    run("env", f"PYTHON={sys.executable}", ROOT / "deploy" / "debian" / "build.sh", folder)
-    (built,) = folder.glob("talc-gateway_*.deb")
-    return built
-
-
-@pytest.fixture
-def debian() -> Iterator[Path]:
-    """A minimal Debian of this computer's release with Python, systemd and chrony."""
     assert which("mmdebstrap"), "Debian's package mmdebstrap"
+    folder = tmp_path / "package"
     with tempfile.TemporaryDirectory(dir="/var/tmp") as name:  # not on a /tmp without devices
-        yield minimal_debian(Path(name) / "root")
+        with ThreadPoolExecutor() as beside:
+            root = beside.submit(minimal_debian, Path(name) / "root")
+            run("env", f"PYTHON={sys.executable}", ROOT / "deploy" / "debian" / "build.sh", folder)
+        (built,) = folder.glob("talc-gateway_*.deb")
+        yield built, root.result()
 
 
 class InstalledHost:
@@ -169,9 +167,12 @@ def check_partition(machine: InstalledHost, install: str) -> None:
     assert not any(line.startswith(f"/{DATA}/") for line in left.splitlines())
 
 
-def test_it_installs_runs_upgrades_and_leaves_without_a_network(package: Path, debian: Path, tmp_path: Path) -> None:
+def test_it_installs_runs_upgrades_and_leaves_without_a_network(
+    package_and_debian: tuple[Path, Path], tmp_path: Path
+) -> None:
     """One test, because several tests would each build the package on their own worker."""
     assert os.geteuid() == 0, "a chroot needs root"
+    package, debian = package_and_debian
     contents, packages = tmp_path / "contents", debian / PACKAGES
     run("dpkg-deb", "--raw-extract", package, contents)
     check_contents(contents)
@@ -207,7 +208,7 @@ def test_it_installs_runs_upgrades_and_leaves_without_a_network(package: Path, d
     assert package_traces(machine.root) == before
 
     assert which("systemd-nspawn"), "Debian's package systemd-container"
-    pace = SystemdPace(watchdog_s=60.0, restart_s=5.0, in_force_um=60)
+    pace = SystemdPace(watchdog_s=60.0, restart_s=5.0, in_force_um=30)
     furnish(debian, package, pace)
     with BootedDebian(debian, tmp_path / "console") as guest:
         rows = list(tries(guest, pace))

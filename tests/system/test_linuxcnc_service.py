@@ -23,7 +23,7 @@ from talc.frame import Why
 from tests.benches.kept_events import KeptEvents
 from tests.benches.linuxcnc_bench import ANSWER_S, running, until
 
-pytestmark = [pytest.mark.peer, pytest.mark.slow]
+pytestmark = [pytest.mark.peer, pytest.mark.slow, pytest.mark.waits(60)]
 
 
 async def test_an_idle_machine_is_probed_once_allowed_and_a_loose_sphere_is_rejected(tmp_path: Path) -> None:

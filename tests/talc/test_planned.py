@@ -99,6 +99,7 @@ def test_no_response_is_learnt_from_less_than_two_days_or_with_a_load_that_never
     assert learn_response(NAMES, still, np.ones(x.shape, np.bool_), LOADS) is None
 
 
+@pytest.mark.slow
 def test_the_errors_are_foreseen_under_a_planned_load() -> None:
     """EZ0A is 3 µm/K of the bearing and 5 µm/K of the column; the learner learns this from hourly measurements."""
     x, column = future(0.0), THERMAL_ERRORS.index("EZ0A")

@@ -15,7 +15,7 @@ from talc import kinematics
 from talc.frame import FloatArray
 from tests.benches.linuxcnc_bench import AgentBench, claimed, running, until
 
-pytestmark = [pytest.mark.peer, pytest.mark.slow]
+pytestmark = [pytest.mark.peer, pytest.mark.slow, pytest.mark.waits(30)]
 
 WARM = np.array([2.1, 88.8, 11.3, 6.4, 21.7, 12.6, 35.0, -18.0, 24.0])
 RADIUS_MM, SAFE_Z_MM = 120.0, 180.0

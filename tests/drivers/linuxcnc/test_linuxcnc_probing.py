@@ -17,7 +17,7 @@ from drivers.nc import ProbingState, RequestStatus
 from simulators.linuxcnc.machine import HURRY, MANUAL
 from tests.benches.linuxcnc_bench import ANSWER_S, AgentBench, running, until, until_mark
 
-pytestmark = [pytest.mark.peer, pytest.mark.slow]
+pytestmark = [pytest.mark.peer, pytest.mark.slow, pytest.mark.waits(30)]
 
 FINAL = (ProbingState.DONE, ProbingState.REFUSED, ProbingState.FAILED)
 _NO_PROBE = "the touch probe is missing, does not answer, or its contact is closed"

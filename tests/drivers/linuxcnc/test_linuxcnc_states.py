@@ -9,7 +9,7 @@ from drivers.nc import ProbingState
 from tests.benches.linuxcnc_bench import AgentBench
 from tests.benches.linuxcnc_states import bring_about, compared, cycle, refused, stateful
 
-pytestmark = [pytest.mark.peer, pytest.mark.slow]
+pytestmark = [pytest.mark.peer, pytest.mark.slow, pytest.mark.waits(40)]
 
 STATES = (
     "T1 M6|G43.1 Z77|T2|G10 L2 P9 X5 Y6 Z-7 A2 C3 R45|G59.3|G92 X1 Y2|G92.2|G64 P0.01 Q0.004|F12.34|G93|G91|G18|G7",

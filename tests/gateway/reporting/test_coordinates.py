@@ -71,6 +71,7 @@ def test_before_corrections_begin_nothing_is_touched_and_a_recording_has_no_tool
     assert by_coordinate(replace(run, recorded=run.measured)) == ()
 
 
+@pytest.mark.slow
 def test_the_page_shows_the_reasons_beside_the_figures_with_and_without() -> None:
     page = build(with_trust(small_run(), EZ0A=0))
     below = page.split("Without and with compensation</h2>")[1].split("Each error</h2>")[0]

@@ -211,7 +211,9 @@ def test_a_flipped_bit_in_one_copy_of_the_configuration_costs_nothing(whole: Pat
         assert (past.last_k, mended) == (STEPS - 1, "")
 
 
-@pytest.mark.parametrize("number", [1 + 2**20, 1 + 2**62, -1], ids=str)
+@pytest.mark.parametrize(
+    "number", [1 + 2**20, *(pytest.param(n, marks=pytest.mark.slow) for n in (1 + 2**62, -1))], ids=str
+)
 def test_a_flipped_bit_in_the_number_of_a_run_costs_nothing_but_raw_readings(
     number: int, whole: Path, tmp_path: Path
 ) -> None:

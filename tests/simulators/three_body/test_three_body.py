@@ -40,12 +40,14 @@ def test_in_the_end_the_skin_gives_off_what_the_sources_bring(coarse: Solid) -> 
     assert (coarse.H @ steady(coarse, (150, 90))).sum() == pytest.approx(240, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_slowest_time_constant_is_the_lumped_one_and_a_little_more(coarse: Solid) -> None:
     rate = eigsh(coarse.K + coarse.H, k=1, M=coarse.C, sigma=0, which="LM", return_eigenvectors=False)[0]
     assert 1.0 < 1 / rate / LUMPED_s < 1.03  # Biot number well below 1
     assert LUMPED_s / 3600 == pytest.approx(16.35, abs=0.01)
 
 
+@pytest.mark.slow
 def test_mirror_symmetry(coarse: Solid) -> None:
     order = np.lexsort(np.round(coarse.nodes, 9))
     mirrored = coarse.nodes * np.array([[-1], [1], [1]]) + np.array([[1], [0], [0]])

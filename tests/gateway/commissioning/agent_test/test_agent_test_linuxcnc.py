@@ -10,12 +10,14 @@ from gateway.commissioning.agent_test.connection import AgentUnderTest
 from simulators.linuxcnc.machine import HURRY
 from tests.benches.linuxcnc_bench import ANSWER_S, KEY, running
 
-pytestmark = [pytest.mark.peer, pytest.mark.slow]
+pytestmark = [pytest.mark.peer, pytest.mark.slow, pytest.mark.waits(100)]
 
 
 async def test_linuxcnc_s_agent_passes_every_clause_that_it_offers(tmp_path: Path) -> None:
     tools = "T99 P99 Z40 D6 ;probe\nT5 P5 Z17 D6 ;mill\n"
-    async with running(tmp_path, {**HURRY, "SLEW": 1.0, "FIND_FEED": 2000}, sphere=True, tools=tools) as bench:
+    async with running(
+        tmp_path, {**HURRY, "SLEW": 1.0, "FEED": 300, "FIND_FEED": 2000}, sphere=True, tools=tools
+    ) as bench:
         await bench.operator.ask("hal", "setp", "talc.may-start", "1")
         await bench.nc.close()
         target = AgentUnderTest("127.0.0.1", bench.settings.port, KEY.encode(), ANSWER_S)

@@ -51,6 +51,7 @@ def test_repeated_touches_must_agree(spread: float | None, believed: bool) -> No
             checks().repeats(spread)
 
 
+@pytest.mark.slow
 def test_standardised_residuals_have_unit_variance_wherever_they_are() -> None:
     draw = np.random.default_rng(5)
     found = np.array([solved(np.zeros(9), noise=draw.normal(0.0, 1.0, (6, 3))).standardised for _ in range(2000)])

@@ -1,5 +1,6 @@
-"""Whatever stands in a file that a gateway is given: it is read, or refused with a text."""
+"""Whatever stands in a file or a message that a gateway or a program beside it gets: read, or refused with a text."""
 
+import logging
 import random
 from pathlib import Path
 
@@ -15,8 +16,9 @@ from gateway.reporting.recordings.columns import Columns
 from gateway.reporting.recordings.grid import read_recording
 from gateway.reporting.recordings.problems import RecordingError
 from tests.benches.fuzzed_files import FILES
+from tests.benches.fuzzed_messages import MESSAGES
 
-MANY = {"recordings": 150, "toml": 100, "snapshot": 100}
+MANY = {"recordings": 150, "toml": 100, "snapshot": 100, "http": 60}
 """Examples of a kind, if not 300."""
 
 
@@ -25,6 +27,16 @@ MANY = {"recordings": 150, "toml": 100, "snapshot": 100}
 def test_any_file_is_read_or_refused_with_a_text(kind: str, tmp_path: Path) -> None:
     for seed in range(MANY.get(kind, 300)):
         FILES[kind](random.Random(seed), tmp_path)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", MESSAGES)
+def test_any_message_is_read_or_refused_with_a_text(
+    kind: str, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level(logging.CRITICAL)
+    for seed in range(MANY.get(kind, 300)):
+        MESSAGES[kind](random.Random(seed), tmp_path)
 
 
 @pytest.mark.parametrize("value", ["[" * 3000, "9" * 5000, "0x" + "f" * 5000])
