@@ -6,7 +6,7 @@ A block that is not known, a word in the wrong place and a name that Siemens rul
 import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Final
+from typing import ClassVar, Final
 
 from simulators.nc.expressions import Source, Used, expression, variable
 from simulators.nc.modal import PROGRAMMABLE
@@ -147,8 +147,8 @@ class _Reader:
     def _statement(self, number: int, block: str) -> Statement:
         tokens, used = Tokens(block), self._program.used
         word = tokens.peek()
-        if word in _READ:
-            found = _READ[word](self, number, tokens)
+        if word in self._READ:
+            found = self._READ[word](self, number, tokens)
         elif tokens.peek(1) == ":":
             check_name(tokens.next())
             tokens.next()
@@ -228,6 +228,15 @@ class _Reader:
     def _take(self) -> tuple[int, str]:
         self._at += 1
         return self._blocks[self._at - 1]
+
+    _READ: ClassVar[dict[str, Callable[..., Statement]]] = {
+        "IF": _if,
+        "FOR": _for,
+        "GOTOF": _goto,
+        "MSG": _message,
+        **dict.fromkeys(PROCEDURES, _ask),
+        **dict.fromkeys(("STOPRE", "RET", "M17", "M0"), _word),
+    }
 
 
 def _type(tokens: Tokens) -> str:
@@ -325,13 +334,3 @@ def _assign(number: int, tokens: Tokens, used: Used) -> Assign:
         tokens.expect("=")
         parts.append((name, index, expression(tokens, used)))
     return Assign(number, tuple(parts))
-
-
-_READ: Final[dict[str, Callable[[_Reader, int, Tokens], Statement]]] = {
-    "IF": _Reader._if,
-    "FOR": _Reader._for,
-    "GOTOF": _Reader._goto,
-    "MSG": _Reader._message,
-    **dict.fromkeys(PROCEDURES, _Reader._ask),
-    **dict.fromkeys(("STOPRE", "RET", "M17", "M0"), _Reader._word),
-}

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Final
+from typing import ClassVar, Final
 
 from simulators.nc import statements as b
 from simulators.nc.axes import Axes, Path, Reset
@@ -171,7 +171,7 @@ class Channel:
     def _statement(self, statement: b.Statement) -> None:
         self._place = place = f"{self._stack[-1][0].name} line {statement.line}"
         with _at(place):
-            _DO[type(statement)](self, statement)
+            self._DO[type(statement)](self, statement)
 
     def _assign(self, statement: b.Assign) -> None:
         for name, index, value in statement.parts:
@@ -365,17 +365,16 @@ class Channel:
         """mm that 1 is in this program, for a length."""
         return self.modal.system_mm(metric=self.told.metric) if at in entry.lengths else 1.0
 
-
-_DO: Final[dict[type[b.Statement], Callable[[Channel, Any], None]]] = {
-    b.Assign: Channel._assign,
-    b.Words: Channel._words,
-    b.Word: Channel._word,
-    b.If: Channel._if,
-    b.For: Channel._for,
-    b.Goto: Channel._goto,
-    b.Label: Channel._label,
-    b.Call: Channel._call,
-    b.Ask: Channel._ask,
-    b.Message: Channel._message,
-    b.Action: Channel._action,
-}
+    _DO: ClassVar[dict[type[b.Statement], Callable[..., None]]] = {
+        b.Assign: _assign,
+        b.Words: _words,
+        b.Word: _word,
+        b.If: _if,
+        b.For: _for,
+        b.Goto: _goto,
+        b.Label: _label,
+        b.Call: _call,
+        b.Ask: _ask,
+        b.Message: _message,
+        b.Action: _action,
+    }

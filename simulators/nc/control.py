@@ -150,7 +150,7 @@ class EmulatedControl:
         self._tasks = []
         if self._server is not None:
             # The library keeps a session with subscriptions for a client that may reconnect; here none will.
-            for session in list(self._server.iserver._external_sessions.values()):
+            for session in list(self._server.iserver._external_sessions.values()):  # noqa: SLF001 - the library offers no other way
                 await session.close_session()
             await self._server.stop()
             self._server = self._standard = None
@@ -178,7 +178,7 @@ class EmulatedControl:
     @property
     def sessions(self) -> int:
         """How many sessions its clients have."""
-        return 0 if self._server is None else len(self._server.iserver._external_sessions)
+        return 0 if self._server is None else len(self._server.iserver._external_sessions)  # noqa: SLF001 - as above
 
     def wake(self) -> None:
         """Tell the task that the next event may have changed."""
@@ -203,7 +203,7 @@ class EmulatedControl:
 
 def _port(server: Server) -> int:
     """The port taken; the library has no public way to ask for it."""
-    listener = server.bserver._server if server.bserver is not None else None
+    listener = server.bserver._server if server.bserver is not None else None  # noqa: SLF001
     sockets = listener.sockets if isinstance(listener, asyncio.Server) else ()
     if not sockets:
         raise RuntimeError("the OPC UA server does not listen")

@@ -26,7 +26,7 @@ class StandardServer(InternalServer):
     async def load_standard_address_space(self, shelf_file: Path | None = None) -> None:  # noqa: ARG002
         """Instead of making them again. As in the library's own loading from a shelf, nodes come when they are used."""
         standard = await asyncio.to_thread(_standard)
-        self.aspace._nodes = _Copied(standard)  # type: ignore[assignment]
+        self.aspace._nodes = _Copied(standard)  # type: ignore[assignment]  # noqa: SLF001
 
 
 @cache

@@ -98,7 +98,7 @@ class Plant:
         """
         if like is not None and like.parameters is not self.parameters:
             raise ValueError("like: expected a plant of the same parameters")
-        self._start = (self.state if like is None else like._start).copy()
+        self._start = (self.state if like is None else like._start).copy()  # noqa: SLF001 - of this class
 
     def sensors(self) -> dict[str, float]:
         """degC by channel: lagged, with offset (0.1 K and its drift) and noise (0.05 K); not quantised. NaN: open."""

@@ -13,6 +13,7 @@ _ELSEWHERE = (
     "remedy.",
     "moment.",
     "slowed.",
+    "armed_mode.",
     "doctor.",
     "status.",
     "watch.",

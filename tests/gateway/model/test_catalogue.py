@@ -26,7 +26,7 @@ ROOT = Path(__file__).parents[3]
 CODES = (*NoticeCode, *EventCode)
 AT = datetime(2026, 3, 2, 6, 5, 4, tzinfo=UTC)
 WORDS = {"quality": "comm_fault", "why": "interval", "standing": "blocked", "phase": "no_good", "fault": "NoAnswer"} | {
-    "mode": "advise",
+    "armed_mode": "advise",
     "moment": "lately",
     "slowed": "hot",
 }

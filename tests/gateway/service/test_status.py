@@ -155,7 +155,7 @@ def test_the_command_reads_and_its_exit_code_says_it(tmp_path: Path) -> None:
     assert "mill: IS NOT RUNNING, no decision yet\n" in answer.output
     assert "channels: none of 1 is read\n" in answer.output
     lines = answer.output.splitlines()
-    assert lines[lines.index("compensation monitors, probing not armed") + 1] == (
+    assert lines[lines.index("compensation monitor, probing not armed") + 1] == (
         "nothing will be learnt and nothing corrected: there is no [nc]"
     )
     found = json.loads(CliRunner().invoke(main, ["status", file, "--json"], catch_exceptions=False).output)
