@@ -56,8 +56,8 @@ class AgentBench:
         """Wait this long by LinuxCNC's own clock."""
         end_s = await self.time_s() + seconds
         async with asyncio.timeout(seconds + 300.0):
-            while await self.time_s() < end_s:
-                await asyncio.sleep(0.005)
+            while (left_s := end_s - await self.time_s()) > 0:
+                await asyncio.sleep(max(left_s, 0.005))  # each question starts a program
 
 
 @asynccontextmanager
@@ -100,7 +100,7 @@ async def until(condition: Callable[[], Awaitable[bool]], limit_s: float = 300.0
     began = time.monotonic()
     async with asyncio.timeout(limit_s):
         while not await condition():
-            await asyncio.sleep(0.005)
+            await asyncio.sleep(0.02)
     return time.monotonic() - began
 
 

@@ -247,7 +247,7 @@ def sinumerik(compensation: OffsetRoute, subscribe_s: float = 0.0) -> Callable[[
 
 @asynccontextmanager
 async def linuxcnc(folder: Path) -> AsyncIterator[NcBench]:
-    settings = {**HURRY, "SLEW": 1.0, "FIND_FEED": 2000}
+    settings = {**HURRY, "SLEW": 1.0, "FEED": 60, "FIND_FEED": 2000}
     tools = "T99 P99 Z40 D6 ;probe\nT5 P5 Z17 D6 ;mill\n"
     async with linuxcnc_bench.running(folder, settings, sphere=True, tools=tools) as inner:
         yield LinuxCncBench(inner)

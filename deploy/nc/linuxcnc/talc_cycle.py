@@ -44,7 +44,7 @@ class Cycle:
         self._mode_before: int | None = None
         self._started_s: float | None = None
         self._taken_s: float | None = None
-        """When the program was seen to have taken the request."""
+        """When LinuxCNC's status was first seen after the program had taken the request."""
         self._begun, self._rests, self._ended, self._leaving = False, True, True, False
         """_leaving: the program of the request before, which was withdrawn when it had just been taken, still runs."""
         self._began_in: tuple[int, str] | None = None
@@ -121,7 +121,7 @@ class Cycle:
 
     def _follow(self, now: float, nc: Any, command: Any) -> None:
         """The program has taken the request: its state counts, unless it was stopped or was not alone."""
-        if self._taken_s is None:
+        if nc is not None and self._taken_s is None:
             self._taken_s = now
         if nc is not None and not self._is_from_before(now, nc):
             self._watch(nc, command)
@@ -159,6 +159,8 @@ class Cycle:
         now_in = nc.task_mode, nc.command if nc.task_mode == linuxcnc.MODE_MDI else ""
         if self._began_in is None:
             self._began_in = now_in
+        elif not self._began_in[1]:
+            self._began_in = self._began_in[0], now_in[1]  # shown late
         if self._void:
             return
         mode, block = self._began_in

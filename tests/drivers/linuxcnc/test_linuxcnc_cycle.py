@@ -58,6 +58,16 @@ OLD = (status(command="", interp_state=IDLE, state=1), status(command="", queued
 
 
 @pytest.mark.parametrize("old", OLD)
+def test_a_linuxcnc_that_stood_still_meanwhile_may_show_an_old_status_first(old: Any, cycle: Any) -> None:
+    for now, seen in ((0.1, None), (3.0, None), (3.1, old), (3.3, status()), (6.0, status())):
+        cycle.it.step(now, seen, None)
+    assert cycle.pins["withdrawn"] == 0.0
+    cycle.pins |= {"state": 3.0, "result-of": 7.0}
+    cycle.it.step(6.1, status(), None)
+    assert cycle.it.status(7)["state"] == "done"
+
+
+@pytest.mark.parametrize("old", OLD)
 def test_a_status_from_before_the_program_began_does_not_void_the_cycle(old: Any, cycle: Any) -> None:
     for now, seen in ((0.1, old), (0.3, old), (0.5, status()), (0.7, status())):
         cycle.it.step(now, seen, None)
