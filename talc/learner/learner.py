@@ -9,7 +9,7 @@ from talc.explanation import Explanation, Weights
 from talc.frame import BoolArray, FloatArray
 from talc.learner.features import LagBank
 from talc.learner.inputs import InputMemory
-from talc.learner.mixture import Mixture, MixtureState, Surprise, mixture_bytes
+from talc.learner.mixture import Mixture, MixtureState, Surprise
 from talc.learner.process import OtherMachines
 
 TIME_CONSTANTS_S = (0.0, 900.0, 2700.0, 8100.0, 24300.0)
@@ -62,11 +62,6 @@ class LearnerState:
     anchored: bool
     scale: float
     doubt: FloatArray
-
-
-def learner_bytes(inputs: int) -> int:
-    """The most memory that a learner of nine errors takes with this many inputs."""
-    return mixture_bytes(inputs, len(TIME_CONSTANTS_S))
 
 
 class RowLearner:

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from talc.frame import FloatArray
 from talc.learner.experts import EXPERTS, OTHERS_EXPERTS, UNIT, Expert
-from talc.learner.process import MOST_ROWS, OtherMachines, Process, Rows
+from talc.learner.process import OtherMachines, Process, Rows
 from talc.names import THERMAL_ERRORS
 
 _ERRORS = len(THERMAL_ERRORS)
@@ -371,9 +371,3 @@ class Mixture:
                 for process in self._processes:
                     process.renew(int(j))
         self._cursor = (self._cursor + many) % self._errors
-
-
-def mixture_bytes(inputs: int, lags: int) -> int:
-    """The most memory that a mixture of nine errors takes."""
-    factors = _ERRORS * (len(EXPERTS) + 1) * MOST_ROWS * (MOST_ROWS + 1) // 2
-    return (factors + MOST_ROWS * inputs * lags) * np.dtype(np.float64).itemsize
