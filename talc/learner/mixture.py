@@ -93,6 +93,8 @@ class Surprise:
     """(9,) treated as an outlier: it has little effect."""
     jump: NDArray[np.bool_]
     """(9,) a far measurement that is no outlier, or the second one in a row: the level starts again."""
+    variance: FloatArray
+    """(9,) of what was expected, a measurement's own noise aside."""
 
 
 class Mixture:
@@ -301,12 +303,14 @@ class Mixture:
         for j in measured[self._count[measured] == 0]:
             self._begin(int(j), float(errors[j]), float(noise[j]))
         mean, variance = self._each(x, 0, reference=True)
+        expected = self._mixed(mean, variance)
         for j in measured:
             ratio[j], outlier[j], jump[j] = self._weigh(int(j), float(errors[j]), noise, mean[j], variance[j])
         if self._rows.is_full():
             self._rows.thin()
             for process in self._processes:
                 process.rebuild()
+                process.look(x, self._now, self._jolted, reference=True)
         row = x, self._now, self._jolted, np.where(np.isfinite(errors), errors, 0.0), noise
         for process in self._processes:
             process.append(*row)
@@ -315,7 +319,7 @@ class Mixture:
         self._elapsed[measured] = 0.0
         self._renew()
         self._weights = None
-        return Surprise(ratio, outlier, jump)
+        return Surprise(ratio, outlier, jump, expected[1])
 
     def _begin(self, j: int, y: float, noise: float) -> None:
         """Errors are deviations from the reference: the level starts at zero, unless the first measurement is so far

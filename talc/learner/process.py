@@ -137,7 +137,7 @@ class Process:
             self._start_from(others)
         self._lower = np.zeros((m, MOST_ROWS * (MOST_ROWS + 1) // 2))
         self._z, self._v = np.zeros((2, m, MOST_ROWS))
-        self._centre, self._spread, self._prior_variance = np.zeros((3, m))
+        self._centre, self._spread, self._alone = np.zeros((3, m))
         self._shares: FloatArray | None = None
 
     def _start_from(self, others: OtherMachines) -> None:
@@ -175,9 +175,9 @@ class Process:
         levels = self._levels() + rows.reference[:, None] if reference else self._levels()
         given = c, x, square, self._smooth, self._inverse, levels, rows.known, self._lower, self._z
         _kernel.process_look(rows.x, rows.square, rows.n, *given, self._v, self._centre, self._spread)
+        self._alone = self._own(c, x, square)
         level = self._level * now + jolted + (rows.reference if reference else 0.0)
-        self._prior_variance = self._own(c, x, square) + level
-        return self._centre + self._mean @ x, self._prior_variance - self._spread
+        return self._centre + self._mean @ x, self._alone + level - self._spread
 
     def covariance(self, x: FloatArray, other: FloatArray, now: float, jolted: FloatArray) -> FloatArray:
         """(m,) between a measurement now with features x (p,) and the errors later, with others."""
@@ -191,9 +191,10 @@ class Process:
         return np.asarray(prior - np.sum(self._v[:, : self._rows.n] * there, axis=1))
 
     def append(self, x: FloatArray, now: float, jolted: FloatArray, y: FloatArray, noise: FloatArray) -> None:
-        """The row that `rows` takes next: its measurements (m,), and their variances, infinite where there is none."""
-        self.look(x, now, jolted, reference=True)
-        own, off = self._prior_variance + (noise + self._misfit), y - self._mean @ x
+        """The row that `rows` takes next, at which `look` has just looked with the reference's noise: its measurements
+        (m,), and their variances, infinite where there is none."""
+        own = self._alone + (self._level * now + jolted + self._rows.reference) + (noise + self._misfit)
+        off = y - self._mean @ x
         _kernel.process_append(self._lower, self._z, self._rows.n, self._v, self._centre, self._spread, own, off)
         self._shares = None
 
