@@ -219,7 +219,7 @@ class Process:
     def renew(self, j: int) -> None:
         """Find the prior variance of each input's weights again, by MacKay's fixed point (Neural Computation 4 (1992)
         415-447), v = sum(m²) / sum(1 - P / v) over the input's weights."""
-        if not self._expert.evidence:
+        if not self._expert.evidence or not self.relevance.size:
             return
         n, prior = self._rows.n, self._prior(j)
         white = self._white(j)
