@@ -117,7 +117,8 @@ class RowLearner:
                 self._cross(before, deviation, gap)
             else:
                 bank.advance(deviation)
-        mixture.elapse(gap + 1)
+        if self._anchored:  # at the reference the level is zero
+            mixture.elapse(gap + 1)
         self._doubt = np.zeros(self._errors)
         if missing is not None:
             gains = mixture.weights().reshape(self._errors, len(values), -1).sum(axis=2) / bank.span

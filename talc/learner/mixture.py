@@ -54,7 +54,7 @@ class MixtureState:
     """(n, p) features of the rows; `square` (n,) their squares."""
     square: FloatArray
     time: FloatArray
-    """(n,) in drift steps since the first row; `weight` (n,) how many measurements a row stands for."""
+    """(n,) in drift steps since the reference; `weight` (n,) how many measurements a row stands for."""
     weight: FloatArray
     jolt: FloatArray
     """(n, 9) variance that gaps and jumps had added to the level by then; `y` (n, 9) what was measured."""
@@ -71,7 +71,7 @@ class MixtureState:
     zero: FloatArray
     """(9, 4) discounted sums of 1, y, y² over the noise's variance, and of its logarithm."""
     now: float
-    """Drift steps since the first row; `jolted` (9,) the present variances of `jolt`."""
+    """Drift steps since the reference; `jolted` (9,) the present variances of `jolt`."""
     jolted: FloatArray
     elapsed: FloatArray
     """(9,) drift steps since the last measurement of each error."""

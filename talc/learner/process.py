@@ -21,7 +21,8 @@ _CHANGE = 0.1, 3.0
 _RELEVANCE = 1e-4, 1e2
 """Bounds of a prior variance over its first one."""
 _NODES, _NODE_WEIGHTS = np.polynomial.legendre.leggauss(8)
-"""On [-1, 1]: the path from the reference to the present features."""
+"""On [-1, 1]: a piece, at most `_PIECE` long, of the path from the reference to the present features."""
+_PIECE = 2.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -90,12 +91,10 @@ class Rows:
         while len(x) > _FEWER:
             i = int(np.argmin(np.diff(time[: len(time) - _NEWEST])))
             a, b = weight[i], weight[i + 1]
-            each = np.isfinite(noise[i]) * a, np.isfinite(noise[i + 1]) * b
-            both = np.maximum(each[0] + each[1], 1e-300)
-            y[i] = (each[0] * y[i] + each[1] * y[i + 1]) / both
-            known = [np.where(np.isfinite(one), one, 0.0) for one in (noise[i], noise[i + 1])]
-            merged = (each[0] * known[0] + each[1] * known[1]) / both
-            noise[i] = np.where(each[0] + each[1] > 0.0, merged, np.inf)
+            told = a / noise[i], b / noise[i + 1]  # an error that only one measured keeps that one's value and noise
+            both = np.maximum(told[0] + told[1], 1e-300)
+            y[i] = (told[0] * y[i] + told[1] * y[i + 1]) / both
+            noise[i] = np.where(told[0] + told[1] > 0.0, (a + b) / both, np.inf)
             x[i], time[i] = (a * x[i] + b * x[i + 1]) / (a + b), (a * time[i] + b * time[i + 1]) / (a + b)
             jolt[i], weight[i] = (a * jolt[i] + b * jolt[i + 1]) / (a + b), a + b
             for values in (x, time, weight, jolt, y, noise):
@@ -280,7 +279,9 @@ class Process:
             return found
         rows, n, shares = self._rows, self._rows.n, self._rows_shares()
         far = np.exp(-self._inverse * rows.square[:n])
-        for node, weight in zip(0.5 * (_NODES + 1.0), 0.5 * _NODE_WEIGHTS, strict=True):
+        pieces = 1 + int(math.sqrt(2.0 * self._inverse * float(x @ x)) / _PIECE)
+        nodes = (np.arange(pieces)[:, None] + 0.5 * (_NODES + 1.0)).ravel() / pieces
+        for node, weight in zip(nodes, np.tile(0.5 * _NODE_WEIGHTS / pieces, pieces), strict=True):
             at = node * x
             near = np.exp(-self._inverse * np.sum((at - rows.x[:n]) ** 2, axis=1))
             here = np.exp(-self._inverse * (at @ at))
