@@ -66,8 +66,8 @@ BAD_PACKAGES = (
     BadPackage(
         "silent",
         "gateway/acquisition/acquisition",
-        "return BusRunner(line, self._clock, self._take,",
-        "return BusRunner(line, self._clock, lambda _: None,",
+        "BusRunner(line, self._clock, self._take,",
+        "BusRunner(line, self._clock, lambda _: None,",
         longest_s=45,
     ),
 )
