@@ -9,7 +9,6 @@ from benchmarks.rows import BenchRow
 
 _SUBJECTS = (
     "demo",
-    "demo_bounds",
     "demo_models",
     "acquisition",
     "sensor_check",
@@ -19,10 +18,8 @@ _SUBJECTS = (
     "storage",
     "unseen_days",
     "learner",
-    "learner_bounds",
     "policy",
     "forecast",
-    "sparse_expert",
     "recordings",
 )
 _ON_REQUEST = ("thingsboard",)

@@ -14,7 +14,7 @@ class Explanation:
     level: FloatArray
     """(9,) the part that no input explains."""
     experts: FloatArray
-    """(9, E) weights of the experts, which add up to 1."""
+    """(9, E) weights of the experts, which add up to 1; the first one says that the error is zero."""
     believed: FloatArray
     """(9,) probability that the error is not just zero."""
 
@@ -23,9 +23,9 @@ class Explanation:
 class Weights:
     """What is known of how the errors follow the inputs.
 
-    The estimate of an error is `share` times the sum of `level` and of all inputs' weights times the deviation of the
-    input from `reference` through a first-order lag. Each sigma is a standard uncertainty by itself: those of one error
-    are correlated.
+    The estimate of an error is `share` times the sum of `level`, of `smooth`, and of all inputs' weights times the
+    deviation of the input from `reference` through a first-order lag. Each sigma is a standard uncertainty by
+    itself: those of one error are correlated.
     """
 
     inputs: FloatArray
@@ -34,8 +34,10 @@ class Weights:
     level: FloatArray
     """(9,) µm or µm/m."""
     level_sigma: FloatArray
+    smooth: FloatArray
+    """(9,) what is not linear in the inputs, at present; µm or µm/m."""
     share: FloatArray
-    """(9,) probability that the error is not just zero; 0 where it is not corrected."""
+    """(9,) 1; 0 where it is not corrected."""
     reference: FloatArray
     """(n,) in the units of the inputs."""
     time_constants_s: tuple[float, ...]

@@ -16,15 +16,13 @@ from talc.names import THERMAL_ERRORS
 from talc.papers.phased import PhasedState
 from talc.record import refilled
 
-_FORMAT = 3
-BESIDE_INPUTS = {2: 1, _FORMAT: 2}
-"""Weights of an error beside those of its inputs, by format: the level; later also the noise of the reference."""
+_FORMAT = 4
+_OF_MODELS = 2, 3
+"""Earlier formats, which differ in the learner only."""
 Arrays = Mapping[str, NDArray[Any]]
 
 _LEARNER = "learner."
 _MIXTURE = "mixture."
-_STORED = {"level_variance": "jolt"}
-"""Fields to their names in a snapshot, where these differ."""
 
 
 def to_plain(state: ControllerState) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
@@ -71,13 +69,10 @@ def from_plain(plain: Mapping[str, Any], arrays: Arrays, frames: Callable[[int, 
 
     frames: gives those from a grid index to another one, both included
 
-    Raises ValueError for a format that is neither this nor the last one, and KeyError or TypeError for values that no
-    state has.
+    Raises ValueError for a format that this program does not know, and KeyError or TypeError for values that no state
+    has.
     """
-    if plain["format"] not in BESIDE_INPUTS:
-        raise ValueError(f"format = {plain['format']!r}: expected {' or '.join(map(str, BESIDE_INPUTS))}")
-    if plain["format"] != _FORMAT and "course" in plain:
-        arrays = _with_reference(arrays)
+    check_format(plain)
     last_k, rows = plain["last_k"], plain["rows"]
     names = tuple(plain["input_names"])
     inputs, valid = np.empty((0, len(names))), np.empty((0, len(names)), dtype=np.bool_)
@@ -93,6 +88,15 @@ def from_plain(plain: Mapping[str, Any], arrays: Arrays, frames: Callable[[int, 
         last_k=last_k,
         strategy=_strategy(plain, arrays),
     )
+
+
+def check_format(plain: Mapping[str, Any]) -> None:
+    """ValueError: a state in this format cannot be continued from."""
+    number = plain["format"]
+    if number in _OF_MODELS and "course" in plain:
+        raise ValueError(f"format = {number}: of an earlier learner; its record, replayed, teaches this one the same")
+    if number not in (*_OF_MODELS, _FORMAT):
+        raise ValueError(f"format = {number!r}: expected {_FORMAT}")
 
 
 def _strategy(plain: Mapping[str, Any], arrays: Arrays) -> CourseState | PhasedState | HeldState:
@@ -151,21 +155,9 @@ def _course(plain: Mapping[str, Any], arrays: Arrays) -> CourseState:
     )
 
 
-def _with_reference(arrays: Arrays) -> Arrays:
-    """A last weight that is known to be zero: then all goes on as before."""
-    n = arrays["mixture.mean"].shape[2] + 1
-    more = {"mean": 1, "prior": 1, "drift": 1, "covariance": n, "mixed": n}
-
-    def longer(array: NDArray[Any], by: int) -> NDArray[Any]:
-        return np.concatenate([array, np.zeros((*array.shape[:-1], by))], axis=-1)
-
-    return {**arrays, **{_MIXTURE + name: longer(arrays[_MIXTURE + name], by) for name, by in more.items()}}
-
-
 def _values(state: LearnerState | MixtureState) -> Iterator[tuple[str, Any]]:
-    return ((_STORED.get(field.name, field.name), getattr(state, field.name)) for field in fields(state))
+    return ((field.name, getattr(state, field.name)) for field in fields(state))
 
 
 def _own(arrays: Arrays, prefix: str) -> dict[str, Any]:
-    own = {name.removeprefix(prefix): value for name, value in arrays.items() if name.startswith(prefix)}
-    return {field: own.pop(name) for field, name in _STORED.items() if name in own} | own
+    return {name.removeprefix(prefix): value for name, value in arrays.items() if name.startswith(prefix)}

@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from talc.control import ControllerState
-from talc.frame import FloatArray, IntArray
+from talc.frame import IntArray
 from talc.hold import HeldState, MeasureAndHold
 from talc.learner import CourseState, LearnerState, LearningCourse, MixtureState
+from talc.learner.mixture import Mixture
 from talc.papers.phased import PhasedModels, PhasedState
 
 _NOT_HERE = -1
@@ -21,7 +22,7 @@ _Scalar = TypeVar("_Scalar", bound=np.generic)
 def transferred(state: ControllerState, fresh: ControllerState) -> ControllerState:
     """What `state` knows, for the controller that `fresh` is the state of, which has taken no step yet.
 
-    Of a learner the weights of inputs that are not here are left out of its normal distribution, and those of new
+    Of a learner, what inputs that are not here have explained is taken from its measurements, and the weights of new
     inputs begin as without any knowledge. A model whose inputs are not all here is left out. Grid indices are left out:
     a measurement is wanted at once.
 
@@ -91,41 +92,25 @@ def _taken(old: NDArray[_Scalar], fresh: NDArray[_Scalar], at: IntArray) -> NDAr
 
 
 def _mixture(old: MixtureState, fresh: MixtureState, inputs: IntArray, lags: int) -> MixtureState:
-    if old.weight.shape != fresh.weight.shape:
+    """What an input that is not here has explained is taken from the rows; of a new one they say nothing."""
+    if old.share.shape != fresh.share.shape:
         raise ValueError(
-            f"it has {old.weight.shape[1]} filters and the learner here has {fresh.weight.shape[1]}: "
+            f"it has {old.share.shape[1]} experts and the learner here has {fresh.share.shape[1]}: "
             "only one of the two has a prior, or another version of the program has learnt it"
         )
+    many = old.relevance.shape[2]
+    gone = np.repeat(~np.isin(np.arange(many), inputs), lags)
+    y = old.y
+    if gone.any() and len(old.x):
+        known = Mixture(many, lags, 300.0)
+        known.restore(old)
+        y = old.y - old.x[:, gone] @ known.weights()[:, gone].T
     lagged = np.where(inputs[:, None] >= 0, inputs[:, None] * lags + np.arange(lags), _NOT_HERE).ravel()
-    many = old.mean.shape[2]
-    at = np.append(lagged, [many - 2, many - 1])  # the level, and the noise of the reference
-    prior = _weights(old.prior, at, fresh.prior)
-    measured = (old.count > 0)[:, None]
-    covariance = _triangle(old.covariance, at, np.where(measured[..., None], prior, 0.0))
-    known = np.where(measured, np.einsum("je,jen->jn", old.weight, prior), 0.0)
+    x = np.ascontiguousarray(np.where(lagged >= 0, old.x[:, lagged], 0.0))
     return replace(
         old,
-        mean=_weights(old.mean, at, 0.0),
-        covariance=covariance,
-        prior=prior,
-        mixed=_triangle(old.mixed, at, known),
-        drift=_weights(old.drift, at, 0.0),
-        cursor=old.cursor % max(len(inputs), 1),
+        x=x,
+        y=y,
+        square=np.array([row @ row for row in x]),
+        relevance=np.where(inputs >= 0, old.relevance[:, :, inputs], 1.0),
     )
-
-
-def _weights(old: FloatArray, at: IntArray, fresh: FloatArray | float) -> FloatArray:
-    """(..., n') of (..., n); the kernel works in place, and for that on rows that lie in memory one after the other."""
-    return np.ascontiguousarray(np.where(at >= 0, old[..., at], fresh))
-
-
-def _triangle(old: FloatArray, at: IntArray, variance: FloatArray) -> FloatArray:
-    """(..., m') lower triangles of the rows and columns `at` of those in (..., m); new rows have only a variance."""
-    rows, columns = np.tril_indices(len(at))
-    one, other = at[rows], at[columns]
-    high, low = np.maximum(one, other), np.minimum(one, other)
-    there = low >= 0
-    new = _weights(old, np.where(there, high * (high + 1) // 2 + low, _NOT_HERE), 0.0)
-    own = (rows == columns) & ~there
-    new[..., own] = variance[..., rows[own]]
-    return new

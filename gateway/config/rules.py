@@ -22,10 +22,6 @@ _SLOPE_UM_PER_MM = 0.1
 """Slope of a table that has grown by 12 µm at 120 mm, or an axis tilted by 100 µm/m: usual on a warm machine."""
 _MOST_CHANNELS = 1000
 """A database has 2047 numbers for channels in its life, and a channel whose unit changes takes another one."""
-_MUCH_MEMORY = 300e6
-"""Bytes of a learner; a snapshot and a start take as many again, and the Debian package's service may have 1 GB."""
-_FEW_INPUTS = 100
-"""Their learner takes 0.1 GB."""
 _SHORTEST_PLANNED_S = 4.3
 """Planned loads are learnt from two days or more, and the most steps that are kept are 40,320."""
 _UNSTABLE_PORT = re.compile(r"/dev/tty(USB|ACM)\d+")
@@ -80,7 +76,6 @@ def cautions(config: GatewayConfig) -> list[Problem]:
         found.append(Problem("[talc] prior", f"has no effect with method = '{config.talc.method}'"))
     if config.nc is not None:
         found += _cautions_of("[nc]", config.nc)
-    found += _memory(config)
     if config.planned_loads and config.grid.step_s < _SHORTEST_PLANNED_S:
         found.append(Problem("[[planned_load]]", f"has no effect with [grid] step_s below {_SHORTEST_PLANNED_S:g}"))
     found += _manuals_addresses(config)
@@ -101,24 +96,6 @@ def _cautions_of(where: str, section: BusSection | Nc) -> list[Problem]:
         return asked(section.kind, lambda: [Problem(f"{where} {field}", text) for field, text in section.cautions()])
     except SetupError as error:
         return [Problem(where.rstrip(","), error.advice)]
-
-
-def _memory(config: GatewayConfig) -> Iterator[Problem]:
-    """What a learner takes grows with the square of its inputs."""
-    if config.nc is None or config.nc.only_read or config.talc.method != "learner":
-        return  # without measurements it is not touched
-    inputs = len(config.input_names)
-    if inputs <= _FEW_INPUTS:
-        return
-    from talc.learner import learner_bytes  # loads the kernel, which programs beside a gateway do without
-
-    if (needed := learner_bytes(inputs)) > _MUCH_MEMORY:
-        yield Problem(
-            "[talc] method",
-            f"the learner of {inputs} inputs takes {needed / 1e9:.1f} GB from the first measurement on, and as much "
-            "again at a start and at each day's snapshot; the Debian package's service may have 1 GB: raise MemoryMax, "
-            "or move channels that say nothing about the errors to a gateway without [nc]",
-        )
 
 
 def _manuals_addresses(config: GatewayConfig) -> Iterator[Problem]:

@@ -21,7 +21,7 @@ from gateway.storage.snapshot import ARRAY_KINDS
 from talc.control import ControllerState
 from talc.frame import FloatArray, Frames
 from talc.names import THERMAL_ERRORS
-from talc.snapshot import BESIDE_INPUTS, from_plain, to_plain
+from talc.snapshot import check_format, from_plain, to_plain
 
 _FORMAT = "talc-gateway learnt"
 _VERSION = 1
@@ -30,12 +30,12 @@ _LONGEST_STEP_S = 1e6
 _SHAPES = {
     "held": "j", "trusted": "j", "learner.doubt": "j", "learner.level": "il", "learner.covariance": "ii",
     **{f"learner.{name}": "i" for name in ("span", "wide", "reference", "known", "last", "away", "mean")},
-    **{f"mixture.{name}": "jen" for name in ("mean", "prior")},
-    **{f"mixture.{name}": "je" for name in ("log_weight", "weight")},
-    **{f"mixture.{name}": "j" for name in ("elapsed", "jolt", "null", "count", "suspect", "last")},
-    "mixture.covariance": "jem", "mixture.mixed": "jm", "mixture.drift": "jn", "mixture.shift": "j2",
+    **{f"mixture.{name}": "r" for name in ("square", "time", "weight")}, "mixture.x": "rp",
+    **{f"mixture.{name}": "rj" for name in ("jolt", "y", "noise")},
+    **{f"mixture.{name}": "jw" for name in ("evidence", "share")}, "mixture.relevance": "jei", "mixture.zero": "j4",
+    **{f"mixture.{name}": "j" for name in ("reference", "jolted", "elapsed", "count", "suspect", "last")},
 }  # fmt: skip
-"""j: the errors, i: the inputs, l: the lags, e: the experts, n: the weights of an error, m: of their lower triangle."""
+"""j: the errors, i: the inputs, l: the lags, p: the features, r: the rows, e: the processes, w: the experts."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -105,8 +105,11 @@ def parse_learnt(text: str) -> Learnt:
     if stated != _checksum(whole):
         raise ValueError(f"sha256 = {shown(stated)}: does not match the rest; the file is damaged or was edited")
     inputs, step_s = _described(whole)
-    beside = _beside_inputs(whole.get("controller"))
-    arrays = _arrays(whole.get("arrays"), len(inputs), beside)
+    try:
+        check_format(whole["controller"])
+    except (KeyError, TypeError, ValueError) as error:
+        raise ValueError(f"controller: {error}") from None
+    arrays = _arrays(whole.get("arrays"), len(inputs))
     try:
         state = from_plain({**whole["controller"], "rows": 0}, arrays, _no_frames)
     except (KeyError, TypeError, ValueError, AttributeError) as error:
@@ -114,14 +117,6 @@ def parse_learnt(text: str) -> Learnt:
     if list(state.input_names) != inputs:
         raise ValueError("controller.input_names: expected the names under inputs")
     return Learnt(whole["machine"], whole["method"], step_s, state, _reference(whole.get("reference")))
-
-
-def _beside_inputs(controller: object) -> int:
-    """Weights of an error beside those of its inputs."""
-    number = controller.get("format") if isinstance(controller, dict) else None
-    if not isinstance(number, int) or number not in BESIDE_INPUTS:
-        raise ValueError(f"controller: format = {shown(number)}: expected {' or '.join(map(str, BESIDE_INPUTS))}")
-    return BESIDE_INPUTS[number]
 
 
 def _described(whole: Mapping[str, Any]) -> tuple[list[str], float]:
@@ -156,14 +151,14 @@ def _reference(plain: object) -> Reference | None:
     return Reference(ended, centres, in_force, errors)
 
 
-def _arrays(plain: object, inputs: int, beside: int) -> dict[str, NDArray[Any]]:
+def _arrays(plain: object, inputs: int) -> dict[str, NDArray[Any]]:
     if not isinstance(plain, dict):
         raise ValueError(f"arrays = {shown(plain)}: expected a table")  # noqa: TRY004 -- of a file
     arrays = {str(name): _unpacked(str(name), packed) for name, packed in plain.items()}
-    known = {"j": len(THERMAL_ERRORS), "i": inputs, "2": 2}
+    known = {"j": len(THERMAL_ERRORS), "i": inputs, "4": 4}
     for name, shape in _SHAPES.items():
         if name not in arrays:
-            if "mixture.weight" in arrays or name == "held":
+            if "mixture.x" in arrays or name == "held":
                 raise ValueError(f"arrays.{name}: is missing")
             continue
         found = arrays[name].shape
@@ -172,9 +167,13 @@ def _arrays(plain: object, inputs: int, beside: int) -> dict[str, NDArray[Any]]:
         for letter, size in zip(shape, found, strict=True):
             if known.setdefault(letter, size) != size:
                 raise ValueError(f"arrays.{name}: has the shape {found}, expected {known[letter]} instead of {size}")
-    n, m = known.get("n"), known.get("m")
-    if n is not None and ((expected := inputs * known["l"] + beside) != n or m != n * (n + 1) // 2):
-        raise ValueError(f"arrays.mixture.mean: has {n} weights, expected {expected} of {inputs} inputs")
+    features, processes = known.get("p"), known.get("e")
+    if features is not None and features != inputs * known["l"]:
+        raise ValueError(
+            f"arrays.mixture.x: has {features} features, expected {inputs * known['l']} of {inputs} inputs"
+        )
+    if processes is not None and known["w"] != processes + 1:
+        raise ValueError(f"arrays.mixture.share: has {known['w']} experts, expected {processes + 1}")
     return arrays
 
 

@@ -4,7 +4,7 @@
 #include "runner.hpp"
 #include "group_lasso.hpp"
 #include "lag.hpp"
-#include "learner.hpp"
+#include "process.hpp"
 #include "progress.hpp"
 #include "pso.hpp"
 #include "search.hpp"
@@ -13,7 +13,7 @@ NB_MODULE(_kernel, m) {
     m.doc() = "Compiled numerics of TALC.";
     talc::bind_group_lasso(m);
     talc::bind_lag(m);
-    talc::bind_learner(m);
+    talc::bind_process(m);
     talc::bind_progress(m);
     talc::bind_pso(m);
     talc::bind_runner(m);

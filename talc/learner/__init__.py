@@ -1,7 +1,7 @@
-"""Thermal errors as weighted lags of the inputs, learnt at every measurement by a mixture of Kalman filters."""
+"""Thermal errors as functions of lagged inputs, learnt at every measurement by Gaussian processes."""
 
 from talc.learner.course import CourseState, LearningCourse
-from talc.learner.learner import LearnerState, RowLearner, learner_bytes
+from talc.learner.learner import LearnerState, RowLearner
 from talc.learner.mixture import MixtureState
 from talc.learner.prior import Prior, make_prior
 
@@ -12,6 +12,5 @@ __all__ = [
     "MixtureState",
     "Prior",
     "RowLearner",
-    "learner_bytes",
     "make_prior",
 ]

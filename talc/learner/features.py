@@ -38,8 +38,8 @@ class LagBank:
         """(n, L) outputs of the lags, in spans; the first one has no lag."""
 
     def features(self) -> FloatArray:
-        """(n L + 1,) input by input; the last one is 1, for the level."""
-        return np.append(self.level.ravel(), 1.0)
+        """(n L,) input by input."""
+        return self.level.ravel().copy()
 
     def ahead(self, steps: int) -> FloatArray:
         """The features this many steps ahead, if the inputs stay as they are."""
@@ -48,15 +48,15 @@ class LagBank:
     def towards(self, steps: float, deviation: FloatArray) -> FloatArray:
         """The features this many steps ahead, > 0, if the inputs have these (n,) deviations from now on."""
         kept = self._kept**steps
-        return np.append((kept * self.level + (1.0 - kept) * (deviation / self.span)[:, None]).ravel(), 1.0)
+        return np.asarray((kept * self.level + (1.0 - kept) * (deviation / self.span)[:, None]).ravel())
 
     def along(self, deviations: FloatArray, steps: Sequence[int]) -> FloatArray:
-        """(S, n L + 1) the features these many steps ahead, if the inputs have these deviations (T, n) meanwhile."""
+        """(S, n L) the features these many steps ahead, if the inputs have these deviations (T, n) meanwhile."""
         level, found = self.level, dict[int, FloatArray]()
         for step, deviation in enumerate(deviations, start=1):
             level = self._kept * level + (1.0 - self._kept) * (deviation / self.span)[:, None]
             if step in steps:
-                found[step] = np.append(level.ravel(), 1.0)
+                found[step] = level.ravel()
         return np.stack([found[step] for step in steps])
 
     def widen(self, deviation: FloatArray) -> FloatArray:

@@ -9,7 +9,8 @@ from talc.explanation import Explanation, Weights
 from talc.frame import BoolArray, FloatArray
 from talc.learner.features import LagBank
 from talc.learner.inputs import InputMemory
-from talc.learner.mixture import Mixture, MixtureState, OtherMachines, Surprise, mixture_bytes
+from talc.learner.mixture import Mixture, MixtureState, Surprise
+from talc.learner.process import OtherMachines
 
 TIME_CONSTANTS_S = (0.0, 900.0, 2700.0, 8100.0, 24300.0)
 """0, 15 min, 45 min, 2.25 h, 6.75 h: any smooth response of a machine is near a sum of these."""
@@ -19,7 +20,8 @@ _SHORT_GAP_S = 3600.0
 """Across a shorter gap inputs are interpolated linearly; after a longer one the lags restart at the present values."""
 _LONGEST_RAMP = 2016
 """Steps, whatever they last, because each is computed; the lags restart after a longer gap."""
-_TRUSTED = 0.5
+_TRUSTED = 0.1
+"""An error is corrected unless it is zero with a probability of 90 %; its estimate is shrunk by this probability."""
 _SIGMA_RATE = 0.5
 """How fast sigma is scaled by how far measurements are off. A measurement counts as far as its own noise does not hide
 this. A slower rate, or a lower bound, would suit the simulated machines, whose intervals are too wide; on a real
@@ -62,11 +64,6 @@ class LearnerState:
     doubt: FloatArray
 
 
-def learner_bytes(inputs: int) -> int:
-    """The most memory that a learner of nine errors takes with this many inputs, from their first measurements on."""
-    return mixture_bytes(inputs, len(TIME_CONSTANTS_S))
-
-
 class RowLearner:
     """Inputs, lags and the mixture together; a pure function of the rows it has seen.
 
@@ -100,7 +97,7 @@ class RowLearner:
 
     @property
     def scale(self) -> float:
-        """Factor on the filters' standard deviations, because measurements were further off than these said."""
+        """Factor on the experts' standard deviations, because measurements were further off than these said."""
         return self._scale
 
     def advance(self, values: FloatArray, valid: BoolArray, gap: int) -> BoolArray:
@@ -123,7 +120,7 @@ class RowLearner:
         mixture.elapse(gap + 1)
         self._doubt = np.zeros(self._errors)
         if missing is not None:
-            gains = mixture.weights()[:, :-1].reshape(self._errors, len(values), -1).sum(axis=2) / bank.span
+            gains = mixture.weights().reshape(self._errors, len(values), -1).sum(axis=2) / bank.span
             self._doubt = np.maximum(np.einsum("ji,ik,jk->j", gains, missing, gains), 0.0)
         return moved
 
@@ -140,8 +137,8 @@ class RowLearner:
         memory, bank, mixture = self._memory, self._bank, self._mixture
         before = memory.last - memory.reference
         now = np.where(valid & (memory.away == 0), values - memory.reference, before)
-        x = bank.towards(steps, np.where(bank.beyond(now), before, now))
-        return np.where(mixture.count > 0, self._share() * (mixture.weights() @ x), np.nan)
+        mean, _ = mixture.predict(bank.towards(steps, np.where(bank.beyond(now), before, now)), steps)
+        return np.where(mixture.count > 0, np.where(mixture.believed > _TRUSTED, mean, 0.0), np.nan)
 
     def forecast(self, ahead: Sequence[int]) -> tuple[list[Estimate], FloatArray, list[Estimate]]:
         """The estimates at S later steps if the inputs stay as they are; (S, 9) their sigma if the machine is measured
@@ -152,7 +149,7 @@ class RowLearner:
         usual = self._memory.mean - self._memory.reference
         moved = [self._estimate(bank.towards(steps, usual), steps) for steps in ahead]
         _, now = mixture.expect(x)
-        shared = self._scale**2 * mixture.covariance(x, later)
+        shared = self._scale**2 * mixture.covariance(x, later, np.asarray(ahead, dtype=np.float64))
         gained = shared**2 / (self._scale**2 * now + self._doubt + self._noise**2)[:, None]
         left = np.stack([e.sigma for e in stays]) ** 2 - gained.T
         return stays, np.sqrt(np.maximum(left, 0.0)), moved
@@ -167,11 +164,9 @@ class RowLearner:
         """With features x (n,), `ahead` steps ahead."""
         mean, variance = self._mixture.predict(x, ahead)
         variance = self._scale**2 * variance + self._doubt
-        believed = self._mixture.believed
-        trusted = believed > _TRUSTED
-        # There are two hypotheses, zero and the mixture; where zero is more likely, the estimate is zero. Its
-        # uncertainty is still the mixture's: that an error cannot be shown does not make it zero.
-        value = np.where(trusted, believed * mean, 0.0)
+        trusted = self._mixture.believed > _TRUSTED
+        # That an error cannot be shown does not make it zero: its uncertainty is still the mixture's.
+        value = np.where(trusted, mean, 0.0)
         square = variance + (mean - value) ** 2
         none = self._mixture.count == 0
         return Estimate(np.where(none, np.nan, value), np.where(none, np.nan, np.sqrt(square)), trusted & ~none)
@@ -186,7 +181,7 @@ class RowLearner:
         x = self._bank.features()
         _, variance = self._mixture.expect(x)
         surprise = self._mixture.learn(x, errors, noise, self._doubt)
-        # Probing noise is known; only the filters' own part may be over- or underconfident.
+        # Probing noise is known; only the experts' own part may be over- or underconfident.
         settled = np.isfinite(surprise.ratio) & ~surprise.outlier & (self._mixture.count > 1)
         if settled.any():
             known = noise[settled] ** 2
@@ -201,21 +196,25 @@ class RowLearner:
 
     def explain(self) -> Explanation:
         """The reasons for the estimates of the present row."""
-        weights, features = self._mixture.weights(), self._bank.features()
-        parts = weights * features * self._share()[:, None]
-        inputs = parts[:, :-1].reshape(self._errors, -1, self._bank.lags).sum(axis=2)
-        return Explanation(inputs, parts[:, -1], self._mixture.weight.copy(), self._mixture.believed)
+        mixture, x = self._mixture, self._bank.features()
+        value = self._estimate(x, 0).value
+        shown = np.nan_to_num(value) != 0.0
+        parts = np.where(shown[:, None], mixture.contributions(x), 0.0)
+        inputs = parts.reshape(self._errors, -1, self._bank.lags).sum(axis=2)
+        return Explanation(inputs, np.nan_to_num(value) - inputs.sum(axis=1), mixture.share.copy(), mixture.believed)
 
     def weights(self) -> Weights:
         """What is known of how the errors follow the inputs."""
-        shape, span = (self._errors, -1, self._bank.lags), self._bank.span[:, None]
-        mean, sigma = self._mixture.weights(), self._scale * np.sqrt(self._mixture.variances())
+        mixture, bank = self._mixture, self._bank
+        shape, span = (self._errors, -1, bank.lags), bank.span[:, None]
+        x, (level, level_variance) = bank.features(), mixture.level()
         return Weights(
-            inputs=mean[:, :-1].reshape(shape) / span,
-            inputs_sigma=sigma[:, :-1].reshape(shape) / span,
-            level=mean[:, -1],
-            level_sigma=sigma[:, -1],
-            share=self._share(),
+            inputs=mixture.weights().reshape(shape) / span,
+            inputs_sigma=self._scale * np.sqrt(mixture.variances()).reshape(shape) / span,
+            level=level,
+            level_sigma=self._scale * np.sqrt(level_variance),
+            smooth=mixture.predict(x)[0] - level - mixture.weights() @ x,
+            share=np.where(mixture.believed > _TRUSTED, 1.0, 0.0),
             reference=self._memory.reference.copy(),
             time_constants_s=TIME_CONSTANTS_S,
         )
@@ -250,11 +249,6 @@ class RowLearner:
         m.away, m.mean, m.covariance = state.away.astype(np.int64), state.mean.copy(), state.covariance.copy()
         m.rows, self._anchored, self._scale, self._doubt = state.rows, state.anchored, state.scale, state.doubt.copy()
 
-    def _share(self) -> FloatArray:
-        """(9,) of the mixture's mean in the estimate."""
-        believed = self._mixture.believed
-        return np.where(believed > _TRUSTED, believed, 0.0)
-
     def _cross(self, before: FloatArray, now: FloatArray, gap: int) -> None:
         """Cross a gap, in which the inputs are unknown. Its effect is judged by the difference of two guesses."""
         bank, mixture = self._bank, self._mixture
@@ -264,6 +258,6 @@ class RowLearner:
         bank.ramp(before, now, gap + 1)
         if gap <= self._short_gap:
             return
-        straight = bank.features()
+        straight, _ = mixture.predict(bank.features())
         bank.restart(now)
-        mixture.add_level_variance(np.sum(mixture.weights() * (bank.features() - straight), axis=1) ** 2)
+        mixture.add_level_variance((mixture.predict(bank.features())[0] - straight) ** 2)

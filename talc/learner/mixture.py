@@ -1,37 +1,31 @@
-"""The experts of all thermal errors: Kalman filters of weights, mixed by how well they predict measurements."""
+"""The experts of all thermal errors: Gaussian processes, mixed by how well they predict measurements."""
 
-from copy import deepcopy
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from talc.frame import FloatArray
-from talc.learner import filters
 from talc.learner.experts import EXPERTS, OTHERS_EXPERTS, UNIT, Expert
+from talc.learner.process import OtherMachines, Process, Rows
 from talc.names import THERMAL_ERRORS
 
 _ERRORS = len(THERMAL_ERRORS)
 _DRIFT_STEP_S = 300.0
-"""Time in seconds to which the drifts of an `Expert` refer."""
+"""Time in seconds to which the level of an `Expert` refers."""
 _TEMPER = 0.6
 """Exponent of the likelihoods."""
 _KEPT = 0.97
 """Discount of the likelihoods at each measurement."""
-_SHARED = 0.01
-"""Share of the weight that is spread over all experts."""
-_NULL_FIRST = 3.0
-"""First log-odds that an error stays zero."""
-_NULL_KEPT = 0.995
-"""Their discount at a measurement."""
-_NULL_BOUND = 10.0
-"""Their bound."""
+_SHARED = 0.003
+"""Share of the weight that every expert keeps of its first one."""
+_ZERO = 0.9
+"""First weight of zero: an error is believed when measurements show it."""
 _REFERENCE = 0.2
 """Variance of the reference's noise over a measurement's: by default the reference is a mean of five."""
 _OTHERS_SHARE = 0.8
-"""First weight of all experts from other machines together."""
-_OTHERS_NULL = -2.0
-"""First log-odds that an error stays zero of which other machines have learnt."""
+"""First weight of all experts from other machines together; then that of zero is `_OTHERS_ZERO`."""
+_OTHERS_ZERO = 0.1
 _LEAST_NOISE = 0.25
 """µm or µm/m: no probing cycle is more accurate."""
 _FAR = 5.0
@@ -44,42 +38,41 @@ _FASTEST = 0.3
 """UNIT in 5 min."""
 _FIRST_FAR = 4.0
 """If the first measurement is this many standard deviations from zero, the reference is not the present state."""
-_LEAST_MIXED = 1e-3
-_RENEWED = 8
-"""Number of inputs for which a measurement renews the prior variance."""
 _EVIDENCE_FROM = 6
-"""Measurements before the first renewal."""
-_EVIDENCE = np.array([0.5, 0.1, 0.1, 3.0, 1e-4, 1e2])
-"""Weights that the variance before counts for; a smaller relative change is not made; bounds of a change, and of a
-variance over its first one."""
-_LARGE = "covariance", "mixed"
-"""Parts of a state that grow with the square of the number of inputs."""
+"""Measurements before the first renewal of prior variances."""
+_RENEWAL_COST = 3e6
+"""Rows cubed for which a measurement renews prior variances: those of all errors at first, of one in turn later."""
 
 
 @dataclass(slots=True, eq=False)
 class MixtureState:
-    """The whole state. E experts, n weights, the last two the level and the reference's noise; m = n (n + 1) / 2."""
+    """The whole state. n rows, p features, E processes; factors follow from it."""
 
-    mean: FloatArray
-    """(9, E, n) µm or µm/m per feature."""
-    covariance: FloatArray
-    """(9, E, m) lower triangles."""
-    prior: FloatArray
-    """(9, E, n) variance of each weight a priori."""
-    log_weight: FloatArray
-    """(9, E) of the experts; `weight` (9, E) the same, normalised."""
+    x: FloatArray
+    """(n, p) features of the rows; `square` (n,) their squares."""
+    square: FloatArray
+    time: FloatArray
+    """(n,) in drift steps since the first row; `weight` (n,) how many measurements a row stands for."""
     weight: FloatArray
-    mixed: FloatArray
-    """(9, m) weighted sum of the covariances; `drift` (9, n) of the drifts."""
-    drift: FloatArray
+    jolt: FloatArray
+    """(n, 9) variance that gaps and jumps had added to the level by then; `y` (n, 9) what was measured."""
+    y: FloatArray
+    noise: FloatArray
+    """(n, 9) variances; infinite: not measured."""
+    relevance: FloatArray
+    """(9, E, inputs) prior variances of an input's weights over their first ones."""
+    reference: FloatArray
+    """(9,) variance of the reference's noise."""
+    evidence: FloatArray
+    """(9, E + 1) discounted log-likelihoods of zero and the processes; `share` (9, E + 1) their weights."""
+    share: FloatArray
+    zero: FloatArray
+    """(9, 4) discounted sums of 1, y, y² over the noise's variance, and of its logarithm."""
+    now: float
+    """Drift steps since the first row; `jolted` (9,) the present variances of `jolt`."""
+    jolted: FloatArray
     elapsed: FloatArray
-    """(9,) steps since the last measurement of each error."""
-    level_variance: FloatArray
-    """(9,) variance that gaps have added to the level since then."""
-    null: FloatArray
-    """(9,) log-odds that the error stays zero."""
-    shift: FloatArray
-    """(9, 2) mean and variance of the reference's noise, if the error stays zero."""
+    """(9,) drift steps since the last measurement of each error."""
     count: NDArray[np.int64]
     """(9,) measurements so far."""
     suspect: FloatArray
@@ -87,7 +80,7 @@ class MixtureState:
     last: FloatArray
     """(9,) the last measurement that was not an outlier; NaN before the first."""
     cursor: int
-    """The next input to be renewed."""
+    """The next error whose prior variances are renewed."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -99,34 +92,18 @@ class Surprise:
     outlier: NDArray[np.bool_]
     """(9,) treated as an outlier: it has little effect."""
     jump: NDArray[np.bool_]
-    """(9,) the second far measurement in a row: the level starts again."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class OtherMachines:
-    """What other machines have learnt, in the order of this machine's inputs."""
-
-    machines: FloatArray
-    """(9,) number of machines that know each error."""
-    mean: FloatArray
-    """(9, n) weights of the inputs."""
-    covariance: FloatArray
-    """(9, n, n); variance 0: an input that they do not have."""
+    """(9,) a far measurement that is no outlier, or the second one in a row: the level starts again."""
 
 
 class Mixture:
     """Errors, each with the same experts; 9 in the shapes below stands for their number.
 
-    y[k] = phi[k]' w[k] + b[k] + c + e, with w and b random walks; the features phi come from outside. The level b is 0
-    at the reference; c is the noise of the reference, which every measurement contains and the error does not. Every
-    expert is a Kalman filter of (w, b, c). A prediction is of the error, so without c: the mean of the experts',
-    weighted by the product of their predictive likelihoods, tempered and discounted, with a fixed share (Herbster and
-    Warmuth, Machine Learning 32 (1998) 151-178). Beside them stands the hypothesis that the error is zero at all times:
-    measured are then c and e. In the shapes of the methods n is the number of features, the last of which is 1, for the
-    level; a state has one weight more, c.
+    Every expert but one is a Gaussian process (`talc.learner.process`); the other one says that the error is zero at
+    all times. A prediction is the experts' mean, weighted by their first weights and the product of their predictive
+    likelihoods, tempered and discounted. So an estimate is shrunk towards zero by the probability that the error just
+    is zero. Its uncertainty is that of the processes alone: that an error cannot be shown does not make it zero.
 
-    Experts with `evidence` renew each input's prior variance at measurements by MacKay's fixed point (Neural
-    Computation 4 (1992) 415-447), v = sum(m²) / sum(1 - P / v) over the input's weights, and condition on the change.
+    Measured are the error, the noise of the reference, which every measurement contains, and a measurement's own noise.
 
     Parameters
     ----------
@@ -146,267 +123,251 @@ class Mixture:
         others: OtherMachines | None = None,
         errors: int = _ERRORS,
     ) -> None:
-        self._errors = errors
         experts = experts if others is None else (*experts, *OTHERS_EXPERTS)
-        self._others, self._started_from_others = others, [e for e, expert in enumerate(experts) if expert.others]
-        self._inputs, self._lags, self._experts = inputs, lags, experts
-        self._level = level = inputs * lags
-        n, many = level + 2, len(experts)
-        self._n, packed = n, n * (n + 1) // 2
-        self._diagonal = np.arange(n) * (np.arange(n) + 3) // 2
-        self._evidence = np.flatnonzero([expert.evidence for expert in experts])
-        unit = UNIT**2 / max(level, 1)
-        prior, growth = np.zeros((many, n)), np.zeros((many, n))
-        for e, expert in enumerate(experts):
-            prior[e, :level] = expert.weight**2 * unit
-            growth[e, :level] = expert.drift**2 * unit
-            if expert.direct:
-                lagged = np.arange(level) % lags > 0
-                prior[e, :level] = np.where(lagged, 0.0, lags * prior[e, :level])
-                growth[e, :level] = np.where(lagged, 0.0, lags * growth[e, :level])
-            growth[e, level] = (expert.level * UNIT) ** 2
+        self._errors, self._inputs, self._features = errors, inputs, inputs * lags
         self._per_step = step_s / _DRIFT_STEP_S
-        self._growth = growth * self._per_step
-        self._misfit = np.array([(expert.misfit * UNIT) ** 2 for expert in experts])
-        """(E,) variances."""
-        self._first_prior = prior
-        self._groups = np.arange(min(_RENEWED, inputs))
-        self._gain, self._spread = np.empty((many, n)), np.empty(many)
-        weight, null = np.full((self._errors, many), 1.0 / many), np.full(self._errors, _NULL_FIRST)
+        self._rows = Rows(self._features, errors)
+        self._processes = [Process(expert, self._rows, inputs, others) for expert in experts]
+        self._misfit = np.array([0.0, *((expert.misfit * UNIT) ** 2 for expert in experts)])
+        self._first = np.full((errors, len(experts) + 1), (1.0 - _ZERO) / len(experts))
+        self._first[:, 0] = _ZERO
         if others is not None:
-            known, added = others.machines > 0, len(self._started_from_others)
-            weight[known] = (1.0 - _OTHERS_SHARE) / (many - added)
-            weight[known, many - added :] = _OTHERS_SHARE / added
-            null[known] = _OTHERS_NULL
-        self._s = MixtureState(
-            mean=np.zeros((self._errors, many, n)),
-            covariance=np.zeros((self._errors, many, packed)),
-            prior=np.repeat(prior[None], self._errors, axis=0),
-            log_weight=np.log(weight),
-            weight=weight,
-            mixed=np.zeros((self._errors, packed)),
-            drift=np.zeros((self._errors, n)),
-            elapsed=np.zeros(self._errors),
-            level_variance=np.zeros(self._errors),
-            null=null,
-            shift=np.zeros((self._errors, 2)),
-            count=np.zeros(self._errors, dtype=np.int64),
-            suspect=np.zeros(self._errors),
-            last=np.full(self._errors, np.nan),
-            cursor=0,
-        )
+            known, added = others.machines > 0, len(OTHERS_EXPERTS)
+            self._first[:, -added:] = 0.0
+            self._first[:, 1:-added] = (1.0 - _ZERO) / (len(experts) - added)
+            self._first[known, 0], self._first[known, -added:] = _OTHERS_ZERO, _OTHERS_SHARE / added
+            self._first[known, 1:-added] = (1.0 - _OTHERS_ZERO - _OTHERS_SHARE) / (len(experts) - added)
+        self._share, self._evidence = self._first.copy(), np.zeros_like(self._first)
+        self._zero, self._reference = np.zeros((errors, 4)), np.zeros(errors)
+        self._now, self._jolted, self._elapsed = 0.0, np.zeros(errors), np.zeros(errors)
+        self._count, self._cursor = np.zeros(errors, dtype=np.int64), 0
+        self._suspect, self._last = np.zeros(errors), np.full(errors, np.nan)
+        self._weights: FloatArray | None = None
 
     @property
     def count(self) -> NDArray[np.int64]:
         """(9,) measurements of each error so far."""
-        return self._s.count
+        return self._count
 
     @property
-    def weight(self) -> FloatArray:
-        """(9, E) of the experts."""
-        return self._s.weight
+    def share(self) -> FloatArray:
+        """(9, E + 1) weight of zero, and of each process."""
+        return self._share
 
     @property
     def believed(self) -> FloatArray:
         """(9,) probability that an error is not just zero."""
-        return np.asarray(1.0 / (1.0 + np.exp(self._s.null)), dtype=np.float64)
+        return 1.0 - self._share[:, 0]
 
     def weights(self) -> FloatArray:
-        """(9, n) means of the mixtures: of the features' weights, and the level."""
-        mean = self._s.mean[:, :, : self._level + 1]
-        return np.asarray(np.einsum("je,jen->jn", self._s.weight, mean), dtype=np.float64)
+        """(9, p) mean linear weights of the features."""
+        if self._weights is None:
+            each = np.stack([process.weights() for process in self._processes], axis=1)
+            self._weights = np.einsum("je,jep->jp", self._share[:, 1:], each)
+        return self._weights
 
     def variances(self) -> FloatArray:
-        """(9, n) of the weights and the level, by themselves: within the experts and between them."""
-        s, used = self._s, self._level + 1
-        apart = np.einsum("je,jen->jn", s.weight, (s.mean[:, :, :used] - self.weights()[:, None]) ** 2)
-        own = s.mixed[:, self._diagonal[:used]] + s.drift[:, :used] * s.elapsed[:, None]
-        own[:, -1] += s.level_variance
-        return np.asarray(own + apart, dtype=np.float64)
+        """(9, p) of the linear weights, by themselves: within the processes and between them, and zero."""
+        each = np.stack([process.weights() for process in self._processes], axis=1)
+        within = np.array([[np.diag(one.weight_covariance(j)) for one in self._processes] for j in range(self._errors)])
+        mean, share = self.weights(), self._share[:, 1:]
+        return np.asarray(np.einsum("je,jep->jp", share / self.believed[:, None], within + (each - mean[:, None]) ** 2))
+
+    def weight_covariance(self, j: int) -> FloatArray:
+        """(p, p) of one error's linear weights: of the processes, weighted by their shares without zero."""
+        share = self._share[j, 1:] / self._share[j, 1:].sum()
+        each = [process.weight_covariance(j) for process in self._processes]
+        return np.asarray(sum(part * one for part, one in zip(share, each, strict=True)))
 
     def state(self) -> MixtureState:
         """A copy."""
-        return _copy_of(self._s)
+        r, n = self._rows, self._rows.n
+        return MixtureState(
+            x=r.x[:n].copy(),
+            square=r.square[:n].copy(),
+            time=r.time[:n].copy(),
+            weight=r.weight[:n].copy(),
+            jolt=r.jolt[:n].copy(),
+            y=r.y[:n].copy(),
+            noise=r.noise[:n].copy(),
+            relevance=np.stack([process.relevance for process in self._processes], axis=1),
+            reference=self._reference.copy(),
+            evidence=self._evidence.copy(),
+            share=self._share.copy(),
+            zero=self._zero.copy(),
+            now=self._now,
+            jolted=self._jolted.copy(),
+            elapsed=self._elapsed.copy(),
+            count=self._count.copy(),
+            suspect=self._suspect.copy(),
+            last=self._last.copy(),
+            cursor=self._cursor,
+        )
 
     def restore(self, state: MixtureState) -> None:
         """Continue from a state. ValueError: it has other inputs or experts."""
-        if state.mean.shape != self._s.mean.shape:
-            raise ValueError(f"mean {state.mean.shape}: expected {self._s.mean.shape}")
-        self._s = _copy_of(state)
+        expected = self._errors, len(self._processes), self._inputs
+        if state.relevance.shape != expected or state.x.shape[1] != self._features:
+            raise ValueError(f"relevance {state.relevance.shape}: expected {expected}")
+        self._rows.put(state.x, state.square, state.time, state.weight, state.jolt, state.y, state.noise)
+        self._reference, self._evidence = state.reference.copy(), state.evidence.copy()
+        self._share, self._zero = state.share.copy(), state.zero.copy()
+        self._now, self._jolted, self._elapsed = state.now, state.jolted.copy(), state.elapsed.copy()
+        self._count, self._cursor = state.count.copy(), state.cursor
+        self._suspect, self._last = state.suspect.copy(), state.last.copy()
+        self._rows.reference = self._reference
+        for e, process in enumerate(self._processes):
+            process.relevance = state.relevance[:, e].copy()
+            process.rebuild()
+        self._weights = None
 
     def elapse(self, steps: int) -> None:
         """Let this many steps pass."""
-        self._s.elapsed += steps
+        self._now += steps * self._per_step
+        self._elapsed += steps * self._per_step
 
     def add_level_variance(self, variance: FloatArray) -> None:
         """(9,) variances by which the levels may have changed."""
-        self._s.level_variance += variance
+        self._jolted += variance
 
-    def predict(self, x: FloatArray, ahead: int = 0) -> tuple[FloatArray, FloatArray]:
-        """(9,) means and variances with features x (n,), `ahead` steps from now, the hypothesis of zero left aside.
-        Before the first measurement of an error: 0 and 0."""
-        return self._predict(np.append(x, 0.0), ahead)
+    def predict(self, x: FloatArray, ahead: float = 0) -> tuple[FloatArray, FloatArray]:
+        """(9,) means and variances with features x (p,), `ahead` steps from now. Before the first measurement of an
+        error: 0 and 0."""
+        return self._mixed(*self._each(x, ahead, reference=False))
 
     def expect(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """(9,) means and variances of what a measurement now would show, its own noise aside."""
-        return self._predict(np.append(x, 1.0), 0)
+        return self._mixed(*self._each(x, 0, reference=True))
 
-    def _predict(self, x: FloatArray, ahead: int) -> tuple[FloatArray, FloatArray]:
-        s, mean, variance = self._s, np.zeros(self._errors), np.zeros(self._errors)
-        if not s.count.any():  # with many inputs, even zeros take long to read
-            return mean, variance
-        filters.predict(s.mean, s.weight, s.mixed, s.drift, s.elapsed + ahead, x, mean, variance)
-        return mean, variance + s.level_variance + np.where(s.count > 0, s.weight @ self._misfit, 0.0)
+    def _each(self, x: FloatArray, ahead: float, *, reference: bool) -> tuple[FloatArray, FloatArray]:
+        """(9, E + 1) means and variances of zero and of each process, their misfit included."""
+        mean, variance = np.zeros((2, *self._share.shape))
+        if reference:
+            variance[:, 0] = self._reference / (1.0 + self._reference * self._zero[:, 0])
+            mean[:, 0] = variance[:, 0] * self._zero[:, 1]
+        now = self._now + ahead * self._per_step
+        for e, process in enumerate(self._processes, start=1):
+            mean[:, e], variance[:, e] = process.look(x, now, self._jolted, reference=reference)
+        return mean, np.maximum(variance, 0.0) + self._misfit
 
-    def each(self, x: FloatArray) -> FloatArray:
-        """(9, E) what each expert predicts with features x (n,)."""
-        return np.asarray(self._s.mean[:, :, :-1] @ x, dtype=np.float64)
+    def _mixed(self, mean: FloatArray, variance: FloatArray) -> tuple[FloatArray, FloatArray]:
+        known, centre = self._count > 0, np.sum(self._share * mean, axis=1)
+        share = self._share[:, 1:] / self.believed[:, None]
+        spread = np.sum(share * (variance + (mean - centre[:, None]) ** 2)[:, 1:], axis=1)
+        return np.where(known, centre, 0.0), np.where(known, spread, 0.0)
 
-    def covariance(self, x: FloatArray, others: FloatArray) -> FloatArray:
-        """(9, S) between a measurement now with features x (n,), and the errors with others (S, n)."""
-        s, x = self._s, np.append(x, 1.0)
-        if not s.count.any():
-            return np.zeros((self._errors, len(others)))
-        growth = s.drift * s.elapsed[:, None]
-        growth[:, self._level] += s.level_variance
-        gain = np.empty_like(growth)
-        filters.gain(s.mixed, x, gain)
-        gain += growth * x
-        here, there = s.mean @ x, s.mean[:, :, :-1] @ others.T
-        apart = here - np.sum(s.weight * here, axis=1)[:, None]
-        return np.asarray(gain[:, :-1] @ others.T + np.einsum("je,jes->js", s.weight * apart, there), dtype=np.float64)
+    def covariance(self, x: FloatArray, others: FloatArray, ahead: FloatArray) -> FloatArray:
+        """(9, S) between a measurement now with features x (p,), and the errors `ahead` (S,) steps from now with others
+        (S, p)."""
+        here, _ = self._each(x, 0, reference=True)
+        shared, share = np.zeros((self._errors, len(others))), self._share[:, 1:] / self.believed[:, None]
+        apart = share * (here[:, 1:] - np.sum(share * here[:, 1:], axis=1)[:, None])
+        for s, other in enumerate(others):
+            there, _ = self._each(other, float(ahead[s]), reference=False)
+            shared[:, s] = np.sum(apart * there[:, 1:], axis=1)
+            for e, process in enumerate(self._processes):
+                shared[:, s] += share[:, e] * process.covariance(x, other, self._now, self._jolted)
+        return np.where((self._count > 0)[:, None], shared, 0.0)
+
+    def contributions(self, x: FloatArray) -> FloatArray:
+        """(9, p) by feature: what it adds to the estimate with features x (p,). The rest is the level."""
+        each = np.stack([process.contributions(x) for process in self._processes], axis=1)
+        return np.asarray(np.einsum("je,jep->jp", self._share[:, 1:], each))
+
+    def level(self) -> tuple[FloatArray, FloatArray]:
+        """(9,) mean and variance of the level."""
+        mean, variance = np.zeros((2, *self._share.shape))
+        for e, process in enumerate(self._processes, start=1):
+            mean[:, e], variance[:, e] = process.level(self._now, self._jolted)
+        return self._mixed(mean, np.maximum(variance, 0.0))
 
     def widen(self, factor: FloatArray) -> None:
-        """(inputs,) features became this much smaller, and so must their weights become larger; but a priori they are
-        in the new unit what they were in the old one."""
-        s, lags = self._s, self._lags
-        times, first = np.append(np.repeat(factor, lags), [1.0, 1.0]), np.flatnonzero(factor > 1.0) * lags
-        for j in np.flatnonzero(s.count):
-            variance = s.prior[j][:, first]
-            which, g = np.nonzero(variance)
-            more = (1.0 - 1.0 / factor[first[g] // lags] ** 2) / variance[which, g]
-            own = s.covariance[j], s.mean[j], times, which, first[g], lags, more
-            filters.rescale(*own, s.weight[j], _LEAST_MIXED, s.mixed[j])
+        """(inputs,) features became this much smaller. A priori an input is in the new unit what it was in the old."""
+        self._rows.rescale(np.repeat(1.0 / factor, self._features // max(self._inputs, 1)))
+        for process in self._processes:
+            process.rebuild()
+        self._weights = None
 
     def learn(self, x: FloatArray, errors: FloatArray, sigma: FloatArray, doubt: FloatArray) -> Surprise:
         """Take in a measurement: (9,) errors, NaN where there is none, and their standard uncertainties.
 
         doubt: (9,) variance that missing inputs add to a prediction.
         """
-        measured = np.append(x, 1.0)
         ratio = np.full(self._errors, np.nan)
         outlier, jump = np.zeros((2, self._errors), dtype=np.bool_)
-        for j in np.flatnonzero(np.isfinite(errors)):
-            noise = max(float(sigma[j]), _LEAST_NOISE) ** 2 + float(doubt[j])
-            ratio[j], outlier[j], jump[j] = self._learn_one(int(j), measured, float(errors[j]), noise)
-        self._s.cursor = (self._s.cursor + _RENEWED) % max(self._inputs, 1)
+        noise = np.full(self._errors, np.inf)
+        measured = np.flatnonzero(np.isfinite(errors))
+        noise[measured] = np.maximum(sigma, _LEAST_NOISE)[measured] ** 2 + doubt[measured]
+        for j in measured[self._count[measured] == 0]:
+            self._begin(int(j), float(errors[j]), float(noise[j]))
+        mean, variance = self._each(x, 0, reference=True)
+        for j in measured:
+            ratio[j], outlier[j], jump[j] = self._weigh(int(j), float(errors[j]), noise, mean[j], variance[j])
+        if self._rows.is_full():
+            self._rows.thin()
+            for process in self._processes:
+                process.rebuild()
+        row = x, self._now, self._jolted, np.where(np.isfinite(errors), errors, 0.0), noise
+        for process in self._processes:
+            process.append(*row)
+        self._rows.append(*row)
+        self._count[measured] += 1
+        self._elapsed[measured] = 0.0
+        self._renew()
+        self._weights = None
         return Surprise(ratio, outlier, jump)
-
-    def _learn_one(self, j: int, x: FloatArray, y: float, noise: float) -> tuple[float, bool, bool]:
-        s = self._s
-        covariance, mean, gain, spread = s.covariance[j], s.mean[j], self._gain, self._spread
-        if s.count[j] == 0:
-            self._begin(j, y, noise)
-        growth = self._growth * s.elapsed[j]
-        growth[:, self._level] += s.level_variance[j]
-        filters.look(covariance, growth, x, gain, spread)
-        spread += self._misfit  # noise of the filter's own: the kernel needs the sum of both
-        innovation = y - np.sum(mean * x, axis=1)
-        weight = s.weight[j]
-        centre = float(weight @ innovation)
-        total = float(weight @ (spread + (innovation - centre) ** 2)) + noise
-        ratio = centre / np.sqrt(total)
-        self._weigh_null(j, y, centre, total, noise)
-        outlier = jump = False
-        change = 2.0 * noise + (_FASTEST * UNIT) ** 2 * s.elapsed[j] * self._per_step
-        if abs(ratio) > _FAR and (y - s.last[j]) ** 2 > _FAR**2 * change:  # NaN compares false
-            jump = s.suspect[j] * centre > 0.0
-            outlier = not jump
-        s.suspect[j] = centre if outlier else 0.0
-        if not outlier:
-            s.last[j] = y
-        if jump:
-            covariance[:, self._diagonal[self._level]] += centre**2
-            gain[:, self._level] += centre**2
-            spread += centre**2
-        elif outlier:
-            noise += (centre / _OUTLIER_AS) ** 2 - total
-        likelihood = -0.5 * (np.log(spread + noise) + innovation**2 / (spread + noise))
-        log_weight = _KEPT * (s.log_weight[j] - s.log_weight[j].max()) + _TEMPER * likelihood
-        weight = np.exp(log_weight - log_weight.max())
-        weight = (1.0 - _SHARED) * weight / weight.sum() + _SHARED / len(weight)
-        s.weight[j], s.log_weight[j] = weight, np.log(weight)
-        s.count[j] += 1
-        s.elapsed[j] = s.level_variance[j] = 0.0
-        renewed = self._evidence if s.count[j] >= _EVIDENCE_FROM else self._evidence[:0]
-        groups = (s.cursor + self._groups) % max(self._inputs, 1)
-        filters.learn(
-            covariance,
-            mean,
-            *(gain, spread, innovation, noise),
-            *(s.prior[j], self._first_prior),
-            renewed,
-            groups,
-            self._lags,
-            _EVIDENCE,
-            weight,
-            _LEAST_MIXED,
-            s.mixed[j],
-        )
-        s.drift[j] = np.sum(weight[:, None] * self._growth, axis=0)
-        return ratio, outlier, jump
 
     def _begin(self, j: int, y: float, noise: float) -> None:
         """Errors are deviations from the reference: the level starts at zero, unless the first measurement is so far
         off that the reference is not the present state."""
-        s = self._s
-        s.covariance[j][:, self._diagonal] = s.prior[j]
-        if self._others is not None and self._others.machines[j]:
-            for e in self._started_from_others:
-                self._start_from_others(j, e, self._others)
-        s.shift[j] = 0.0, _REFERENCE * noise
-        s.covariance[j][:, self._diagonal[self._level]] = y * y if abs(y) > _FIRST_FAR * np.sqrt(noise) else 0.0
-        s.covariance[j][:, self._diagonal[-1]] = _REFERENCE * noise
-        s.elapsed[j] = s.level_variance[j] = 0.0
+        self._reference[j] = self._rows.reference[j] = _REFERENCE * noise
+        self._elapsed[j] = 0.0
+        if abs(y) > _FIRST_FAR * np.sqrt(noise):
+            self._jolted[j] += y * y
 
-    def _start_from_others(self, j: int, e: int, others: OtherMachines) -> None:
-        """An expert starts with what other machines learnt; for inputs that they do not have, with the flat prior."""
-        s, size = self._s, self._level
-        variance = np.diag(others.covariance[j])
-        own = np.where(variance > 0.0, variance, UNIT**2 / size) * self._experts[e].weight ** 2
-        full = np.zeros((self._n, self._n))
-        full[:size, :size] = others.covariance[j] * self._experts[e].weight ** 2
-        full[np.arange(size), np.arange(size)] = own
-        s.covariance[j, e] = full[np.tril_indices(self._n)]
-        s.mean[j, e, :size] = others.mean[j]
-        s.prior[j, e, :size] = np.repeat(own.reshape(-1, self._lags).mean(axis=1), self._lags)
+    def _weigh(
+        self, j: int, y: float, noise: FloatArray, mean: FloatArray, variance: FloatArray
+    ) -> tuple[float, bool, bool]:
+        """The experts' weights after a measurement y, which (E + 1,) mean and variance expected; enlarges the (9,)
+        noise of an outlier, and the level's variance at a jump."""
+        own, share = float(noise[j]), self._share[j]
+        innovation = y - mean
+        centre = float(share @ innovation)
+        total = float(share @ (variance + (innovation - centre) ** 2)) + own
+        ratio = centre / np.sqrt(total)
+        outlier = jump = False
+        change = 2.0 * own + (_FASTEST * UNIT) ** 2 * self._elapsed[j]
+        if abs(ratio) > _FAR:
+            sudden = (y - self._last[j]) ** 2 > _FAR**2 * change  # NaN compares false
+            outlier = bool(sudden and self._suspect[j] * centre <= 0.0)
+            jump = not outlier
+        self._suspect[j] = centre if outlier else 0.0
+        if not outlier:
+            self._last[j] = y
+        if jump:
+            self._jolted[j] += centre**2
+            variance = variance + np.append(0.0, np.full(len(variance) - 1, centre**2))
+        elif outlier:
+            noise[j] += (centre / _OUTLIER_AS) ** 2 - total
+        spread = variance + noise[j]
+        evidence = _KEPT * self._evidence[j] - 0.5 * (np.log(spread) + innovation**2 / spread)
+        # Zero with the reference's noise, which is one number: its evidence must not forget how unlikely that is.
+        self._zero[j] = _KEPT * self._zero[j] + np.array([1.0, y, y * y, 0.0]) / noise[j]
+        self._zero[j, 3] += np.log(noise[j])
+        one, first, second, log = self._zero[j]
+        told = first**2 / (1.0 / self._reference[j] + one)
+        evidence[0] = -0.5 * (log + second - told + np.log1p(self._reference[j] * one))
+        with np.errstate(divide="ignore"):
+            likely = np.log(self._first[j]) + _TEMPER * evidence
+        share = np.exp(likely - likely.max())
+        self._evidence[j] = evidence
+        self._share[j] = (1.0 - _SHARED) * share / share.sum() + _SHARED * self._first[j]
+        return float(ratio), outlier, jump
 
-    def _weigh_null(self, j: int, y: float, centre: float, total: float, noise: float) -> None:
-        """The hypothesis of zero against the mixture; an outlier of both says little of either."""
-        far, (mean, variance) = _FAR * _FAR, self._s.shift[j]
-        from_zero, spread = y - mean, variance + noise
-        distance, expected = from_zero**2 / spread, centre * centre / total
-        zero = -0.5 * (np.log(spread) + (distance if expected < far else min(distance, far)))
-        other = -0.5 * (np.log(total) + min(expected, far))
-        odds = _NULL_KEPT * self._s.null[j] + zero - other
-        self._s.null[j] = min(max(odds, -_NULL_BOUND), _NULL_BOUND)
-        if distance < far:
-            self._s.shift[j] = mean + variance / spread * from_zero, variance * noise / spread
-
-
-def mixture_bytes(inputs: int, lags: int) -> int:
-    """The most memory that a mixture of nine errors takes, from their first measurements on."""
-    n = inputs * lags + 2
-    return _ERRORS * (len(EXPERTS) + 1) * (n * (n + 1) // 2) * np.dtype(np.float64).itemsize
-
-
-def _copy_of(state: MixtureState) -> MixtureState:
-    """A copy. The large parts of errors that were never measured are zero, and are not copied: with many inputs they
-    are gigabytes, and zeros that nobody has written take no memory."""
-    own = {field.name: deepcopy(getattr(state, field.name)) for field in fields(state) if field.name not in _LARGE}
-    for name in _LARGE:
-        large = getattr(state, name)
-        own[name] = np.zeros(large.shape)
-        for j in np.flatnonzero(state.count):
-            own[name][j] = large[j]
-    return MixtureState(**own)
+    def _renew(self) -> None:
+        many = min(self._errors, max(int(_RENEWAL_COST / max(self._rows.n, 1) ** 3), 1))
+        for j in (self._cursor + np.arange(many)) % self._errors:
+            if self._count[j] >= _EVIDENCE_FROM:
+                for process in self._processes:
+                    process.renew(int(j))
+        self._cursor = (self._cursor + many) % self._errors

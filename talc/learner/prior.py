@@ -7,7 +7,8 @@ import numpy as np
 
 from talc.frame import FloatArray
 from talc.learner.learner import TIME_CONSTANTS_S, LearnerState
-from talc.learner.mixture import OtherMachines
+from talc.learner.mixture import Mixture
+from talc.learner.process import OtherMachines
 from talc.names import THERMAL_ERRORS
 
 _FORMAT = 1
@@ -17,6 +18,8 @@ _POSTERIOR_SHARE = 0.5
 _ALONE = 0.25
 """Share of one machine's squared weights: how much another may differ, if only one is known."""
 _LEAST_MEASUREMENTS = 12
+_ZERO = 0.5
+"""Probability from which a machine has found an error to be zero."""
 _LARGEST = 1e12
 """Magnitude of a number in a file: the squares and sums of larger ones could overflow."""
 _MOST_MACHINES = 1_000_000
@@ -119,12 +122,13 @@ def make_prior(learners: Sequence[tuple[Sequence[str], LearnerState]]) -> Prior:
         span[at] = np.maximum(span[at], state.span)
     n = len(names) * _LAGS
     machines, mean, covariance = np.zeros(9), np.zeros((9, n)), np.zeros((9, n, n))
+    restored = [(own, state, _restored(state)) for own, state in learners]
     for j in range(9):
-        learnt = [(own, state) for own, state in learners if state.mixture.count[j] >= _LEAST_MEASUREMENTS]
-        believed = sum(state.mixture.null[j] < 0.0 for _, state in learnt)
+        learnt = [found for found in restored if found[1].mixture.count[j] >= _LEAST_MEASUREMENTS]
+        believed = sum(state.mixture.share[j, 0] < _ZERO for _, state, _ in learnt)
         if not learnt or 2 * believed < len(learnt):
             continue
-        known = [_placed(own, state, j, names, span) for own, state in learnt]
+        known = [_placed(own, state, mixture, j, names, span) for own, state, mixture in learnt]
         machines[j] = len(known)
         weights, present = np.array([w for w, _, _ in known]), np.array([m for _, _, m in known])
         count = np.maximum(present.sum(axis=0), 1)
@@ -142,21 +146,24 @@ def make_prior(learners: Sequence[tuple[Sequence[str], LearnerState]]) -> Prior:
 
 
 def _placed(
-    own: Sequence[str], state: LearnerState, j: int, names: tuple[str, ...], span: FloatArray
+    own: Sequence[str], state: LearnerState, mixture: Mixture, j: int, names: tuple[str, ...], span: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Weights, their covariance and which of them exist, among all names and in the common spans."""
-    m, n, used = state.mixture, len(names) * _LAGS, len(own) * _LAGS
+    n = len(names) * _LAGS
     here = (np.array([names.index(name) for name in own])[:, None] * _LAGS + np.arange(_LAGS)).ravel()
-    size = m.mean.shape[2]
-    full = np.zeros((size, size))
-    full[np.tril_indices(size)] = m.mixed[j]
-    full = full + np.tril(full, -1).T
     times = np.repeat(span[[names.index(name) for name in own]] / state.span, _LAGS)
     weights, covariance, present = np.zeros(n), np.zeros((n, n)), np.zeros(n)
-    weights[here] = (m.weight[j] @ m.mean[j])[:used] * times
-    covariance[np.ix_(here, here)] = full[:used, :used] * np.outer(times, times)
+    weights[here] = mixture.weights()[j] / mixture.believed[j] * times
+    covariance[np.ix_(here, here)] = mixture.weight_covariance(j) * np.outer(times, times)
     present[here] = 1.0
     return weights, covariance, present
+
+
+def _restored(state: LearnerState) -> Mixture:
+    """ValueError: it began with a prior itself."""
+    mixture = Mixture(len(state.span), _LAGS, 300.0)
+    mixture.restore(state.mixture)
+    return mixture
 
 
 def _inputs(value: object) -> tuple[str, ...]:

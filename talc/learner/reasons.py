@@ -11,7 +11,7 @@ from talc.learner.learner import Estimate
 
 _SHOWN = 5
 """Number of inputs that are named for an error."""
-KINDS = ("last measurement held", "all inputs", "chosen inputs", "other machines")
+KINDS = ("zero", "all inputs", "chosen inputs", "other machines")
 """Kinds of experts, by what they predict from."""
 
 
@@ -48,7 +48,7 @@ def reasons_for(
 
 def _by_kind(experts: Sequence[Expert], weights: FloatArray) -> tuple[tuple[str, float], ...]:
     sums: dict[str, float] = {}
-    for expert, weight in zip(experts, weights.tolist(), strict=True):
-        kind = KINDS[0] if expert.weight == 0.0 else KINDS[3] if expert.others else KINDS[2 if expert.evidence else 1]
+    for expert, weight in zip((None, *experts), weights.tolist(), strict=True):
+        kind = KINDS[0] if expert is None else KINDS[3] if expert.others else KINDS[2 if expert.evidence else 1]
         sums[kind] = sums.get(kind, 0.0) + weight
     return tuple(sorted(sums.items(), key=lambda item: -item[1]))

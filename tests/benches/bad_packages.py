@@ -66,8 +66,8 @@ BAD_PACKAGES = (
     BadPackage(
         "silent",
         "gateway/acquisition/acquisition",
-        "BusRunner(line, self._clock, self._take,",
-        "BusRunner(line, self._clock, lambda _: None,",
+        "BusRunner(line, self._clock, self._take, self._notify,",
+        "BusRunner(line, self._clock, lambda _: None, self._notify,",
         longest_s=45,
     ),
 )

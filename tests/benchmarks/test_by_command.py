@@ -18,12 +18,9 @@ ROOT = Path(__file__).parents[2]
 TWO = (("day", 0), ("axes", 1))
 SMALL: dict[str, dict[str, object]] = {
     "demo": {"SEEDS": (1,), "HOURS": 4.0},
-    "demo_bounds": {"SEEDS": (1,), "HOURS": 4.0},
     "demo_models": {"SEEDS": (1,), "HOURS": 26.0},
     "forecast": {"MACHINES": TWO, "HOURS": 36},
-    "learner_bounds": {"MACHINES": TWO, "HOURS": 28},
     "policy": {"MACHINES": TWO[:1], "FEW": TWO[1:], "HOURS": 24, "FEW_HOURS": 24, "FIXED_MIN": (60.0, 240.0)},
-    "sparse_expert": {"MACHINES": TWO[:1], "HOURS": 28},
 }
 """What is made smaller in a subject's module; the others take too long even then."""
 

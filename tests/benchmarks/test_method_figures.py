@@ -65,22 +65,3 @@ def test_the_table_of_alternatives_repeats_the_results(method: str, results: str
     }
     said = {name.strip("`"): float(text) for name, text in zip(head[1:], row[1:], strict=True) if text != "–"}
     assert said == pytest.approx(figures, rel=0.005)
-
-
-def test_what_is_left_in_hindsight_repeats_the_results() -> None:
-    block, _, after = RESULTS.partition("<!-- benchmark learner_bounds -->")[2].partition("<!-- end -->")
-    section = " ".join(after.partition("How many measurements")[0].split())
-    rows = dict(
-        re.findall(r"16 machines: ([^|]*?) \| (0\.\d{3}) of measure-and-hold", block.partition("each 60 min")[0])
-    )
-    later = dict(re.findall(r"each 60 min, then each 2 h, 16 machines: ([^|]*?) \| (0\.\d{3}) of measure", block))
-    for name, sentence in (
-        ("the learner", r"leaves A of what holding leaves after a dense day, and B after an hourly one"),
-        (
-            "a sum of the filters with the best constant weights, by error in hindsight",
-            r"hindsight, it would leave A and B\.",
-        ),
-        ("one filter or zero, by error in hindsight", r"or none, it would leave A and B\."),
-        ("the mixture, never taken for zero", r"would be worse \(A and B\)"),
-    ):
-        assert re.search(sentence.replace("A", rows[name]).replace("B", later[name]), section), name

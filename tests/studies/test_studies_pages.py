@@ -9,11 +9,9 @@ import pytest
 from markupsafe import escape
 
 from studies import published_page
-from talc.learner.experts import EXPERTS
 
 DOCS = Path(__file__).parents[2] / "docs"
 KEPT = sorted((DOCS / "studies").iterdir())
-NUMBERS = {7: "seven", 8: "eight", 9: "nine", 10: "ten", 11: "eleven", 12: "twelve"}
 
 
 def words(file: str) -> str:
@@ -52,9 +50,3 @@ def test_no_page_is_said_to_show_a_part_of_what_was_run_in_full() -> None:
     before, _, rows = words("studies.md").partition("What has been run")
     partly = re.findall(r"\[([a-z-]+)\]\(studies/[a-z-]+\) with \d+ of its", before)
     assert not [study for study in partly if re.search(rf"\| `{study}` \| all ", rows)]
-
-
-def test_every_page_was_made_with_the_learner_of_today() -> None:
-    said = re.search(r"In every table the learner has its present (\w+) filters\.", words("studies.md"))
-    assert said is not None
-    assert said[1] == NUMBERS[len(EXPERTS)], "which studies were run with the filters that the learner has now?"

@@ -120,11 +120,11 @@ def learnt_columns(data: ReportData) -> dict[str, Sequence[object]]:
     """What was learnt of a recording, a row per weight, as columns; of the errors that it has.
 
     error: its name. k: the step after which it was known: the last one with the learner, the step of each adoption with
-    trained models. part: `level`, `input`, or `past` (of the error itself). A correction is share · (sum of weight ·
-    (value - reference)), where the value of the level is 1 and its reference 0, and other values come through a
-    first-order lag of `time_constant_s`, or from `delay_s` ago. sigma: standard uncertainty of the weight by itself, of
-    the learner only. Weights are in µm or µm/m per unit of their input. A trained model's bounds and disturbance are
-    not among them.
+    trained models. part: `level`, `smooth` (what is not linear, then), `input`, or `past` (of the error itself). A
+    correction is share · (sum of weight · (value - reference)), where the value of level and smooth is 1 and their
+    reference 0, and other values come through a first-order lag of `time_constant_s`, or from `delay_s` ago. sigma:
+    standard uncertainty of the weight by itself, of the learner only. Weights are in µm or µm/m per unit of their
+    input. A trained model's bounds and disturbance are not among them.
     """
     rows: list[tuple[object, ...]] = []
     for e in _errors_of(data).tolist():
@@ -140,6 +140,7 @@ def learnt_columns(data: ReportData) -> dict[str, Sequence[object]]:
 def _learnt(data: ReportData, known: Weights, e: int) -> list[tuple[object, ...]]:
     error, k, share, none = data.labels[e], int(data.k[-1]), float(known.share[e]), math.nan
     level = (error, k, "level", "", none, none, float(known.level[e]), float(known.level_sigma[e]), 0.0, share)
+    smooth = (error, k, "smooth", "", none, none, float(known.smooth[e]), none, 0.0, share)
     inputs = [
         (error, k, "input", name, lag, none, float(weight), float(sigma), float(reference), share)
         for name, weights, sigmas, reference in zip(
@@ -147,7 +148,7 @@ def _learnt(data: ReportData, known: Weights, e: int) -> list[tuple[object, ...]
         )
         for lag, weight, sigma in zip(known.time_constants_s, weights, sigmas, strict=True)
     ]
-    return [level, *inputs]
+    return [level, smooth, *inputs]
 
 
 def _trained(model: ErrorModel, error: str, k: int, step_s: float) -> list[tuple[object, ...]]:

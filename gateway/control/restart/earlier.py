@@ -26,7 +26,6 @@ from gateway.storage.history import History
 from gateway.storage.store import Store
 from talc.control import Controller
 from talc.frame import FloatArray, TrainingJob, Why
-from talc.learner import learner_bytes
 from talc.names import THERMAL_ERRORS
 from talc.settings import TalcSettings
 
@@ -110,9 +109,8 @@ def earlier_run(
         raise
     except MemoryError as error:
         inputs = len(config.input_names)
-        needed = f"{learner_bytes(inputs) / 1e9:.1f} GB of address space"
         raise SetupError(
-            f"the computer has no {needed} for the learner of {inputs} inputs",
+            f"the computer does not have enough memory for the learner of {inputs} inputs",
             hint="use fewer channels, method = 'models' under [talc], or a computer with more memory",
         ) from error
     except Exception as error:  # noqa: BLE001 - a damaged row may cause any; raised again if the database is whole

@@ -35,7 +35,8 @@ def test_no_number_of_a_command_is_nan_or_infinite(parameter: click.Parameter, t
 
 @pytest.mark.parametrize("parameter", NUMBERS)
 def test_a_number_of_a_command_is_read(parameter: click.Parameter) -> None:
-    assert parameter.type.convert("1.0", parameter, None) == 1.0
+    least = max(getattr(parameter.type, "min", None) or 1.0, 1.0)
+    assert parameter.type.convert(f"{least:.1f}", parameter, None) == least
 
 
 @pytest.mark.parametrize(

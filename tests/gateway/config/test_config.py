@@ -322,26 +322,3 @@ def test_more_channels_than_a_database_can_number_are_refused(channels: int, tmp
         return
     with pytest.raises(ConfigError, match="1001 channels: expected at most 1000 at one gateway"):
         parse(text, tmp_path / "gateway.toml")
-
-
-def test_many_inputs_of_a_machine_that_learns_are_a_caution() -> None:
-    """Without [nc] nothing is measured, and the learner's memory stays untouched."""
-    path = CASES / "valid" / "gateway.toml"
-    more = "".join(
-        f"""[[device]]
-name = "more{unit}"
-bus = "tcp1"
-profile = "advantech_adam6015"
-unit = {unit}
-channels = {{ {", ".join(f"c{unit}_{i} = {i}" for i in range(7))} }}
-"""
-        for unit in range(100, 130)
-    )
-    text = valid_text().replace("[[state]]", f"{more}\n[[state]]", 1)
-    config = parse(text, path)
-    (said,) = (caution.what for caution in cautions(config) if caution.where == "[talc] method")
-    assert said.startswith(
-        f"the learner of {len(config.input_names)} inputs takes 0.5 GB from the first measurement on"
-    )
-    for less in ({"nc": None}, {"talc": replace(config.talc, method="models")}):
-        assert all(caution.where != "[talc] method" for caution in cautions(config.model_copy(update=less)))

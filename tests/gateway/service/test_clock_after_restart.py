@@ -292,7 +292,7 @@ async def test_a_computer_whose_clock_is_right_says_nothing(config: GatewayConfi
 
 
 def test_a_pause_of_unknown_length_makes_a_measurement_wanted_whatever_the_policy(config: GatewayConfig) -> None:
-    for method in ("policy = 'fixed'\nmeasurement_interval_steps = 500", "policy = 'uncertainty'"):
+    for method in ("policy = 'fixed'\nmeasurement_interval_steps = 500", "policy = 'uncertainty'\nlimit_um = 50.0"):
         other = parse(f"{TEXT}\n[talc.learner]\n{method}\n", config.storage.path)
         wanted = []
         for unknown in (False, True):

@@ -30,7 +30,7 @@ def store(tmp_path: Path) -> Iterator[Store]:
 
 
 def snapshot(store: Store, folder: Path, numbers: int) -> Snapshot:
-    """The snapshot of a learner whose covariance has this many numbers, many of them zero and some that look like
+    """The snapshot of a learner whose features have this many numbers, many of them zero and some that look like
     zero."""
     controller = earlier_run(store, parse(TEXT, folder / "gateway.toml")).controller
     for k in range(3):
@@ -40,7 +40,7 @@ def snapshot(store: Store, folder: Path, numbers: int) -> Snapshot:
     draw = np.random.default_rng(numbers)
     values = np.where(draw.random(numbers) < 0.3, 0.0, draw.normal(0.0, 1e-3, numbers))
     values[::17], values[1::19], values[2::23] = -0.0, np.nan, 5e-324
-    mixture = replace(state.course.learner.mixture, covariance=values.reshape(1, 1, numbers))
+    mixture = replace(state.course.learner.mixture, x=values.reshape(1, numbers))
     course = replace(state.course, learner=replace(state.course.learner, mixture=mixture))
     return Snapshot("marks", replace(state, strategy=course), None, {"bed": 1}, (None,) * 9)
 
@@ -64,7 +64,7 @@ def test_what_is_stored_is_what_was_known(numbers: int, store: Store, tmp_path: 
     found = decode_snapshot(stored, frames).state
     assert found.course is not None
     assert kept.state.course is not None
-    before, after = (state.course.learner.mixture.covariance for state in (kept.state, found) if state.course)
+    before, after = (state.course.learner.mixture.x for state in (kept.state, found) if state.course)
     assert before.tobytes() == after.tobytes()
     assert np.array_equal(found.inputs, kept.state.inputs)
 

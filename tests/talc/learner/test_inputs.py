@@ -58,9 +58,12 @@ def test_lags_settle_at_what_stands_still_and_a_span_grows_with_what_moves() -> 
     bank = LagBank(1, (0.0, 900.0), 300.0, 3.0)
     bank.restart(np.array([6.0]))
     bank.advance(np.array([6.0]))
-    np.testing.assert_allclose(bank.features(), [2.0, 2.0, 1.0])
+    np.testing.assert_allclose(bank.features(), [2.0, 2.0])
     bank.advance(np.array([9.0]))
     assert bank.features()[1] == pytest.approx(3.0 - np.exp(-1.0 / 3.0))
+    assert bank.towards(0.4, np.array([12.0]))[1] == pytest.approx(
+        4.0 - (1.0 + np.exp(-1.0 / 3.0)) * np.exp(-0.4 / 3.0)
+    )
     factor = bank.widen(np.array([12000.0]))
     bank.advance(np.array([12000.0]))
     assert factor[0] == 4096.0

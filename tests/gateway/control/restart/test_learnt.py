@@ -206,31 +206,18 @@ def test_an_array_of_another_shape_is_named(source: GatewayConfig) -> None:
     if source.talc.method == "models":
         return
     whole = json.loads(file_of(source).read_text(encoding="utf-8"))
-    whole["arrays"]["mixture.mean"] = whole["arrays"]["mixture.drift"]
-    with pytest.raises(ValueError, match=r"arrays\.mixture\.mean: has 2 dimensions, expected 3"):
+    whole["arrays"]["mixture.x"] = whole["arrays"]["mixture.relevance"]
+    with pytest.raises(ValueError, match=r"arrays\.mixture\.x: has 3 dimensions, expected 2"):
         parse_learnt(signed(whole))
 
 
-def test_a_file_of_a_program_that_knew_no_noise_of_the_reference_goes_on_as_it_was(source: GatewayConfig) -> None:
+def test_what_an_earlier_learner_knew_is_refused_with_the_remedy(source: GatewayConfig) -> None:
     if source.talc.method == "models":
         return
-    text = file_of(source).read_text(encoding="utf-8")
-    whole = json.loads(text)
-    learnt = parse_learnt(text)
-    assert learnt.state.course is not None
-    weights = learnt.state.course.learner.mixture.mean.shape[2] - 1
-    for name, kept in {
-        "mean": weights, "prior": weights, "drift": weights, "covariance": weights * (weights + 1) // 2,
-        "mixed": weights * (weights + 1) // 2,
-    }.items():  # fmt: skip
-        whole["arrays"][f"mixture.{name}"] = shortened(whole["arrays"][f"mixture.{name}"], kept)
-    with pytest.raises(ValueError, match=rf"has {weights} weights, expected {weights + 1} of 3 inputs"):
+    whole = json.loads(file_of(source).read_text(encoding="utf-8"))
+    whole["controller"]["format"] = 3
+    with pytest.raises(ValueError, match="format = 3: of an earlier learner; its record, replayed"):
         parse_learnt(signed(whole))
-    whole["controller"]["format"] = 2
-    earlier = parse_learnt(signed(whole))
-    was, now = (Controller.restore(one.state, source.talc).step(frame(STEPS + 1)) for one in (learnt, earlier))
-    np.testing.assert_allclose(now.predicted, was.predicted, rtol=1e-12)
-    np.testing.assert_allclose(now.sigma, was.sigma, rtol=1e-12)
 
 
 def test_the_file_is_the_same_after_a_round_trip(source: GatewayConfig) -> None:
@@ -252,8 +239,7 @@ def test_another_order_of_the_inputs_changes_no_estimate() -> None:
         np.testing.assert_allclose(now.sigma, was.sigma, rtol=1e-6)
 
 
-def test_an_input_that_is_left_out_takes_its_part_of_the_covariance_with_it() -> None:
-    """Marginals of a normal distribution: those of the other weights stay as they were."""
+def test_what_an_input_that_is_left_out_has_explained_is_not_laid_on_the_others() -> None:
     settings = TalcSettings()
     one = Controller(NAMES, settings)
     for k in range(STEPS):
@@ -264,23 +250,21 @@ def test_an_input_that_is_left_out_takes_its_part_of_the_covariance_with_it() ->
     after = other.weights()
     assert before is not None
     assert after is not None
-    np.testing.assert_allclose(after.inputs[:, :2], before.inputs[:, [2, 0]])
-    np.testing.assert_allclose(after.inputs_sigma[:, :2], before.inputs_sigma[:, [2, 0]])
-    np.testing.assert_allclose(after.level_sigma, before.level_sigma)
-    assert (after.inputs[:, 2] == 0.0).all()
+    np.testing.assert_allclose(after.inputs[:, :2], before.inputs[:, [2, 0]], atol=0.1 * np.abs(before.inputs).max())
+    assert np.abs(after.inputs[:, 2]).max() < 1e-9
     assert (after.inputs_sigma[:, 2, 0] > 0.0).all()
 
 
-def test_what_other_filters_learnt_is_refused_with_their_number() -> None:
+def test_what_other_experts_learnt_is_refused_with_their_number() -> None:
     settings = TalcSettings()
     one = Controller(NAMES, settings)
     one.step(frame(0))
     known = one.state()
     assert known.course is not None
     mixture = known.course.learner.mixture
-    fewer = replace(mixture, weight=mixture.weight[:, 1:], log_weight=mixture.log_weight[:, 1:])
+    fewer = replace(mixture, share=mixture.share[:, 1:], evidence=mixture.evidence[:, 1:])
     learner = replace(known.course.learner, mixture=fewer)
     other = replace(known, strategy=replace(known.course, learner=learner))
-    there = fewer.weight.shape[1]
-    with pytest.raises(ValueError, match=f"it has {there} filters and the learner here has {there + 1}"):
+    there = fewer.share.shape[1]
+    with pytest.raises(ValueError, match=f"it has {there} experts and the learner here has {there + 1}"):
         transferred(other, Controller(NAMES, settings).state())

@@ -216,7 +216,8 @@ async def test_file_that_is_not_a_recording_is_refused_in_words(name: str, said:
 def test_invalid_group_is_refused(group: str) -> None:
     done = here("play", "docs/example.wire", "--multicast", group)
     assert done.code == 2
-    assert f"--multicast {group}: expected GROUP:PORT, such as 239.74.163.2:43113" in done.err
+    assert "--multicast" in done.err
+    assert f"{group}: expected GROUP:PORT" in done.err
 
 
 def test_a_recording_in_which_nothing_could_be_read_is_not_a_success(tmp_path: Path) -> None:
