@@ -155,6 +155,7 @@ class Cycle:
             self._since_idle_s = now
         elif now - self._since_idle_s > IDLE_LIMIT_S:
             self._end("failed", self._void or "the program was stopped")
+            command.abort()  # after an error of its interpreter LinuxCNC has not called talc_abort yet
 
     def _told(self) -> str:
         return STATES.get(round(self._pins["state"]), "accepted")
