@@ -80,7 +80,7 @@ def barrier(probing: Probing, *, proven: bool, runs_dry: bool | None, same_path:
     runs_dry: whether the control knows dry runs; None: not known
     same_path: False: the control tells that its path is not that of any such dry run
     """
-    if proven and (same_path or not runs_dry):
+    if proven and same_path:
         return NOTHING
     if proven and probing.dry_run == "required":
         return Text(NoticeCode.DRY_RUN_CHANGED)

@@ -159,3 +159,9 @@ def test_another_control_pose_or_sphere_is_another_geometry() -> None:
 def test_what_stands_against_a_cycle(dry_run: str, proven: bool, runs_dry: bool | None, stands: bool) -> None:
     probing = Probing.model_validate({"dry_run": dry_run})
     assert bool(barrier(probing, proven=proven, runs_dry=runs_dry)) is stands
+
+
+@pytest.mark.parametrize("runs_dry", [True, False, None])
+def test_a_path_that_has_changed_needs_another_dry_run_even_if_the_control_offers_none(runs_dry: bool | None) -> None:
+    assert barrier(Probing(), proven=True, runs_dry=runs_dry, same_path=False)
+    assert not barrier(Probing(), proven=True, runs_dry=runs_dry, same_path=True)
