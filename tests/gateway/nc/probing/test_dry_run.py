@@ -151,7 +151,7 @@ def test_another_control_pose_or_sphere_is_another_geometry() -> None:
         ("required", False, None, True),
         ("required", False, False, True),
         ("not offered", False, False, False),
-        ("not offered", False, None, False),
+        ("not offered", False, None, True),
         ("not offered", False, True, True),
         ("not offered", True, True, False),
     ],
