@@ -11,6 +11,7 @@ from talc.control import ControllerState
 from talc.frame import IntArray
 from talc.hold import HeldState, MeasureAndHold
 from talc.learner import CourseState, LearnerState, LearningCourse, MixtureState
+from talc.learner.experts import EXPERTS
 from talc.learner.mixture import Mixture
 from talc.papers.phased import PhasedModels, PhasedState
 
@@ -102,8 +103,17 @@ def _mixture(old: MixtureState, fresh: MixtureState, inputs: IntArray, lags: int
     gone = np.repeat(~np.isin(np.arange(many), inputs), lags)
     y = old.y
     if gone.any() and len(old.x):
-        known = Mixture(many, lags, 300.0)
-        known.restore(old)
+        # What other machines have learnt is in no state: the experts that started with it are left out.
+        own, share = len(EXPERTS), old.share[:, : len(EXPERTS) + 1]
+        known = Mixture(many, lags, 300.0, errors=old.y.shape[1])
+        known.restore(
+            replace(
+                old,
+                relevance=old.relevance[:, :own],
+                evidence=old.evidence[:, : own + 1],
+                share=share / share.sum(axis=1, keepdims=True),
+            )
+        )
         y = old.y - old.x[:, gone] @ known.weights()[:, gone].T
     lagged = np.where(inputs[:, None] >= 0, inputs[:, None] * lags + np.arange(lags), _NOT_HERE).ravel()
     x = np.ascontiguousarray(np.where(lagged >= 0, old.x[:, lagged], 0.0))

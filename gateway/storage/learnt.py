@@ -33,7 +33,7 @@ _SHAPES = {
     **{f"mixture.{name}": "r" for name in ("square", "time", "weight")}, "mixture.x": "rp",
     **{f"mixture.{name}": "rj" for name in ("jolt", "y", "noise")},
     **{f"mixture.{name}": "jw" for name in ("evidence", "share")}, "mixture.relevance": "jei", "mixture.zero": "j4",
-    **{f"mixture.{name}": "j" for name in ("reference", "jolted", "elapsed", "count", "suspect", "last")},
+    **{f"mixture.{name}": "j" for name in ("reference", "jolted", "elapsed", "count", "suspect", "off", "last")},
 }  # fmt: skip
 """j: the errors, i: the inputs, l: the lags, p: the features, r: the rows, e: the processes, w: the experts."""
 

@@ -117,7 +117,8 @@ class RowLearner:
                 self._cross(before, deviation, gap)
             else:
                 bank.advance(deviation)
-        mixture.elapse(gap + 1)
+        if self._anchored:  # at the reference the level is zero
+            mixture.elapse(gap + 1)
         self._doubt = np.zeros(self._errors)
         if missing is not None:
             gains = mixture.weights().reshape(self._errors, len(values), -1).sum(axis=2) / bank.span
@@ -179,13 +180,12 @@ class RowLearner:
             self._anchored = True
         noise = np.where(np.isfinite(sigma) & (sigma > 0.0), sigma, self._noise)
         x = self._bank.features()
-        _, variance = self._mixture.expect(x)
         surprise = self._mixture.learn(x, errors, noise, self._doubt)
         # Probing noise is known; only the experts' own part may be over- or underconfident.
         settled = np.isfinite(surprise.ratio) & ~surprise.outlier & (self._mixture.count > 1)
         if settled.any():
             known = noise[settled] ** 2
-            part = variance[settled] + self._doubt[settled]
+            part = surprise.variance[settled] + self._doubt[settled]
             scaled = self._scale**2 * part
             z = np.abs(surprise.ratio[settled]) * np.sqrt((part + known) / (scaled + known))
             tells = scaled / (scaled + known)

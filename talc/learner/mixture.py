@@ -36,6 +36,8 @@ _OUTLIER_AS = 2.5
 """The noise of an outlier is enlarged until it is this many standard deviations off."""
 _FASTEST = 0.3
 """UNIT in 5 min."""
+_TWICE_OFF = 2.0
+"""If two measurements in a row are so many standard deviations off to the same side, the level is moving fast."""
 _FIRST_FAR = 4.0
 """If the first measurement is this many standard deviations from zero, the reference is not the present state."""
 _EVIDENCE_FROM = 6
@@ -52,7 +54,7 @@ class MixtureState:
     """(n, p) features of the rows; `square` (n,) their squares."""
     square: FloatArray
     time: FloatArray
-    """(n,) in drift steps since the first row; `weight` (n,) how many measurements a row stands for."""
+    """(n,) in drift steps since the reference; `weight` (n,) how many measurements a row stands for."""
     weight: FloatArray
     jolt: FloatArray
     """(n, 9) variance that gaps and jumps had added to the level by then; `y` (n, 9) what was measured."""
@@ -69,7 +71,7 @@ class MixtureState:
     zero: FloatArray
     """(9, 4) discounted sums of 1, y, y² over the noise's variance, and of its logarithm."""
     now: float
-    """Drift steps since the first row; `jolted` (9,) the present variances of `jolt`."""
+    """Drift steps since the reference; `jolted` (9,) the present variances of `jolt`."""
     jolted: FloatArray
     elapsed: FloatArray
     """(9,) drift steps since the last measurement of each error."""
@@ -77,6 +79,8 @@ class MixtureState:
     """(9,) measurements so far."""
     suspect: FloatArray
     """(9,) the last innovation, if it was an outlier; else 0."""
+    off: FloatArray
+    """(9,) the last innovation over its standard deviation."""
     last: FloatArray
     """(9,) the last measurement that was not an outlier; NaN before the first."""
     cursor: int
@@ -92,7 +96,9 @@ class Surprise:
     outlier: NDArray[np.bool_]
     """(9,) treated as an outlier: it has little effect."""
     jump: NDArray[np.bool_]
-    """(9,) a far measurement that is no outlier, or the second one in a row: the level starts again."""
+    """(9,) a far measurement that is no outlier, or the second one in a row: the level may be anywhere between."""
+    variance: FloatArray
+    """(9,) of what was expected, a measurement's own noise aside."""
 
 
 class Mixture:
@@ -141,7 +147,8 @@ class Mixture:
         self._zero, self._reference = np.zeros((errors, 4)), np.zeros(errors)
         self._now, self._jolted, self._elapsed = 0.0, np.zeros(errors), np.zeros(errors)
         self._count, self._cursor = np.zeros(errors, dtype=np.int64), 0
-        self._suspect, self._last = np.zeros(errors), np.full(errors, np.nan)
+        self._suspect, self._off = np.zeros((2, errors))
+        self._last = np.full(errors, np.nan)
         self._weights: FloatArray | None = None
 
     @property
@@ -200,6 +207,7 @@ class Mixture:
             elapsed=self._elapsed.copy(),
             count=self._count.copy(),
             suspect=self._suspect.copy(),
+            off=self._off.copy(),
             last=self._last.copy(),
             cursor=self._cursor,
         )
@@ -214,7 +222,7 @@ class Mixture:
         self._share, self._zero = state.share.copy(), state.zero.copy()
         self._now, self._jolted, self._elapsed = state.now, state.jolted.copy(), state.elapsed.copy()
         self._count, self._cursor = state.count.copy(), state.cursor
-        self._suspect, self._last = state.suspect.copy(), state.last.copy()
+        self._suspect, self._off, self._last = state.suspect.copy(), state.off.copy(), state.last.copy()
         self._rows.reference = self._reference
         for e, process in enumerate(self._processes):
             process.relevance = state.relevance[:, e].copy()
@@ -301,12 +309,14 @@ class Mixture:
         for j in measured[self._count[measured] == 0]:
             self._begin(int(j), float(errors[j]), float(noise[j]))
         mean, variance = self._each(x, 0, reference=True)
+        expected = self._mixed(mean, variance)
         for j in measured:
             ratio[j], outlier[j], jump[j] = self._weigh(int(j), float(errors[j]), noise, mean[j], variance[j])
         if self._rows.is_full():
             self._rows.thin()
             for process in self._processes:
                 process.rebuild()
+                process.look(x, self._now, self._jolted, reference=True)
         row = x, self._now, self._jolted, np.where(np.isfinite(errors), errors, 0.0), noise
         for process in self._processes:
             process.append(*row)
@@ -315,7 +325,7 @@ class Mixture:
         self._elapsed[measured] = 0.0
         self._renew()
         self._weights = None
-        return Surprise(ratio, outlier, jump)
+        return Surprise(ratio, outlier, jump, expected[1])
 
     def _begin(self, j: int, y: float, noise: float) -> None:
         """Errors are deviations from the reference: the level starts at zero, unless the first measurement is so far
@@ -341,6 +351,9 @@ class Mixture:
             sudden = (y - self._last[j]) ** 2 > _FAR**2 * change  # NaN compares false
             outlier = bool(sudden and self._suspect[j] * centre <= 0.0)
             jump = not outlier
+        elif min(abs(ratio), abs(self._off[j])) > _TWICE_OFF and ratio * self._off[j] > 0.0:
+            jump = True
+        self._off[j] = ratio
         self._suspect[j] = centre if outlier else 0.0
         if not outlier:
             self._last[j] = y

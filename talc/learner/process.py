@@ -21,7 +21,8 @@ _CHANGE = 0.1, 3.0
 _RELEVANCE = 1e-4, 1e2
 """Bounds of a prior variance over its first one."""
 _NODES, _NODE_WEIGHTS = np.polynomial.legendre.leggauss(8)
-"""On [-1, 1]: the path from the reference to the present features."""
+"""On [-1, 1]: a piece, at most `_PIECE` long, of the path from the reference to the present features."""
+_PIECE = 2.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -90,12 +91,10 @@ class Rows:
         while len(x) > _FEWER:
             i = int(np.argmin(np.diff(time[: len(time) - _NEWEST])))
             a, b = weight[i], weight[i + 1]
-            each = np.isfinite(noise[i]) * a, np.isfinite(noise[i + 1]) * b
-            both = np.maximum(each[0] + each[1], 1e-300)
-            y[i] = (each[0] * y[i] + each[1] * y[i + 1]) / both
-            known = [np.where(np.isfinite(one), one, 0.0) for one in (noise[i], noise[i + 1])]
-            merged = (each[0] * known[0] + each[1] * known[1]) / both
-            noise[i] = np.where(each[0] + each[1] > 0.0, merged, np.inf)
+            told = a / noise[i], b / noise[i + 1]  # an error that only one measured keeps that one's value and noise
+            both = np.maximum(told[0] + told[1], 1e-300)
+            y[i] = (told[0] * y[i] + told[1] * y[i + 1]) / both
+            noise[i] = np.where(told[0] + told[1] > 0.0, (a + b) / both, np.inf)
             x[i], time[i] = (a * x[i] + b * x[i + 1]) / (a + b), (a * time[i] + b * time[i + 1]) / (a + b)
             jolt[i], weight[i] = (a * jolt[i] + b * jolt[i + 1]) / (a + b), a + b
             for values in (x, time, weight, jolt, y, noise):
@@ -137,7 +136,7 @@ class Process:
             self._start_from(others)
         self._lower = np.zeros((m, MOST_ROWS * (MOST_ROWS + 1) // 2))
         self._z, self._v = np.zeros((2, m, MOST_ROWS))
-        self._centre, self._spread, self._prior_variance = np.zeros((3, m))
+        self._centre, self._spread, self._alone = np.zeros((3, m))
         self._shares: FloatArray | None = None
 
     def _start_from(self, others: OtherMachines) -> None:
@@ -175,9 +174,9 @@ class Process:
         levels = self._levels() + rows.reference[:, None] if reference else self._levels()
         given = c, x, square, self._smooth, self._inverse, levels, rows.known, self._lower, self._z
         _kernel.process_look(rows.x, rows.square, rows.n, *given, self._v, self._centre, self._spread)
+        self._alone = self._own(c, x, square)
         level = self._level * now + jolted + (rows.reference if reference else 0.0)
-        self._prior_variance = self._own(c, x, square) + level
-        return self._centre + self._mean @ x, self._prior_variance - self._spread
+        return self._centre + self._mean @ x, self._alone + level - self._spread
 
     def covariance(self, x: FloatArray, other: FloatArray, now: float, jolted: FloatArray) -> FloatArray:
         """(m,) between a measurement now with features x (p,) and the errors later, with others."""
@@ -191,9 +190,10 @@ class Process:
         return np.asarray(prior - np.sum(self._v[:, : self._rows.n] * there, axis=1))
 
     def append(self, x: FloatArray, now: float, jolted: FloatArray, y: FloatArray, noise: FloatArray) -> None:
-        """The row that `rows` takes next: its measurements (m,), and their variances, infinite where there is none."""
-        self.look(x, now, jolted, reference=True)
-        own, off = self._prior_variance + (noise + self._misfit), y - self._mean @ x
+        """The row that `rows` takes next, at which `look` has just looked with the reference's noise: its measurements
+        (m,), and their variances, infinite where there is none."""
+        own = self._alone + (self._level * now + jolted + self._rows.reference) + (noise + self._misfit)
+        off = y - self._mean @ x
         _kernel.process_append(self._lower, self._z, self._rows.n, self._v, self._centre, self._spread, own, off)
         self._shares = None
 
@@ -218,7 +218,7 @@ class Process:
     def renew(self, j: int) -> None:
         """Find the prior variance of each input's weights again, by MacKay's fixed point (Neural Computation 4 (1992)
         415-447), v = sum(m²) / sum(1 - P / v) over the input's weights."""
-        if not self._expert.evidence:
+        if not self._expert.evidence or not self.relevance.size:
             return
         n, prior = self._rows.n, self._prior(j)
         white = self._white(j)
@@ -279,7 +279,9 @@ class Process:
             return found
         rows, n, shares = self._rows, self._rows.n, self._rows_shares()
         far = np.exp(-self._inverse * rows.square[:n])
-        for node, weight in zip(0.5 * (_NODES + 1.0), 0.5 * _NODE_WEIGHTS, strict=True):
+        pieces = 1 + int(math.sqrt(2.0 * self._inverse * float(x @ x)) / _PIECE)
+        nodes = (np.arange(pieces)[:, None] + 0.5 * (_NODES + 1.0)).ravel() / pieces
+        for node, weight in zip(nodes, np.tile(0.5 * _NODE_WEIGHTS / pieces, pieces), strict=True):
             at = node * x
             near = np.exp(-self._inverse * np.sum((at - rows.x[:n]) ** 2, axis=1))
             here = np.exp(-self._inverse * (at @ at))

@@ -41,10 +41,18 @@ BLOCKS: Final = (
 """Executed between two blocks of the cycle, as LinuxCNC may do with one that arrives at the wrong moment."""
 QUEUED: Final = ("G0 X5", "G91", "G20", "G55", "G43.1 Z1", "M3 S500")
 """Commanded in MDI meanwhile: LinuxCNC keeps it for after the cycle."""
-KINDS: Final = ("block", "mdi", "mode", "stop", "estop", "off", "limit", "travel", "transformation", "contact", "probe")
-STOPS: Final = ("mode", "stop", "estop", "off", "limit", "travel")
+KINDS: Final = (
+    *("block", "mdi", "mode", "stop", "estop", "off", "limit", "travel", "transformation", "contact", "probe"),
+    "may-start",
+)
+STOPS: Final = ("mode", "stop", "estop", "off", "limit", "travel", "may-start")
 """After these LinuxCNC itself has stopped the program, as after a contact in a rapid move: the machine stands until the
 operator retracts."""
+PINS: Final = {
+    "travel": ("ini.z.max_limit", "150"),
+    "may-start": ("talc.may-start", "0"),
+    "transformation": ("motion.switchkins-type", "1"),
+}
 STOPPED: Final = "the program was stopped"
 FINAL: Final = (ProbingState.DONE, ProbingState.REFUSED, ProbingState.FAILED)
 
@@ -114,10 +122,8 @@ async def _disturb(bench: AgentBench, kind: str, draw: random.Random) -> None:
             await hal.ask("send_off")
         case "limit":
             await hal.ask("hal", "setp", f"joint.{draw.randrange(5)}.pos-lim-sw-in", "1")
-        case "travel":
-            await hal.ask("hal", "setp", "ini.z.max_limit", "150")
-        case "transformation":
-            await hal.ask("hal", "setp", "motion.switchkins-type", "1")
+        case "travel" | "may-start" | "transformation":
+            await hal.ask("hal", "setp", *PINS[kind])
         case _:
             signals = {"probe": ("probe-dead", "1"), "contact": ("sphere-size", str(BALL_MM + MORE_MM))}
             await hal.ask("hal", "sets", *signals[kind])
@@ -130,6 +136,7 @@ async def _mend(bench: AgentBench) -> None:
     await hal.ask("hal", "setp", "motion.switchkins-type", "0")
     await hal.ask("hal", "setp", "ini.z.max_limit", "300")
     await hal.ask("hal", "sets", "probe-dead", "0")
+    await hal.ask("hal", "setp", "talc.may-start", "1")
     for joint in range(5):
         await hal.ask("hal", "setp", f"joint.{joint}.pos-lim-sw-in", "0")
     if not await hal.sees(on=True):

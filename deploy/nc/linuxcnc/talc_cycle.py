@@ -13,6 +13,7 @@ from talc_path import POSES, ProbingPath
 from talc_server import Refusal
 
 OFF, BY_OTHERS = "the machine is off or not homed", "somebody else moved the machine or changed its modes"
+MAY_NOT = "the pin talc.may-start became FALSE"
 EXTERNAL = "an external offset is in force (axis.*.eoffset)"
 STATES = {1: "accepted", 2: "running", 3: "done", 4: "refused", 5: "failed"}
 FINAL = ("done", "refused", "failed")
@@ -47,6 +48,8 @@ class Cycle:
         """When LinuxCNC's status was first seen after the program had taken the request."""
         self._begun, self._rests, self._ended, self._leaving = False, True, True, False
         """_leaving: the program of the request before, which was withdrawn when it had just been taken, still runs."""
+        self._calls = False
+        """Whether the program runs because the agent has called it."""
         self._began_in: tuple[int, str] | None = None
         """Mode, and in MDI the block, in which the control has taken the request."""
 
@@ -108,6 +111,8 @@ class Cycle:
     def step(self, now: float, nc: Any, command: Any) -> None:
         """Check program and control. nc: a fresh linuxcnc.stat, or None when LinuxCNC does not answer."""
         self._rests = nc is not None and _idle(nc)
+        if nc is not None and self._calls:
+            self._guard(nc, command)
         if self._number and self._pins["answers"] == self._number and self._state not in ("idle", *FINAL):
             self._follow(now, nc, command)
         elif self._state == "requested":
@@ -118,6 +123,16 @@ class Cycle:
             if nc.task_mode == linuxcnc.MODE_MDI:  # otherwise somebody has chosen another one
                 command.mode(self._mode_before)
             self._mode_before = None
+
+    def _guard(self, nc: Any, command: Any) -> None:
+        """Stop the program that the agent has called, to its last tool change, when it may not run any more."""
+        if nc.task_mode != linuxcnc.MODE_MDI or (self._rests and (self._state in FINAL or not self._begun)):
+            self._calls = False
+        elif not self._pins["may-start"]:
+            if self._begun:  # otherwise a new request waits for the end of the program before
+                self._void = self._void or MAY_NOT
+            self._calls = False
+            command.abort()
 
     def _follow(self, now: float, nc: Any, command: Any) -> None:
         """The program has taken the request: its state counts, unless it was stopped or was not alone."""
@@ -140,6 +155,7 @@ class Cycle:
             self._since_idle_s = now
         elif now - self._since_idle_s > IDLE_LIMIT_S:
             self._end("failed", self._void or "the program was stopped")
+            command.abort()  # after an error of its interpreter LinuxCNC has not called talc_abort yet
 
     def _told(self) -> str:
         return STATES.get(round(self._pins["state"]), "accepted")
@@ -199,7 +215,7 @@ class Cycle:
             self._refuse("the program did not start")
         elif not self._begun and nc.task_mode == linuxcnc.MODE_MDI and _idle(nc) and not obstacle:
             command.mdi("o<talc_safe_point> call")
-            self._begun = True
+            self._begun = self._calls = True
 
     def _refuse(self, reason: str) -> None:
         if not self._leaving:

@@ -33,13 +33,14 @@ REASONS = {
     "mdi": "somebody else moved the machine or changed its modes",
     "mode": "somebody changed the operating mode",
     "limit": "the machine is off or not homed",
+    "may-start": "the pin talc.may-start became FALSE",
 }
 
 
 async def test_a_cycle_that_was_not_alone_has_no_result_and_leaves_the_probe_safe(tmp_path: Path) -> None:
     draw = random.Random(7)
     async with disturbable(tmp_path) as bench:
-        for number, kind in enumerate(("block", "mdi", "mode", "limit", "contact", "probe"), start=1):
+        for number, kind in enumerate(("block", "mdi", "mode", "limit", "contact", "probe", "may-start"), start=1):
             assert kind in KINDS
             one = await disturbed(bench, kind, number, draw)
             assert one.safe, one

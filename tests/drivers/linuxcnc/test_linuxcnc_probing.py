@@ -217,6 +217,29 @@ async def test_every_way_to_end_without_a_result_is_reported(bench: AgentBench) 
     assert (off.state, off.reason) == (ProbingState.REFUSED, "the machine is off or not homed")
 
 
+async def test_after_an_error_of_the_interpreter_nothing_of_the_cycle_stays_in_force(
+    bench: AgentBench, tmp_path: Path
+) -> None:
+    nc, hal = tmp_path / "machine" / "nc", bench.operator
+    near = nc / "talc_near.ngc"
+    near.write_text(near.read_text().replace("o<talc_check> call\n", "G1 X[1 / 0]\n"))
+    (nc / "part.ngc").write_text("G20 G91 G55\nG92 X1\nM68 E9 Q1\no<talc_safe_point> call\nM68 E9 Q2\nM2\n")
+
+    async def restored() -> bool:
+        state = await hal.ask("state")
+        g92 = pytest.approx([-25.4, 0.0, 0.0])  # X1 in inches, where X is 0
+        return state["idle"] and state["g5x_index"] == 2 and state["g92"] == g92 and {200, 910} <= set(state["gcodes"])
+
+    await bench.nc.request_probing(1)
+    await hal.ask("run", "part.ngc")
+    stopped = await reaches(bench, 1, *FINAL)
+    assert (stopped.state, stopped.reason) == (ProbingState.FAILED, "the program was stopped")
+    assert await hal.number("getp", "motion.analog-out-09") == 1.0
+    await until(restored, 30.0)
+    await hal.ask("mdi", "M68 E9 Q#5381")
+    assert await hal.number("getp", "motion.analog-out-09") == 0.0, "X of G59.3, where the cycle had its pivot"
+
+
 async def test_without_a_probe_in_the_tool_table_no_program_is_disturbed(tmp_path: Path) -> None:
     """LinuxCNC would end the part program that asks for a tool it does not know."""
     async with running(tmp_path, HURRY, tools="T5 P5 Z17 D6 ;mill\n") as bench:

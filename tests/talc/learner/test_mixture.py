@@ -1,5 +1,7 @@
 """The processes against closed forms."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -7,7 +9,7 @@ from scipy.linalg import cho_factor, cho_solve
 
 from talc.learner.experts import EXPERTS, UNIT, Expert
 from talc.learner.mixture import Mixture
-from talc.learner.process import MOST_ROWS
+from talc.learner.process import MOST_ROWS, Rows
 
 Array = NDArray[np.float64]
 
@@ -200,6 +202,37 @@ def test_merged_measurements_say_what_they_said_apart() -> None:
         assert spread[0, 1] == pytest.approx(variance + (SMOOTH.misfit * UNIT) ** 2, rel=0.1)
 
 
+def test_a_row_that_stands_for_four_measurements_has_a_quarter_of_their_noise() -> None:
+    mixture, x, draw = alone(SMOOTH), features(20), np.random.default_rng(6)
+    y = 2.0 * x[:, 1] + draw.normal(0, NOISE, 20)
+    y[0] = 0.0
+    fed(mixture, x, np.arange(20.0), y)
+    mixture.restore(replace(mixture.state(), weight=np.full(20, 4.0)))
+    noise = (NOISE**2 + (SMOOTH.misfit * UNIT) ** 2) / 4.0
+    steps, at = np.arange(20.0), features(9, 3)[-1]
+    among = covariance(SMOOTH, x, steps, x, steps) + REFERENCE + noise * np.eye(20)
+    across = covariance(SMOOTH, x, steps, at[None], np.array([19.0]))[:, 0]
+    ours, _ = mixture._each(at, 0, reference=False)  # noqa: SLF001 - of the process alone
+    assert ours[0, 1] == pytest.approx(across @ np.linalg.solve(among, y), rel=1e-7)
+
+
+def test_the_newest_measurements_are_never_merged() -> None:
+    mixture, x = alone(LINEAR), features(MOST_ROWS + 1, 4)
+    fed(mixture, x, np.arange(MOST_ROWS + 1.0), x[:, 0])
+    kept = mixture.state()
+    assert len(kept.x) < MOST_ROWS
+    assert np.array_equal(kept.x[-41:], x[-41:])
+    assert (kept.weight[-41:] == 1.0).all()
+    assert kept.weight.sum() == MOST_ROWS + 1
+
+
+def test_zero_is_as_likely_as_a_normal_distribution_of_noise_and_reference_says() -> None:
+    mixture = Mixture(INPUTS, LAGS, 300.0)
+    fed(mixture, features(1), np.zeros(1), np.array([1.3]))
+    spread = NOISE**2 + REFERENCE
+    assert mixture.state().evidence[0, 0] == pytest.approx(-0.5 * (np.log(spread) + 1.3**2 / spread))
+
+
 def test_a_wider_span_changes_no_prediction_of_what_was_seen_and_tames_what_was_not() -> None:
     """An input that has not moved is as unknown per new span as it was per old span."""
     mixture, x = alone(Expert(1.0, 0.002)), features(30)
@@ -300,3 +333,14 @@ def test_the_default_experts_differ_by_more_than_their_sizes() -> None:
         won.append(int(np.argmax(mixture.share[0])))
     assert won == [1, 2]
     assert len(EXPERTS) == 2
+
+
+def test_merged_rows_know_no_more_of_an_error_than_its_own_measurements_said() -> None:
+    """The second error is measured every tenth time."""
+    rows = Rows(1, 2)
+    for i in range(5 * MOST_ROWS):
+        if rows.is_full():
+            rows.thin()
+        rows.append(np.ones(1), float(i), np.zeros(2), np.ones(2), np.array([1.0, np.inf if i % 10 else 1.0]))
+    told = (rows.weight[: rows.n, None] / rows.noise[: rows.n]).sum(axis=0)
+    np.testing.assert_allclose(told, [5 * MOST_ROWS, 5 * MOST_ROWS / 10])
