@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import pytest
 
+from drivers.base import ConnectError
 from drivers.nc import NumericalControl, ProbingState, RequestStatus
 from gateway.config.sections import Probing
 from gateway.model.text import plain
@@ -122,6 +123,35 @@ async def test_cancelled_it_is_withdrawn() -> None:
     with pytest.raises(asyncio.CancelledError):
         await running
     assert (await dry.nc.probing_status(7)).state is ProbingState.FAILED
+
+
+class Cut(InProcess):
+    """Its session ends within the dry run; opened again it works, unless it is gone."""
+
+    gone = False
+
+    async def connect(self) -> None:
+        if self.gone:
+            raise ConnectError("no route to the control", device="nc")
+        await super().connect()
+
+
+@pytest.mark.parametrize("gone", [False, True])
+async def test_a_connection_that_breaks_is_made_again_to_withdraw_it(gone: bool) -> None:
+    dry = Dry(Cut)
+    running = await dry.begun()
+    await dry.clock.run_until(40.0)
+    assert dry.told[-1] is ProbingState.RUNNING
+    assert isinstance(dry.nc, Cut)
+    await dry.nc.close()
+    dry.nc.gone = gone
+    await dry.clock.run_until(60.0)
+    with pytest.raises(ConnectError) as raised:
+        await running
+    assert ("R61 = 7" in raised.value.hint) is gone, "somebody has to stop it at the control"
+    dry.nc.gone = False
+    await dry.nc.connect()
+    assert (await dry.nc.probing_status(7)).state is (ProbingState.RUNNING if gone else ProbingState.FAILED)
 
 
 def test_another_control_pose_or_sphere_is_another_geometry() -> None:
