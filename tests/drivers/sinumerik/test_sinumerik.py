@@ -176,6 +176,18 @@ async def test_a_dry_run_is_asked_for_once_a_call_has_shown_the_version_and_only
         await bench.nc.probing_status(1)  # it was another program that ran
 
 
+async def test_a_dry_run_that_waits_for_the_version_displaces_no_request_of_another_gateway(bench: OpcUaBench) -> None:
+    nck = bench.control.nck
+    bench.clock.move_to(50.0)
+    await bench.nc.request_probing(1, 50.0)
+    nck.cycle.next_safe_point = lambda _: math.inf
+    nck.write_r(R_REQUEST, 55.0, 60.0)
+    nck.r[R_VERSION] = 2.0
+    with pytest.raises(Refused, match="request 55 waits"):
+        await bench.nc.probing_status(1)
+    assert (nck.r[R_REQUEST], nck.r[R_DRY_RUN]) == (55.0, 0.0)
+
+
 async def test_at_power_on_the_version_is_not_known_until_the_next_safe_point(bench: OpcUaBench) -> None:
     nck = bench.control.nck
     nck.power_on(50.0)

@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 
 from drivers.base import ConnectError
-from drivers.nc import NumericalControl, ProbingState, RequestStatus
+from drivers.nc import NcSnapshot, NumericalControl, ProbingState, RequestStatus
 from gateway.config.sections import Probing
 from gateway.model.text import plain
 from gateway.nc.probing.cycle import NotBegun, Rejected
@@ -33,22 +33,26 @@ class Dry:
         self.nck = Nck(StillMachine(), rest, cycle=CycleSettings(noise_um=0.0))
         self.nc, self.told = driver(self.nck, self.clock), list[ProbingState]()
 
-    async def begun(self, geometry: Geometry = GEOMETRY, timeout_s: float = 900.0) -> asyncio.Task[DryRun]:
+    async def begun(
+        self, geometry: Geometry = GEOMETRY, timeout_s: float = 900.0, height_mm: float = HEIGHT_MM
+    ) -> asyncio.Task[DryRun]:
         await self.nc.connect()
         work = run_dry(
             self.nc,
             7,
             geometry,
             self.clock,
-            height_mm=HEIGHT_MM,
+            height_mm=height_mm,
             poll_s=0.5,
             timeout_s=timeout_s,
             told=self.told.append,
         )
         return asyncio.create_task(work)
 
-    async def run(self, geometry: Geometry = GEOMETRY, timeout_s: float = 900.0) -> DryRun:
-        running = await self.begun(geometry, timeout_s)
+    async def run(
+        self, geometry: Geometry = GEOMETRY, timeout_s: float = 900.0, height_mm: float = HEIGHT_MM
+    ) -> DryRun:
+        running = await self.begun(geometry, timeout_s, height_mm)
         await self.clock.run_until(self.clock.monotonic() + 1000.0)
         return await running
 
@@ -102,6 +106,23 @@ async def test_a_control_that_goes_down_to_the_sphere_is_told_to_stop_at_once() 
     assert (await dry.nc.probing_status(7)).reason == "withdrawn"
     (begin, end) = dry.nck.cycle.ended[0]
     assert end - begin < 15.0, "at the first pose"
+
+
+@pytest.mark.parametrize(("height_mm", "limit_mm"), [(30.0, 24.0), (50.0, 40.0), (100.0, 40.0)])
+async def test_it_is_withdrawn_nearer_than_40_mm_or_four_fifths_of_a_lower_height(
+    height_mm: float, limit_mm: float
+) -> None:
+    class Lower(InProcess):
+        below_mm = height_mm - limit_mm - 0.5
+
+        async def snapshot(self) -> NcSnapshot:
+            snapshot = await super().snapshot()
+            return replace(snapshot, positions=snapshot.positions | {"Z": snapshot.positions["Z"] - self.below_mm})
+
+    assert (await Dry(Lower).run(height_mm=height_mm)).samples > 0
+    Lower.below_mm += 1.0
+    with pytest.raises(Rejected, match="mm from the sphere"):
+        await Dry(Lower).run(height_mm=height_mm)
 
 
 async def test_what_does_not_begin_or_end_in_time_is_withdrawn() -> None:
