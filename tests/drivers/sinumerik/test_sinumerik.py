@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from drivers.base import BadAnswer, ConnectError, DriverError, Refused
-from drivers.nc import OperatingMode, ProbingState
+from drivers.nc import OperatingMode, ProbingState, RunsDry
 from drivers.sinumerik.control import Sinumerik
 from drivers.sinumerik.settings import Handshake, SinumerikSettings
 from simulators.nc import User
@@ -182,6 +182,17 @@ async def test_at_power_on_the_version_is_not_known_until_the_next_safe_point(be
     assert nck.r[R_VERSION] == 0.0
     nck.advance(81.0)
     assert nck.r[R_VERSION] == 2.0
+
+
+async def test_whether_it_knows_dry_runs_is_what_each_snapshot_shows(bench: OpcUaBench) -> None:
+    """And not what was there at `connect`, which the power may have been switched off and on since."""
+    nck, shown = bench.control.nck, list[bool | None]()
+    assert isinstance(bench.nc, RunsDry)
+    for version in (2.0, 0.0, 1.0, math.nan, 2.0):
+        nck.version, nck.r[R_VERSION] = 0, version
+        await bench.nc.snapshot()
+        shown.append(bench.nc.runs_dry)
+    assert shown == [True, None, False, None, True]
 
 
 async def test_a_height_that_another_program_changes_makes_no_measurement_and_no_dry_run(

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import pytest
 
+from drivers.base import ConnectError
 from drivers.nc import NumericalControl, ProbingState, RequestStatus
 from gateway.config.sections import Probing
 from gateway.model.text import plain
@@ -124,6 +125,35 @@ async def test_cancelled_it_is_withdrawn() -> None:
     assert (await dry.nc.probing_status(7)).state is ProbingState.FAILED
 
 
+class Cut(InProcess):
+    """Its session ends within the dry run; opened again it works, unless it is gone."""
+
+    gone = False
+
+    async def connect(self) -> None:
+        if self.gone:
+            raise ConnectError("no route to the control", device="nc")
+        await super().connect()
+
+
+@pytest.mark.parametrize("gone", [False, True])
+async def test_a_connection_that_breaks_is_made_again_to_withdraw_it(gone: bool) -> None:
+    dry = Dry(Cut)
+    running = await dry.begun()
+    await dry.clock.run_until(40.0)
+    assert dry.told[-1] is ProbingState.RUNNING
+    assert isinstance(dry.nc, Cut)
+    await dry.nc.close()
+    dry.nc.gone = gone
+    await dry.clock.run_until(60.0)
+    with pytest.raises(ConnectError) as raised:
+        await running
+    assert ("R61 = 7" in raised.value.hint) is gone, "somebody has to stop it at the control"
+    dry.nc.gone = False
+    await dry.nc.connect()
+    assert (await dry.nc.probing_status(7)).state is (ProbingState.RUNNING if gone else ProbingState.FAILED)
+
+
 def test_another_control_pose_or_sphere_is_another_geometry() -> None:
     others = [
         replace(GEOMETRY, control="sinumerik at y"),
@@ -151,7 +181,7 @@ def test_another_control_pose_or_sphere_is_another_geometry() -> None:
         ("required", False, None, True),
         ("required", False, False, True),
         ("not offered", False, False, False),
-        ("not offered", False, None, False),
+        ("not offered", False, None, True),
         ("not offered", False, True, True),
         ("not offered", True, True, False),
     ],
@@ -159,3 +189,9 @@ def test_another_control_pose_or_sphere_is_another_geometry() -> None:
 def test_what_stands_against_a_cycle(dry_run: str, proven: bool, runs_dry: bool | None, stands: bool) -> None:
     probing = Probing.model_validate({"dry_run": dry_run})
     assert bool(barrier(probing, proven=proven, runs_dry=runs_dry)) is stands
+
+
+@pytest.mark.parametrize("runs_dry", [True, False, None])
+def test_a_path_that_has_changed_needs_another_dry_run_even_if_the_control_offers_none(runs_dry: bool | None) -> None:
+    assert barrier(Probing(), proven=True, runs_dry=runs_dry, same_path=False)
+    assert not barrier(Probing(), proven=True, runs_dry=runs_dry, same_path=True)
