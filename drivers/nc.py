@@ -295,8 +295,8 @@ class RunsDry(Protocol):
     """A control whose probing program may know dry runs."""
 
     @property
-    def runs_dry(self) -> bool:
-        """Whether it does. Known once connected."""
+    def runs_dry(self) -> bool | None:
+        """Whether it does, by what it showed last: at `connect`, or at the latest snapshot. None: not shown yet."""
         ...
 
 

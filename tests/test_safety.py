@@ -292,7 +292,7 @@ BROKEN: dict[str, tuple[str, Break]] = {
         always("here"),
     ),
     "a_request_that_waits_or_runs_is_not_displaced_and_the_snapshot_shows_that_it_runs[sinumerik]": (
-        "drivers.sinumerik.control:Sinumerik.request_probing",
+        "drivers.sinumerik.control:Sinumerik._check_free",
         never("taken_back"),
     ),
     "a_component_that_has_stopped_hears_no_beat_and_nothing_is_written": (

@@ -80,17 +80,16 @@ class Sinumerik:
         )
         self._tool_mm = 0.0
         """By how much the tool in use is longer than the one of the origin."""
-        self._probing = (
-            settings.r(settings.handshake.state),
-        )  # a separate request: a control may not report changes of its R-parameters
         self._alarms = paths.alarms  # the control's manual requires a separate request
         hand = settings.handshake
         self._status = tuple(settings.r(n) for n in (hand.request, hand.answers, hand.state, hand.reason))
         results = range(hand.results, hand.results + 3 * settings.poses)
         self._height, self._shown = settings.r(hand.dry_run), settings.r(hand.version)
+        # A separate request: a control may not report changes of its R-parameters.
+        self._probing = (settings.r(hand.state), self._shown)
         self._request = (*self._status, settings.r(hand.withdraw))
         self._asked = (*(settings.r(n) for n in (hand.request, hand.withdraw, hand.valid_for)), self._height)
-        self._runs_dry = False
+        self._shown_version: OpcUaNumber | None = None
         self._heights: dict[int, float] = {}
         """Number of the last request to the height that it was asked with."""
         self._unproven: int | None = None
@@ -118,7 +117,7 @@ class Sinumerik:
                 if self._settings.subscribe_s > 0:
                     await self._session.subscribe(paths, self._settings.subscribe_s)
             self._unproven = None
-            self._runs_dry = (await self._session.read(self._result))[-1] == _KNOWS_DRY_RUNS
+            self._shown_version = (await self._session.read(self._result))[-1]
             await self._session.read(self._in_force)
             if self._settings.asks:
                 await self._session.read((*self._asked, *self._request))
@@ -129,10 +128,12 @@ class Sinumerik:
             raise
 
     @property
-    def runs_dry(self) -> bool:
-        """Implements RunsDry: by what the control showed when the gateway connected. That may be old, so no dry run is
-        asked for until the program has shown it again."""
-        return self._runs_dry
+    def runs_dry(self) -> bool | None:
+        """Implements RunsDry. What it shows may be old, so no dry run is asked for until the program has shown it
+        again; None: no call of TALC_SAFE_POINT has shown anything since power on."""
+        if not self._shown_version or not math.isfinite(self._shown_version):
+            return None
+        return self._shown_version == _KNOWS_DRY_RUNS
 
     async def _look_at_units(self) -> None:
         """Raises WrongDevice for an inch system. A gateway that only reads goes on if it may not read the unit."""
@@ -163,7 +164,7 @@ class Sinumerik:
         """Three requests, or none while the control reports changes. Raises WrongDevice for an inch system, BadAnswer
         for an axis without a finite position; states without a finite value are missing."""
         values = await self._session.latest(self._snapshot)
-        [probing] = await self._session.latest(self._probing)
+        probing, self._shown_version = await self._session.latest(self._probing)
         shown = await self._session.latest(self._alarms) if self._alarms else []
         time, monotonic_s = self._clock.utc(), self._clock.monotonic()
         x, y, z, *rotary = self._numbers(self._positions, values[: len(AXES)])

@@ -93,6 +93,7 @@ class NoticeCode(StrEnum):
 
     # dry runs
     DRY_RUN_DONE = "dry_run_done"
+    DRY_RUN_NOT_SHOWN = "dry_run_not_shown"
     DRY_RUN_OFFERED = "dry_run_offered"
     DRY_RUN_UNKNOWN = "dry_run_unknown"
     DRY_RUN_WANTED = "dry_run_wanted"
@@ -289,6 +290,7 @@ MUST_ACT: Final = frozenset(
         NoticeCode.DISK_LOW,
         NoticeCode.DISK_NEARLY_FULL,
         NoticeCode.DRY_RUN_CHANGED,
+        NoticeCode.DRY_RUN_NOT_SHOWN,
         NoticeCode.DRY_RUN_OFFERED,
         NoticeCode.DRY_RUN_UNKNOWN,
         NoticeCode.DRY_RUN_WANTED,

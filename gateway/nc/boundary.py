@@ -76,9 +76,9 @@ class _Contained:
             raise Refused("the control's driver knows no dry runs", device="nc", hint="update its package")
 
     @property
-    def runs_dry(self) -> bool:
+    def runs_dry(self) -> bool | None:
         """Implements RunsDry."""
-        return self.told("runs_dry", lambda: isinstance(self._nc, RunsDry) and self._nc.runs_dry is True)
+        return self.told("runs_dry", lambda: _runs_dry(self._nc))
 
     @property
     def path_mark(self) -> str:
@@ -140,6 +140,11 @@ class _Contained:
             raise
         except Exception as error:  # noqa: BLE001 - a driver's bug must not end the gateway
             self._unexpected(name, error)
+
+
+def _runs_dry(nc: NumericalControl) -> bool | None:
+    shown = isinstance(nc, RunsDry) and nc.runs_dry
+    return None if shown is None else shown is True
 
 
 class _SlopesBehind:

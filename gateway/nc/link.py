@@ -214,13 +214,13 @@ class NcLink:
         try:
             if self._state is LinkState.AWAY:
                 await self._session.connect()
-                self._runs_dry = isinstance(self._nc, RunsDry) and self._nc.runs_dry
                 self._same_path = self._is_proven_path()
                 await self._lease.claim()
                 await self._writer.begin()
                 self._state = after(STATES, self._state, Condition.CONNECTED)
             self._tell_form()
             snapshot = await self._session.look()
+            self._runs_dry = isinstance(self._nc, RunsDry) and self._nc.runs_dry
             if not self._hold.on or self.disarmed is not None:
                 await self._prober.settle()
             await self._prober.look(snapshot)

@@ -95,6 +95,10 @@ class ControlScreen:
         self.command.program_open(program)
         self.command.auto(linuxcnc.AUTO_RUN, 0)
 
+    def resume(self) -> None:
+        """Cycle start, after M0."""
+        self.command.auto(linuxcnc.AUTO_RESUME)
+
     def abort(self) -> None:
         self.command.abort()
         self.until("idle", lambda s: s.interp_state == linuxcnc.INTERP_IDLE)
@@ -172,6 +176,9 @@ class ControlScreen:
             "homed": list(self.stat.homed[: self.stat.joints]),
             "position": list(self.stat.joint_actual_position[: self.stat.joints]),
             "idle": self.stat.interp_state == linuxcnc.INTERP_IDLE,
+            "paused": self.stat.interp_state == linuxcnc.INTERP_PAUSED,
+            "turns": bool(self.stat.spindle[0]["enabled"]),
+            "flood": bool(self.stat.flood),
             "mode": self.stat.task_mode,
             "tool": self.stat.tool_in_spindle,
             "tool_offset": list(self.stat.tool_offset[:3]),
@@ -308,6 +315,7 @@ VERBS = (
     "send_abort",
     "modal",
     "run",
+    "resume",
     "abort",
     "estop",
     "messages",

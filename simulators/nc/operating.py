@@ -23,6 +23,8 @@ class Told:
     """MD10760 bit 0 = 0: SUPA leaves the tool's length in force."""
     turns: int = 5
     """$P_SDIR: direction of the spindle that was programmed last, 3 or 4; 5: it stands."""
+    speed: float = 0.0
+    """$AA_S: how fast the spindle turns, whoever switched it on, 1/min; negative: as M4 does."""
     event: int = 0
     """$P_PROG_EVENT."""
     alarm: int = 0

@@ -55,6 +55,7 @@ _NUMBERED: Final[dict[str, Callable[[Read, int], Value]]] = {
     "$A_PROBE": lambda c, _: int(c.axes.deflected),
     "$AC_MEA": lambda c, _: int(c.axes.triggered),
     "$P_SDIR": lambda c, _: c.told.turns,
+    "$AA_S": lambda c, _: c.told.speed,
 }
 _SINGLE: Final[dict[str, Callable[[Read], Value]]] = {
     "$P_SIM": lambda c: c.told.simulation,

@@ -59,6 +59,8 @@ _STATES: dict[str, nc_starts.State] = {
     "no edge after a change": nc_starts.USUAL | {"edge after a change": 0, "edge": 0},
     "the spindle turns": nc_starts.USUAL | {"spindle": 3},
     "the spindle turns backwards": nc_starts.USUAL | {"spindle": 4},
+    "the spindle was switched on by hand": nc_starts.USUAL | {"spindle speed": 500.0},
+    "the spindle was switched on backwards by hand": nc_starts.USUAL | {"spindle speed": -500.0},
     "alarm": nc_starts.USUAL | {"control is": "alarmed"},
     **{f"control is {what}": nc_starts.USUAL | {"control is": what} for what in nc_starts.CHOICES["control is"][1:5]},
     **{f"axis {axis}": nc_starts.USUAL | {"not referenced": axis, "start lock": False} for axis in "XYZAC"},
@@ -122,11 +124,21 @@ def _expired(texts: Texts) -> list[str]:
     return _not_begun(cell, 4, 5)
 
 
-def _no_limit(texts: Texts) -> list[str]:
+def _no_timer(texts: Texts) -> list[str]:
+    """TALC_START has not run: how old the request is, nothing tells."""
     cell = Cell(texts=texts)
-    cell.timers[1], cell.r[62] = 1e6, 0.0
-    cell.safe_point()
-    return [] if cell.r[65] == 3.0 else ["a request without a time limit is refused"]
+    cell.timers[1] = 0.0
+    return _not_begun(cell, 4, 5)
+
+
+def _no_limit(texts: Texts) -> list[str]:
+    wrong = []
+    for age in (0.0, 1e6):
+        cell = Cell(texts=texts)
+        cell.timers[1], cell.r[62] = age, 0.0
+        cell.safe_point()
+        wrong += [] if cell.r[65] == 3.0 else [f"a request without a time limit is refused at {age:g} s"]
+    return wrong
 
 
 def _too_low(texts: Texts) -> list[str]:
@@ -357,6 +369,7 @@ CASES: dict[str, Callable[[Texts], list[str]]] = {
     "nobody asks": _nobody,
     "withdrawn": _withdrawn,
     "expired": _expired,
+    "no timer": _no_timer,
     "no limit": _no_limit,
     "TALC_SAFE_Z too low": _too_low,
     "dry run below the sphere": _below_zero,

@@ -31,7 +31,7 @@ class ScriptedControl:
     writes: list[tuple[float, Offsets]] = field(default_factory=list)
     requests: list[int] = field(default_factory=list)
     withdrawn: list[int] = field(default_factory=list)
-    runs_dry: bool = False
+    runs_dry: bool | None = False
     path_mark: str = ""
     busy: bool = False
     """Takes no request for probing."""
@@ -171,7 +171,13 @@ class ScriptedControl:
 
 
 def config(
-    mode: str, *, when_stale: str = "zero", armed: bool = True, shipped: bool = False, **more: float
+    mode: str,
+    *,
+    when_stale: str = "zero",
+    armed: bool = True,
+    shipped: bool = False,
+    dry_run: str = "required",
+    **more: float,
 ) -> GatewayConfig:
     """A configuration. shipped: no time of the compensation is set, as in a new configuration."""
     stale = {} if shipped else {"stale_after_s": 60.0}
@@ -179,7 +185,7 @@ def config(
         {
             "machine": {"name": "mill"},
             "nc": {"kind": "sinumerik", "url": "opc.tcp://127.0.0.1:4840", "security": "none", "period_s": 1.0},
-            "probing": {"armed": armed, "poll_s": 1.0},
+            "probing": {"armed": armed, "poll_s": 1.0, "dry_run": dry_run},
             "compensation": {"mode": mode, "when_stale": when_stale} | stale | more,
         }
     )
@@ -208,6 +214,7 @@ class LinkBench:
         paused: Pause | None = None,
         disarmed: Disarmed | None = None,
         proven: bool = True,
+        dry_run: str = "required",
         paths: frozenset[str] | None = None,
         **more: float,
     ) -> None:
@@ -220,7 +227,9 @@ class LinkBench:
         self.link = NcLink(
             self.control,
             self.clock,
-            LinkSettings.of(config(mode, when_stale=when_stale, armed=armed, shipped=shipped, **more), Identity()),
+            LinkSettings.of(
+                config(mode, when_stale=when_stale, armed=armed, shipped=shipped, dry_run=dry_run, **more), Identity()
+            ),
             Earlier(41, abandoned, measured_s=measured, paused=paused, disarmed=disarmed, proven=proven, paths=paths),
             Listeners(
                 states=lambda states, _: self.states.append(states),

@@ -54,6 +54,7 @@ CHOICES: dict[str, tuple[Any, ...]] = {
     "deflected": (False, True),
     "raised": (0.0, 50.0, 20.0),
     "spindle": (5, 3, 4),
+    "spindle speed": (0.0, 500.0, -500.0),
     "blocks ahead": (1000, 0),
     "F": (1234.0, 0.0),
 }
@@ -63,7 +64,7 @@ _MIXED = 0.35
 """How often a value of a mixture is another than usual; a third of that where it ends the cycle early."""
 _EARLY = {
     "group 7", "group 47", "transformation", "tool carrier", "control is", "not referenced", "deflected",
-    "old tool's offset", "spindle",
+    "old tool's offset", "spindle", "spindle speed",
 }  # fmt: skip
 
 
@@ -90,7 +91,8 @@ def made(state: State, texts: Mapping[str, str] | None = None) -> Cell:
     told.search, told.test = state["control is"] == "searching", state["control is"] == "testing"
     told.simulation, told.dry_run = state["control is"] == "simulating", state["control is"] == "in dry run"
     told.alarm = 0x40 if state["control is"] == "alarmed" else 0
-    told.turns, axes.spindle = state["spindle"], "stands" if state["spindle"] == 5 else "turns"
+    told.turns, told.speed = state["spindle"], state["spindle speed"]
+    axes.spindle = "stands" if state["spindle"] == 5 and not state["spindle speed"] else "turns"
     told.length_stays = state["SUPA leaves the length"]
     channel.frames.settable = {"G54": (100.0, -50.0, 20.0), "G55": (-30.0, 10.0, -5.0)}
     channel.frames.shift = (5.0, 6.0, 7.0) if state["programmable frame"] != "none" else (0.0, 0.0, 0.0)
@@ -137,7 +139,7 @@ def refused(state: State) -> set[int]:
             (9, state["transformation"] or state["tool carrier"] or state["control is"] == "in dry run"),
             (13, state["not referenced"]),
             (14, _old_offset(state) if managed else unsure),
-            (16, state["spindle"] != 5),
+            (16, state["spindle"] != 5 or state["spindle speed"]),
         )
         if applies
     }

@@ -79,7 +79,7 @@ class Cell:
         )
         self.tools = Tools(self.axes, LENGTHS, change_height=LIMITS["Z"][1] - 50.0)
         self.tools.begin(tool=3, edge=2, total=0, preselected=3)
-        self.timers = [0.0, 0.0, 0.0]
+        self.timers = [0.0, 1.0, 0.0]
         self.channel = Channel(
             list(self.texts.values()),
             (FOLDER / "TALC_GUD.DEF").read_text("utf-8"),

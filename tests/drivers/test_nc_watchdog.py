@@ -52,6 +52,15 @@ async def test_after_silence_the_offsets_go_to_zero_at_the_declared_rate() -> No
         assert await bench.nc.read_compensation() == pytest.approx((0.0, 0.0, 0.0))
 
 
+async def test_a_beat_before_which_another_one_did_not_pass_does_not_count() -> None:
+    """Part of the program was missing, or somebody else wrote it: what is in force has to be read again."""
+    async with sinumerik_bench() as bench:
+        await bench.nc.claim(7, WATCH)
+        assert await beat_at(bench, 1.0, 2.0) == [True, True]
+        bench.control.nck.r[R_BEAT] += 5.0
+        assert await beat_at(bench, 3.0, 4.0) == [False, True]
+
+
 async def test_after_silence_the_offsets_are_held_where_that_is_declared() -> None:
     async with sinumerik_bench() as bench:
         await bench.nc.claim(7, WatchdogTerms(5.0, 0.0))

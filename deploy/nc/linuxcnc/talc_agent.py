@@ -197,7 +197,7 @@ def component() -> Any:
     held = (f"{axis}-held" for axis in AXES)
     for name in (*in_force, *held, "answers", "state", "reason", "result-of", "spread", *centres):
         it.newpin(name, hal.HAL_FLOAT, hal.HAL_IN)
-    for name in ("beat", "free"):
+    for name in ("beat", "free", "called"):
         it.newpin(name, hal.HAL_BIT, hal.HAL_OUT)
     for name in ("watching", "beat-seen", "may-start", "probe-error"):
         it.newpin(name, hal.HAL_BIT, hal.HAL_IN)

@@ -48,8 +48,6 @@ class Cycle:
         """When LinuxCNC's status was first seen after the program had taken the request."""
         self._begun, self._rests, self._ended, self._leaving = False, True, True, False
         """_leaving: the program of the request before, which was withdrawn when it had just been taken, still runs."""
-        self._calls = False
-        """Whether the program runs because the agent has called it."""
         self._began_in: tuple[int, str] | None = None
         """Mode, and in MDI the block, in which the control has taken the request."""
 
@@ -111,7 +109,7 @@ class Cycle:
     def step(self, now: float, nc: Any, command: Any) -> None:
         """Check program and control. nc: a fresh linuxcnc.stat, or None when LinuxCNC does not answer."""
         self._rests = nc is not None and _idle(nc)
-        if nc is not None and self._calls:
+        if nc is not None and self._pins["called"]:
             self._guard(nc, command)
         if self._number and self._pins["answers"] == self._number and self._state not in ("idle", *FINAL):
             self._follow(now, nc, command)
@@ -127,11 +125,11 @@ class Cycle:
     def _guard(self, nc: Any, command: Any) -> None:
         """Stop the program that the agent has called, to its last tool change, when it may not run any more."""
         if nc.task_mode != linuxcnc.MODE_MDI or (self._rests and (self._state in FINAL or not self._begun)):
-            self._calls = False
+            self._pins["called"] = False
         elif not self._pins["may-start"]:
             if self._begun:  # otherwise a new request waits for the end of the program before
                 self._void = self._void or MAY_NOT
-            self._calls = False
+            self._pins["called"] = False
             command.abort()
 
     def _follow(self, now: float, nc: Any, command: Any) -> None:
@@ -214,8 +212,8 @@ class Cycle:
         if self._started_s is not None and now - self._started_s > START_LIMIT_S:
             self._refuse("the program did not start")
         elif not self._begun and nc.task_mode == linuxcnc.MODE_MDI and _idle(nc) and not obstacle:
+            self._begun = self._pins["called"] = True
             command.mdi("o<talc_safe_point> call")
-            self._begun = self._calls = True
 
     def _refuse(self, reason: str) -> None:
         if not self._leaving:

@@ -34,7 +34,9 @@ def dry_run_wanted(config: GatewayConfig) -> Text:
     if answered(path, path.is_file):
         with History(path) as history:
             proven = proven_in(history, config)
-    why = barrier(config.probing, proven=proven, runs_dry=None)
+    # Only a link learns what the control offers; until then the configuration's word counts.
+    runs_dry = False if config.probing.dry_run == "not offered" else None
+    why = barrier(config.probing, proven=proven, runs_dry=runs_dry)
     return Text(NoticeCode.OFF_DRY_RUN, why=why) if why else NOTHING
 
 

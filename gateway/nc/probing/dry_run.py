@@ -5,6 +5,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
+from drivers.base import ConnectError, DriverError
 from drivers.nc import AXES, NcSnapshot, NumericalControl, ProbingState, RequestStatus, Triple
 from gateway.model.codes import NoticeCode
 from gateway.model.text import Text
@@ -85,8 +86,8 @@ async def run_dry(
 ) -> DryRun:
     """Request dry run `number` and follow it to its end. told: each state as it begins.
 
-    Withdraws it when it comes too near to the sphere, takes longer than `timeout_s`, or is cancelled. Raises NotBegun,
-    Rejected or DriverError.
+    Withdraws it when it comes too near to the sphere, takes longer than `timeout_s`, is cancelled, or the connection
+    breaks. Raises NotBegun, Rejected or DriverError.
     """
     began_s, seen, state = clock.monotonic(), list[NcSnapshot](), ProbingState.IDLE
     with clock.hold():
@@ -114,7 +115,22 @@ async def run_dry(
     finally:
         if not over:
             with clock.hold():
-                await to_its_end(nc.withdraw_probing(number))
+                await to_its_end(_withdraw(nc, number))
+
+
+async def _withdraw(nc: NumericalControl, number: int) -> None:
+    """Also when the connection has broken: once more through another one. Raises ConnectError if that fails too."""
+    try:
+        await nc.withdraw_probing(number)
+    except DriverError:
+        try:
+            await nc.close()
+            await nc.connect()
+            await nc.withdraw_probing(number)
+        except DriverError as error:
+            hint = f"stop it at the control: RESET, or on a SINUMERIK R61 = {number}"
+            what = f"dry run {number} goes on, because it cannot be withdrawn: {error.advice}"
+            raise ConnectError(what, device="nc", hint=hint) from error
 
 
 def _judged(

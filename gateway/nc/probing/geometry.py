@@ -77,13 +77,15 @@ def barrier(probing: Probing, *, proven: bool, runs_dry: bool | None, same_path:
     """Why no cycle may be requested yet; empty: nothing stands against it.
 
     proven: whether a dry run of this geometry went well, or a cycle of it has measured
-    runs_dry: whether the control knows dry runs; None: not known
+    runs_dry: whether the control knows dry runs; None: it has not shown that
     same_path: False: the control tells that its path is not that of any such dry run
     """
-    if proven and (same_path or not runs_dry):
+    if proven and same_path:
         return NOTHING
     if proven and probing.dry_run == "required":
         return Text(NoticeCode.DRY_RUN_CHANGED)
     if probing.dry_run == "not offered":
+        if runs_dry is None:
+            return Text(NoticeCode.DRY_RUN_NOT_SHOWN)
         return Text(NoticeCode.DRY_RUN_OFFERED) if runs_dry else NOTHING
     return Text(NoticeCode.DRY_RUN_UNKNOWN if runs_dry is False else NoticeCode.DRY_RUN_WANTED)

@@ -36,6 +36,7 @@ def cycle(monkeypatch: pytest.MonkeyPatch) -> Any:
         "request": 0.0,
         "withdrawn": 0.0,
         "spread": 0.0,
+        "called": False,
     }
     pins |= {f"centre-{pose}-{axis}": 0.0 for pose in range(6) for axis in "xyz"}
     path = SimpleNamespace(least_dry_run_mm=lambda: 0.0, obstacle=lambda *_: "")

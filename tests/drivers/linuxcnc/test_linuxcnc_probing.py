@@ -201,7 +201,7 @@ async def test_every_way_to_end_without_a_result_is_reported(bench: AgentBench) 
     await bench.operator.ask("hal", "setp", "sphere-touch.in1", "-1")  # somebody took the sphere away
     await bench.nc.request_probing(5)
     missed = await reaches(bench, 5, *FINAL)
-    await until(lambda: bench.operator.sees(idle=True))
+    await until(lambda: bench.operator.sees(idle=True), 60.0)  # nobody would resume it after M0
     assert (missed.state, missed.reason) == (ProbingState.FAILED, "a touch found no sphere")
 
     at = (await bench.operator.ask("state"))["position"]
@@ -238,6 +238,30 @@ async def test_after_an_error_of_the_interpreter_nothing_of_the_cycle_stays_in_f
     await until(restored, 30.0)
     await hal.ask("mdi", "M68 E9 Q#5381")
     assert await hal.number("getp", "motion.analog-out-09") == 0.0, "X of G59.3, where the cycle had its pivot"
+
+
+async def test_after_a_failed_cycle_the_part_program_waits_for_the_operator(bench: AgentBench, tmp_path: Path) -> None:
+    hal = bench.operator
+    part = "M3 S800\nM8\nG55\nM68 E9 Q1\no<talc_safe_point> call\nM68 E9 Q2\nG4 P600\nM2\n"
+    (tmp_path / "machine" / "nc" / "part.ngc").write_text(part)
+    await hal.ask("hal", "setp", "sphere-touch.in1", "-1")  # somebody took the sphere away
+    await bench.nc.request_probing(1)
+    await hal.ask("run", "part.ngc")
+    missed = await reaches(bench, 1, *FINAL)
+    assert (missed.state, missed.reason) == (ProbingState.FAILED, "a touch found no sphere")
+
+    async def goes_on() -> bool:
+        return await hal.number("getp", "motion.analog-out-09") == 2.0
+
+    async def waits_or_goes_on() -> bool:
+        return await hal.sees(paused=True) or await goes_on()
+
+    await until(waits_or_goes_on)
+    assert await hal.sees(paused=True, turns=False, flood=False, g5x_index=2, tool=0)
+    assert not await goes_on()
+    await hal.ask("resume")
+    await until(goes_on)
+    assert await hal.sees(turns=True, flood=True)
 
 
 async def test_without_a_probe_in_the_tool_table_no_program_is_disturbed(tmp_path: Path) -> None:

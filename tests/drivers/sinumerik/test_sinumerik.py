@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from drivers.base import BadAnswer, ConnectError, DriverError, Refused
-from drivers.nc import OperatingMode, ProbingState
+from drivers.nc import OperatingMode, ProbingState, RunsDry
 from drivers.sinumerik.control import Sinumerik
 from drivers.sinumerik.settings import Handshake, SinumerikSettings
 from simulators.nc import User
@@ -176,12 +176,35 @@ async def test_a_dry_run_is_asked_for_once_a_call_has_shown_the_version_and_only
         await bench.nc.probing_status(1)  # it was another program that ran
 
 
+async def test_a_dry_run_that_waits_for_the_version_displaces_no_request_of_another_gateway(bench: OpcUaBench) -> None:
+    nck = bench.control.nck
+    bench.clock.move_to(50.0)
+    await bench.nc.request_probing(1, 50.0)
+    nck.cycle.next_safe_point = lambda _: math.inf
+    nck.write_r(R_REQUEST, 55.0, 60.0)
+    nck.r[R_VERSION] = 2.0
+    with pytest.raises(Refused, match="request 55 waits"):
+        await bench.nc.probing_status(1)
+    assert (nck.r[R_REQUEST], nck.r[R_DRY_RUN]) == (55.0, 0.0)
+
+
 async def test_at_power_on_the_version_is_not_known_until_the_next_safe_point(bench: OpcUaBench) -> None:
     nck = bench.control.nck
     nck.power_on(50.0)
     assert nck.r[R_VERSION] == 0.0
     nck.advance(81.0)
     assert nck.r[R_VERSION] == 2.0
+
+
+async def test_whether_it_knows_dry_runs_is_what_each_snapshot_shows(bench: OpcUaBench) -> None:
+    """And not what was there at `connect`, which the power may have been switched off and on since."""
+    nck, shown = bench.control.nck, list[bool | None]()
+    assert isinstance(bench.nc, RunsDry)
+    for version in (2.0, 0.0, 1.0, math.nan, 2.0):
+        nck.version, nck.r[R_VERSION] = 0, version
+        await bench.nc.snapshot()
+        shown.append(bench.nc.runs_dry)
+    assert shown == [True, None, False, None, True]
 
 
 async def test_a_height_that_another_program_changes_makes_no_measurement_and_no_dry_run(

@@ -8,6 +8,7 @@ import pytest
 
 from drivers.sinumerik.handshake import PROBING_REASONS
 from drivers.sinumerik.settings import Handshake
+from simulators.nc.synchronised import ProgramAlarm
 from tests.benches import nc_starts
 from tests.benches.nc_cases import CASES, jogged_at, jogged_within, reset_at, stuck_at
 from tests.benches.nc_deleted import missed_by, statements
@@ -120,6 +121,13 @@ def test_after_power_off_the_next_request_runs(program: str) -> None:
     cell.r[60] = 8.0
     cell.safe_point()
     assert (cell.r[65], cell.r[89]) == (3.0, 2.0)
+
+
+def test_a_sphere_program_from_before_dry_runs_does_not_fit_the_others() -> None:
+    """It has no height: in a dry run it would touch."""
+    older = "PROC TALC_SPHERE(INT TALC_POSE) DISPLOF\nSUPA G1 Z=100 F=200\nRET"
+    with pytest.raises(ProgramAlarm, match="TALC_SPHERE"):
+        Cell(texts=program_texts() | {"SPHERE": older}).safe_point()
 
 
 def test_the_judge_s_geometry_is_the_machine_s() -> None:

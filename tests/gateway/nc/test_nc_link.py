@@ -244,6 +244,21 @@ async def test_a_control_whose_path_is_not_that_of_a_dry_run_is_asked_for_no_cyc
     assert bool(bench.control.requests) is not stands
 
 
+@pytest.mark.parametrize(("shown", "requests"), [(None, 0), (True, 0), (False, 1)])
+async def test_not_offered_is_believed_of_a_control_that_shows_it_now(shown: bool | None, requests: int) -> None:
+    bench = LinkBench("compensate", dry_run="not offered", proven=False)
+    bench.control.runs_dry = None  # at power on
+    async with bench.running():
+        await bench.clock.run_until(0.5)
+        bench.control.runs_dry = shown
+        await bench.clock.run_until(2.5)
+        measuring = asyncio.create_task(bench.link.measure(Why.INTERVAL))
+        await bench.clock.run_until(4.5)
+        measuring.cancel()
+        await asyncio.gather(measuring, return_exceptions=True)
+    assert len(bench.control.requests) == requests
+
+
 async def test_time_that_passes_after_an_unheard_beat_is_no_part_of_the_next_step() -> None:
     bench = LinkBench("compensate")
     now_s, slow_s = bench.clock.monotonic, 0.005

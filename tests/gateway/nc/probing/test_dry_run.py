@@ -7,7 +7,8 @@ from dataclasses import replace
 
 import pytest
 
-from drivers.nc import NumericalControl, ProbingState, RequestStatus
+from drivers.base import ConnectError
+from drivers.nc import NcSnapshot, NumericalControl, ProbingState, RequestStatus
 from gateway.config.sections import Probing
 from gateway.model.text import plain
 from gateway.nc.probing.cycle import NotBegun, Rejected
@@ -32,22 +33,26 @@ class Dry:
         self.nck = Nck(StillMachine(), rest, cycle=CycleSettings(noise_um=0.0))
         self.nc, self.told = driver(self.nck, self.clock), list[ProbingState]()
 
-    async def begun(self, geometry: Geometry = GEOMETRY, timeout_s: float = 900.0) -> asyncio.Task[DryRun]:
+    async def begun(
+        self, geometry: Geometry = GEOMETRY, timeout_s: float = 900.0, height_mm: float = HEIGHT_MM
+    ) -> asyncio.Task[DryRun]:
         await self.nc.connect()
         work = run_dry(
             self.nc,
             7,
             geometry,
             self.clock,
-            height_mm=HEIGHT_MM,
+            height_mm=height_mm,
             poll_s=0.5,
             timeout_s=timeout_s,
             told=self.told.append,
         )
         return asyncio.create_task(work)
 
-    async def run(self, geometry: Geometry = GEOMETRY, timeout_s: float = 900.0) -> DryRun:
-        running = await self.begun(geometry, timeout_s)
+    async def run(
+        self, geometry: Geometry = GEOMETRY, timeout_s: float = 900.0, height_mm: float = HEIGHT_MM
+    ) -> DryRun:
+        running = await self.begun(geometry, timeout_s, height_mm)
         await self.clock.run_until(self.clock.monotonic() + 1000.0)
         return await running
 
@@ -103,6 +108,23 @@ async def test_a_control_that_goes_down_to_the_sphere_is_told_to_stop_at_once() 
     assert end - begin < 15.0, "at the first pose"
 
 
+@pytest.mark.parametrize(("height_mm", "limit_mm"), [(30.0, 24.0), (50.0, 40.0), (100.0, 40.0)])
+async def test_it_is_withdrawn_nearer_than_40_mm_or_four_fifths_of_a_lower_height(
+    height_mm: float, limit_mm: float
+) -> None:
+    class Lower(InProcess):
+        below_mm = height_mm - limit_mm - 0.5
+
+        async def snapshot(self) -> NcSnapshot:
+            snapshot = await super().snapshot()
+            return replace(snapshot, positions=snapshot.positions | {"Z": snapshot.positions["Z"] - self.below_mm})
+
+    assert (await Dry(Lower).run(height_mm=height_mm)).samples > 0
+    Lower.below_mm += 1.0
+    with pytest.raises(Rejected, match="mm from the sphere"):
+        await Dry(Lower).run(height_mm=height_mm)
+
+
 async def test_what_does_not_begin_or_end_in_time_is_withdrawn() -> None:
     with pytest.raises(Rejected, match="within 60 s"):
         await Dry().run(timeout_s=60.0)
@@ -122,6 +144,35 @@ async def test_cancelled_it_is_withdrawn() -> None:
     with pytest.raises(asyncio.CancelledError):
         await running
     assert (await dry.nc.probing_status(7)).state is ProbingState.FAILED
+
+
+class Cut(InProcess):
+    """Its session ends within the dry run; opened again it works, unless it is gone."""
+
+    gone = False
+
+    async def connect(self) -> None:
+        if self.gone:
+            raise ConnectError("no route to the control", device="nc")
+        await super().connect()
+
+
+@pytest.mark.parametrize("gone", [False, True])
+async def test_a_connection_that_breaks_is_made_again_to_withdraw_it(gone: bool) -> None:
+    dry = Dry(Cut)
+    running = await dry.begun()
+    await dry.clock.run_until(40.0)
+    assert dry.told[-1] is ProbingState.RUNNING
+    assert isinstance(dry.nc, Cut)
+    await dry.nc.close()
+    dry.nc.gone = gone
+    await dry.clock.run_until(60.0)
+    with pytest.raises(ConnectError) as raised:
+        await running
+    assert ("R61 = 7" in raised.value.hint) is gone, "somebody has to stop it at the control"
+    dry.nc.gone = False
+    await dry.nc.connect()
+    assert (await dry.nc.probing_status(7)).state is (ProbingState.RUNNING if gone else ProbingState.FAILED)
 
 
 def test_another_control_pose_or_sphere_is_another_geometry() -> None:
@@ -151,7 +202,7 @@ def test_another_control_pose_or_sphere_is_another_geometry() -> None:
         ("required", False, None, True),
         ("required", False, False, True),
         ("not offered", False, False, False),
-        ("not offered", False, None, False),
+        ("not offered", False, None, True),
         ("not offered", False, True, True),
         ("not offered", True, True, False),
     ],
@@ -159,3 +210,9 @@ def test_another_control_pose_or_sphere_is_another_geometry() -> None:
 def test_what_stands_against_a_cycle(dry_run: str, proven: bool, runs_dry: bool | None, stands: bool) -> None:
     probing = Probing.model_validate({"dry_run": dry_run})
     assert bool(barrier(probing, proven=proven, runs_dry=runs_dry)) is stands
+
+
+@pytest.mark.parametrize("runs_dry", [True, False, None])
+def test_a_path_that_has_changed_needs_another_dry_run_even_if_the_control_offers_none(runs_dry: bool | None) -> None:
+    assert barrier(Probing(), proven=True, runs_dry=runs_dry, same_path=False)
+    assert not barrier(Probing(), proven=True, runs_dry=runs_dry, same_path=True)
