@@ -325,7 +325,7 @@ BROKEN: dict[str, tuple[str, Break]] = {
     ),
 }
 """By the test that must fail, without `test_`: what is broken, and how."""
-KILLED = "a_gateway_killed_at_any_moment_makes_no_step[8]"
+KILLED = "a_gateway_killed_at_any_moment_makes_no_step"
 """Its gateways are other processes."""
 ROW = re.compile(r"`([\w/]+)`(?: in `[\w/]+`)?: ((?:`\w+`, )*`\w+`)")
 
