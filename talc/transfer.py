@@ -94,9 +94,9 @@ def _taken(old: NDArray[_Scalar], fresh: NDArray[_Scalar], at: IntArray) -> NDAr
 
 def _mixture(old: MixtureState, fresh: MixtureState, inputs: IntArray, lags: int) -> MixtureState:
     """What an input that is not here has explained is taken from the rows; of a new one they say nothing."""
-    if old.share.shape != fresh.share.shape:
+    if old.evidence.shape != fresh.evidence.shape:
         raise ValueError(
-            f"it has {old.share.shape[1]} experts and the learner here has {fresh.share.shape[1]}: "
+            f"it has {old.evidence.shape[1]} experts and the learner here has {fresh.evidence.shape[1]}: "
             "only one of the two has a prior, or another version of the program has learnt it"
         )
     many = old.relevance.shape[2]
@@ -104,23 +104,9 @@ def _mixture(old: MixtureState, fresh: MixtureState, inputs: IntArray, lags: int
     y = old.y
     if gone.any() and len(old.x):
         # What other machines have learnt is in no state: the experts that started with it are left out.
-        own, share = len(EXPERTS), old.share[:, : len(EXPERTS) + 1]
-        known = Mixture(many, lags, 300.0, errors=old.y.shape[1])
-        known.restore(
-            replace(
-                old,
-                relevance=old.relevance[:, :own],
-                evidence=old.evidence[:, : own + 1],
-                share=share / share.sum(axis=1, keepdims=True),
-            )
-        )
+        own, known = len(EXPERTS), Mixture(many, lags, 300.0, errors=old.y.shape[1])
+        known.restore(replace(old, relevance=old.relevance[:, :own], evidence=old.evidence[:, : own + 1]))
         y = old.y - old.x[:, gone] @ known.weights()[:, gone].T
     lagged = np.where(inputs[:, None] >= 0, inputs[:, None] * lags + np.arange(lags), _NOT_HERE).ravel()
-    x = np.ascontiguousarray(np.where(lagged >= 0, old.x[:, lagged], 0.0))
-    return replace(
-        old,
-        x=x,
-        y=y,
-        square=np.array([row @ row for row in x]),
-        relevance=np.where(inputs >= 0, old.relevance[:, :, inputs], 1.0),
-    )
+    x = np.where(lagged >= 0, old.x[:, lagged], 0.0)
+    return replace(old, x=x, y=y, relevance=np.where(inputs >= 0, old.relevance[:, :, inputs], 1.0))

@@ -30,9 +30,9 @@ _LONGEST_STEP_S = 1e6
 _SHAPES = {
     "held": "j", "trusted": "j", "learner.doubt": "j", "learner.level": "il", "learner.covariance": "ii",
     **{f"learner.{name}": "i" for name in ("span", "wide", "reference", "known", "last", "away", "mean")},
-    **{f"mixture.{name}": "r" for name in ("square", "time", "weight")}, "mixture.x": "rp",
+    **{f"mixture.{name}": "r" for name in ("time", "weight")}, "mixture.x": "rp",
     **{f"mixture.{name}": "rj" for name in ("jolt", "y", "noise")},
-    **{f"mixture.{name}": "jw" for name in ("evidence", "share")}, "mixture.relevance": "jei", "mixture.zero": "j4",
+    "mixture.evidence": "jw", "mixture.relevance": "jei", "mixture.zero": "j4",
     **{f"mixture.{name}": "j" for name in ("reference", "jolted", "elapsed", "count", "suspect", "off", "last")},
 }  # fmt: skip
 """j: the errors, i: the inputs, l: the lags, p: the features, r: the rows, e: the processes, w: the experts."""
@@ -173,7 +173,7 @@ def _arrays(plain: object, inputs: int) -> dict[str, NDArray[Any]]:
             f"arrays.mixture.x: has {features} features, expected {inputs * known['l']} of {inputs} inputs"
         )
     if processes is not None and known["w"] != processes + 1:
-        raise ValueError(f"arrays.mixture.share: has {known['w']} experts, expected {processes + 1}")
+        raise ValueError(f"arrays.mixture.evidence: has {known['w']} experts, expected {processes + 1}")
     return arrays
 
 

@@ -51,8 +51,7 @@ class MixtureState:
     """The whole state. n rows, p features, E processes; factors follow from it."""
 
     x: FloatArray
-    """(n, p) features of the rows; `square` (n,) their squares."""
-    square: FloatArray
+    """(n, p) features of the rows."""
     time: FloatArray
     """(n,) in drift steps since the reference; `weight` (n,) how many measurements a row stands for."""
     weight: FloatArray
@@ -66,8 +65,7 @@ class MixtureState:
     reference: FloatArray
     """(9,) variance of the reference's noise."""
     evidence: FloatArray
-    """(9, E + 1) discounted log-likelihoods of zero and the processes; `share` (9, E + 1) their weights."""
-    share: FloatArray
+    """(9, E + 1) discounted log-likelihoods of zero and the processes; their weights follow from it."""
     zero: FloatArray
     """(9, 4) discounted sums of 1, y, y² over the noise's variance, and of its logarithm."""
     now: float
@@ -95,8 +93,6 @@ class Surprise:
     """(9,) innovations over their standard deviations."""
     outlier: NDArray[np.bool_]
     """(9,) treated as an outlier: it has little effect."""
-    jump: NDArray[np.bool_]
-    """(9,) a far measurement that is no outlier, or the second one in a row: the level may be anywhere between."""
     variance: FloatArray
     """(9,) of what was expected, a measurement's own noise aside."""
 
@@ -143,8 +139,8 @@ class Mixture:
             self._first[:, 1:-added] = (1.0 - _ZERO) / (len(experts) - added)
             self._first[known, 0], self._first[known, -added:] = _OTHERS_ZERO, _OTHERS_SHARE / added
             self._first[known, 1:-added] = (1.0 - _OTHERS_ZERO - _OTHERS_SHARE) / (len(experts) - added)
-        self._share, self._evidence = self._first.copy(), np.zeros_like(self._first)
-        self._zero, self._reference = np.zeros((errors, 4)), np.zeros(errors)
+        self._evidence, self._zero = np.zeros_like(self._first), np.zeros((errors, 4))
+        self._share = self._shares()
         self._now, self._jolted, self._elapsed = 0.0, np.zeros(errors), np.zeros(errors)
         self._count, self._cursor = np.zeros(errors, dtype=np.int64), 0
         self._suspect, self._off = np.zeros((2, errors))
@@ -191,16 +187,14 @@ class Mixture:
         r, n = self._rows, self._rows.n
         return MixtureState(
             x=r.x[:n].copy(),
-            square=r.square[:n].copy(),
             time=r.time[:n].copy(),
             weight=r.weight[:n].copy(),
             jolt=r.jolt[:n].copy(),
             y=r.y[:n].copy(),
             noise=r.noise[:n].copy(),
             relevance=np.stack([process.relevance for process in self._processes], axis=1),
-            reference=self._reference.copy(),
+            reference=r.reference.copy(),
             evidence=self._evidence.copy(),
-            share=self._share.copy(),
             zero=self._zero.copy(),
             now=self._now,
             jolted=self._jolted.copy(),
@@ -217,16 +211,15 @@ class Mixture:
         expected = self._errors, len(self._processes), self._inputs
         if state.relevance.shape != expected or state.x.shape[1] != self._features:
             raise ValueError(f"relevance {state.relevance.shape}: expected {expected}")
-        self._rows.put(state.x, state.square, state.time, state.weight, state.jolt, state.y, state.noise)
-        self._reference, self._evidence = state.reference.copy(), state.evidence.copy()
-        self._share, self._zero = state.share.copy(), state.zero.copy()
+        self._rows.put(state.x, state.time, state.weight, state.jolt, state.y, state.noise)
+        self._rows.reference[:] = state.reference
+        self._evidence, self._zero = state.evidence.copy(), state.zero.copy()
+        self._share = self._shares()
         self._now, self._jolted, self._elapsed = state.now, state.jolted.copy(), state.elapsed.copy()
         self._count, self._cursor = state.count.copy(), state.cursor
         self._suspect, self._off, self._last = state.suspect.copy(), state.off.copy(), state.last.copy()
-        self._rows.reference = self._reference
         for e, process in enumerate(self._processes):
-            process.relevance = state.relevance[:, e].copy()
-            process.rebuild()
+            process.restore(state.relevance[:, e])
         self._weights = None
 
     def elapse(self, steps: int) -> None:
@@ -251,7 +244,8 @@ class Mixture:
         """(9, E + 1) means and variances of zero and of each process, their misfit included."""
         mean, variance = np.zeros((2, *self._share.shape))
         if reference:
-            variance[:, 0] = self._reference / (1.0 + self._reference * self._zero[:, 0])
+            first = self._rows.reference
+            variance[:, 0] = first / (1.0 + first * self._zero[:, 0])
             mean[:, 0] = variance[:, 0] * self._zero[:, 1]
         now = self._now + ahead * self._per_step
         for e, process in enumerate(self._processes, start=1):
@@ -267,14 +261,12 @@ class Mixture:
     def covariance(self, x: FloatArray, others: FloatArray, ahead: FloatArray) -> FloatArray:
         """(9, S) between a measurement now with features x (p,), and the errors `ahead` (S,) steps from now with others
         (S, p)."""
-        here, _ = self._each(x, 0, reference=True)
-        shared, share = np.zeros((self._errors, len(others))), self._share[:, 1:] / self.believed[:, None]
-        apart = share * (here[:, 1:] - np.sum(share * here[:, 1:], axis=1)[:, None])
-        for s, other in enumerate(others):
-            there, _ = self._each(other, float(ahead[s]), reference=False)
-            shared[:, s] = np.sum(apart * there[:, 1:], axis=1)
-            for e, process in enumerate(self._processes):
-                shared[:, s] += share[:, e] * process.covariance(x, other, self._now, self._jolted)
+        share, later = self._share[:, 1:] / self.believed[:, None], self._now + ahead * self._per_step
+        each = [process.together(x, others, self._now, later, self._jolted) for process in self._processes]
+        here = np.stack([mean for mean, _, _ in each], axis=1)
+        apart = here - np.sum(share * here, axis=1)[:, None]
+        parts = (share[:, e, None] * (apart[:, e, None] * there + within) for e, (_, there, within) in enumerate(each))
+        shared = np.sum(np.stack(list(parts)), axis=0)
         return np.where((self._count > 0)[:, None], shared, 0.0)
 
     def contributions(self, x: FloatArray) -> FloatArray:
@@ -302,7 +294,7 @@ class Mixture:
         doubt: (9,) variance that missing inputs add to a prediction.
         """
         ratio = np.full(self._errors, np.nan)
-        outlier, jump = np.zeros((2, self._errors), dtype=np.bool_)
+        outlier = np.zeros(self._errors, dtype=np.bool_)
         noise = np.full(self._errors, np.inf)
         measured = np.flatnonzero(np.isfinite(errors))
         noise[measured] = np.maximum(sigma, _LEAST_NOISE)[measured] ** 2 + doubt[measured]
@@ -311,7 +303,8 @@ class Mixture:
         mean, variance = self._each(x, 0, reference=True)
         expected = self._mixed(mean, variance)
         for j in measured:
-            ratio[j], outlier[j], jump[j] = self._weigh(int(j), float(errors[j]), noise, mean[j], variance[j])
+            ratio[j], outlier[j] = self._weigh(int(j), float(errors[j]), noise, mean[j], variance[j])
+        self._share = self._shares()
         if self._rows.is_full():
             self._rows.thin()
             for process in self._processes:
@@ -325,22 +318,20 @@ class Mixture:
         self._elapsed[measured] = 0.0
         self._renew()
         self._weights = None
-        return Surprise(ratio, outlier, jump, expected[1])
+        return Surprise(ratio, outlier, expected[1])
 
     def _begin(self, j: int, y: float, noise: float) -> None:
         """Errors are deviations from the reference: the level starts at zero, unless the first measurement is so far
         off that the reference is not the present state."""
-        self._reference[j] = self._rows.reference[j] = _REFERENCE * noise
+        self._rows.reference[j] = _REFERENCE * noise
         self._elapsed[j] = 0.0
         if abs(y) > _FIRST_FAR * np.sqrt(noise):
             self._jolted[j] += y * y
 
-    def _weigh(
-        self, j: int, y: float, noise: FloatArray, mean: FloatArray, variance: FloatArray
-    ) -> tuple[float, bool, bool]:
-        """The experts' weights after a measurement y, which (E + 1,) mean and variance expected; enlarges the (9,)
-        noise of an outlier, and the level's variance at a jump."""
-        own, share = float(noise[j]), self._share[j]
+    def _weigh(self, j: int, y: float, noise: FloatArray, mean: FloatArray, variance: FloatArray) -> tuple[float, bool]:
+        """The experts' evidence after a measurement y, which (E + 1,) mean and variance expected; enlarges the (9,)
+        noise of an outlier, and the level's variance where the level moves fast."""
+        own, share, reference = float(noise[j]), self._share[j], float(self._rows.reference[j])
         innovation = y - mean
         centre = float(share @ innovation)
         total = float(share @ (variance + (innovation - centre) ** 2)) + own
@@ -368,14 +359,17 @@ class Mixture:
         self._zero[j] = _KEPT * self._zero[j] + np.array([1.0, y, y * y, 0.0]) / noise[j]
         self._zero[j, 3] += np.log(noise[j])
         one, first, second, log = self._zero[j]
-        told = first**2 / (1.0 / self._reference[j] + one)
-        evidence[0] = -0.5 * (log + second - told + np.log1p(self._reference[j] * one))
-        with np.errstate(divide="ignore"):
-            likely = np.log(self._first[j]) + _TEMPER * evidence
-        share = np.exp(likely - likely.max())
+        told = first**2 / (1.0 / reference + one)
+        evidence[0] = -0.5 * (log + second - told + np.log1p(reference * one))
         self._evidence[j] = evidence
-        self._share[j] = (1.0 - _SHARED) * share / share.sum() + _SHARED * self._first[j]
-        return float(ratio), outlier, jump
+        return float(ratio), outlier
+
+    def _shares(self) -> FloatArray:
+        """(9, E + 1) weights of the experts, by their evidence."""
+        with np.errstate(divide="ignore"):
+            likely = np.log(self._first) + _TEMPER * self._evidence
+        share = np.exp(likely - likely.max(axis=1, keepdims=True))
+        return np.asarray((1.0 - _SHARED) * share / share.sum(axis=1, keepdims=True) + _SHARED * self._first)
 
     def _renew(self) -> None:
         many = min(self._errors, max(int(_RENEWAL_COST / max(self._rows.n, 1) ** 3), 1))

@@ -125,7 +125,7 @@ def make_prior(learners: Sequence[tuple[Sequence[str], LearnerState]]) -> Prior:
     restored = [(own, state, _restored(state)) for own, state in learners]
     for j in range(9):
         learnt = [found for found in restored if found[1].mixture.count[j] >= _LEAST_MEASUREMENTS]
-        believed = sum(state.mixture.share[j, 0] < _ZERO for _, state, _ in learnt)
+        believed = sum(mixture.share[j, 0] < _ZERO for _, _, mixture in learnt)
         if not learnt or 2 * believed < len(learnt):
             continue
         known = [_placed(own, state, mixture, j, names, span) for own, state, mixture in learnt]

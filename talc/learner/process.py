@@ -37,6 +37,11 @@ class OtherMachines:
     """(9, p, p); variance 0: an input that they do not have."""
 
 
+def _square(x: FloatArray) -> FloatArray:
+    """(...,) of features (..., p); the same bits for one row and for many."""
+    return np.asarray(np.sum(x * x, axis=-1))
+
+
 class Rows:
     """Measurements in the order of their times, with the features that they were made at.
 
@@ -62,24 +67,25 @@ class Rows:
         return self.n == MOST_ROWS
 
     def put(self, *values: FloatArray) -> None:
-        """All rows: x, square, time, weight, jolt, y, noise, each (n, ...)."""
+        """All rows: x, time, weight, jolt, y, noise, each (n, ...)."""
         self.n = len(values[0])
-        own = self.x, self.square, self.time, self.weight, self.jolt, self.y, self.noise
+        own = self.x, self.time, self.weight, self.jolt, self.y, self.noise
         for to, value in zip(own, values, strict=True):
             to[: self.n] = value
+        self.square[: self.n] = _square(self.x[: self.n])
         self.known[:, : self.n] = np.isfinite(self.noise[: self.n]).T
 
     def append(self, x: FloatArray, time: float, jolt: FloatArray, y: FloatArray, noise: FloatArray) -> None:
         """One more row."""
         n, self.n = self.n, self.n + 1
-        self.x[n], self.square[n], self.time[n], self.weight[n] = x, x @ x, time, 1.0
+        self.x[n], self.square[n], self.time[n], self.weight[n] = x, _square(x), time, 1.0
         self.jolt[n], self.y[n], self.noise[n] = jolt, y, noise
         self.known[:, n] = np.isfinite(noise)
 
     def rescale(self, factor: FloatArray) -> None:
         """Features become (p,) factor times themselves."""
         self.x[: self.n] *= factor
-        self.square[: self.n] = [row @ row for row in self.x[: self.n]]
+        self.square[: self.n] = _square(self.x[: self.n])
 
     def thin(self) -> None:
         """Merge the neighbours that are closest in time, as often as it takes; a row then stands for several.
@@ -99,8 +105,7 @@ class Rows:
             jolt[i], weight[i] = (a * jolt[i] + b * jolt[i + 1]) / (a + b), a + b
             for values in (x, time, weight, jolt, y, noise):
                 del values[i + 1]
-        square = np.array([row @ row for row in x])
-        self.put(*(np.array(v) for v in (x, square, time, weight, jolt, y, noise)))
+        self.put(*(np.array(v) for v in (x, time, weight, jolt, y, noise)))
 
 
 class Process:
@@ -128,10 +133,12 @@ class Process:
         self._misfit = (expert.misfit * UNIT) ** 2
         self.relevance = np.ones((m, inputs))
         """(m, inputs) prior variance of an input's weights over the first one; renewed by `renew`."""
+        self._variance = np.full((m, p), self._first)
+        """(m, p) of the weights a priori, by `relevance`."""
         self._mean = np.zeros((m, p))
         """(m, p) weights a priori."""
         self._covariance: FloatArray | None = None
-        """(m, p, p) of the weights a priori; None: diagonal, by `relevance`."""
+        """(m, p, p) of the weights a priori, instead of `_variance`."""
         if expert.others and others is not None:
             self._start_from(others)
         self._lower = np.zeros((m, MOST_ROWS * (MOST_ROWS + 1) // 2))
@@ -148,17 +155,11 @@ class Process:
         variance += np.where(variance > 0.0, 0.0, UNIT**2 / max(variance.shape[1], 1))
         self._covariance = covariance
 
-    def _prior(self, j: int) -> FloatArray:
-        """(p,) prior variances of one error's weights."""
-        return self._first * np.repeat(self.relevance[j], self._lags)
-
     def _times_prior(self, x: FloatArray) -> FloatArray:
         """(m, p) features (p,) times the prior covariance of each error's weights; (1, p) where all have the same."""
         if self._covariance is not None:
             return np.stack([own @ x for own in self._covariance])
-        if not self._expert.evidence:
-            return np.asarray((self._first * x)[None])
-        return np.asarray(self._first * np.repeat(self.relevance, self._lags, axis=1) * x)
+        return np.asarray((self._variance if self._expert.evidence else self._variance[:1]) * x)
 
     def _own(self, c: FloatArray, x: FloatArray, square: float) -> FloatArray:
         """Prior variances of phi' w + f."""
@@ -170,7 +171,7 @@ class Process:
 
     def look(self, x: FloatArray, now: float, jolted: FloatArray, *, reference: bool) -> tuple[FloatArray, FloatArray]:
         """(m,) means and variances with features x (p,) at a time; of the errors, or with the reference's noise."""
-        rows, c, square = self._rows, self._times_prior(x), float(x @ x)
+        rows, c, square = self._rows, self._times_prior(x), float(_square(x))
         levels = self._levels() + rows.reference[:, None] if reference else self._levels()
         given = c, x, square, self._smooth, self._inverse, levels, rows.known, self._lower, self._z
         _kernel.process_look(rows.x, rows.square, rows.n, *given, self._v, self._centre, self._spread)
@@ -178,16 +179,22 @@ class Process:
         level = self._level * now + jolted + (rows.reference if reference else 0.0)
         return self._centre + self._mean @ x, self._alone + level - self._spread
 
-    def covariance(self, x: FloatArray, other: FloatArray, now: float, jolted: FloatArray) -> FloatArray:
-        """(m,) between a measurement now with features x (p,) and the errors later, with others."""
-        self.look(other, now, jolted, reference=False)
-        there = self._v[:, : self._rows.n].copy()
-        self.look(x, now, jolted, reference=True)
-        square, others = float(x @ x), float(other @ other)
-        apart = max(square + others - 2.0 * float(x @ other), 0.0)
-        smooth = math.exp(-self._inverse * apart) - math.exp(-self._inverse * (square + others))
-        prior = self._times_prior(x) @ other + self._smooth * smooth + self._level * now + jolted
-        return np.asarray(prior - np.sum(self._v[:, : self._rows.n] * there, axis=1))
+    def together(
+        self, x: FloatArray, others: FloatArray, now: float, later: FloatArray, jolted: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Of a measurement now with features x (p,), and the errors at S later times with others (S, p): (m,) mean of
+        the one, (m, S) means of the others, and (m, S) their covariances."""
+        n, c, square = self._rows.n, self._times_prior(x), float(_square(x))
+        here, _ = self.look(x, now, jolted, reference=True)
+        seen, there, shared = self._v[:, :n].copy(), [], []
+        for other, at in zip(others, later.tolist(), strict=True):
+            there.append(self.look(other, at, jolted, reference=False)[0])
+            both = float(_square(other))
+            apart = max(square + both - 2.0 * float(x @ other), 0.0)
+            smooth = math.exp(-self._inverse * apart) - math.exp(-self._inverse * (square + both))
+            prior = c @ other + self._smooth * smooth + self._level * now + jolted
+            shared.append(prior - np.sum(seen * self._v[:, :n], axis=1))
+        return here, np.array(there).T, np.array(shared).T
 
     def append(self, x: FloatArray, now: float, jolted: FloatArray, y: FloatArray, noise: FloatArray) -> None:
         """The row that `rows` takes next, at which `look` has just looked with the reference's noise: its measurements
@@ -201,26 +208,36 @@ class Process:
         """All errors' factors, or one's, from the rows."""
         rows, n = self._rows, self._rows.n
         x, own, y = rows.x[:n], np.full(MOST_ROWS, np.inf), np.zeros(MOST_ROWS)
-        levels, c = self._levels() + rows.reference[:, None], x
+        levels = self._levels() + rows.reference[:, None]
         for j in range(len(rows.reference)) if only is None else (only,):
+            c = self._variance[j] * x
             if self._covariance is not None:
-                c = np.array([self._covariance[j] @ row for row in x]).reshape(n, x.shape[1])
-            elif self._expert.evidence or c is x:
-                c = np.asarray(self._first * np.repeat(self.relevance[j], self._lags) * x)
-            alone = [self._own(c[i], x[i], float(rows.square[i])) for i in range(n)]
+                c = np.array([self._covariance[j] @ row for row in x]).reshape(x.shape)
+            alone = [float(self._own(c[i], x[i], float(rows.square[i]))) for i in range(n)]
             apart = self._level * rows.time[:n] + rows.jolt[:n, j] + rows.reference[j]
-            own[:n] = np.array(alone).reshape(n) + apart + (rows.noise[:n, j] + self._misfit) / rows.weight[:n]
+            own[:n] = np.array(alone) + apart + (rows.noise[:n, j] + self._misfit) / rows.weight[:n]
             y[:n] = rows.y[:n, j] - x @ self._mean[j]
             given = self._smooth, self._inverse, levels[j], rows.known[j], own, y
             _kernel.process_rebuild(rows.x, rows.square, n, c, *given, self._lower[j], self._z[j])
         self._shares = None
+
+    def restore(self, relevance: FloatArray) -> None:
+        """Continue with the (m, inputs) relevance and the rows of a state."""
+        self.relevance = relevance.copy()
+        for j in range(len(relevance)):
+            self._believe(j)
+
+    def _believe(self, j: int) -> None:
+        """Follow one error's relevance."""
+        self._variance[j] = self._first * np.repeat(self.relevance[j], self._lags)
+        self.rebuild(j)
 
     def renew(self, j: int) -> None:
         """Find the prior variance of each input's weights again, by MacKay's fixed point (Neural Computation 4 (1992)
         415-447), v = sum(m²) / sum(1 - P / v) over the input's weights."""
         if not self._expert.evidence or not self.relevance.size:
             return
-        n, prior = self._rows.n, self._prior(j)
+        n, prior = self._rows.n, self._variance[j]
         white = self._white(j)
         mean, learnt = prior * (white.T @ self._z[j, :n]), prior * np.sum(white**2, axis=0)
         before = self._first * self.relevance[j]
@@ -229,7 +246,7 @@ class Process:
         least = np.maximum(_RELEVANCE[0] * self._first, _CHANGE[0] * before)
         most = np.minimum(_RELEVANCE[1] * self._first, _CHANGE[1] * before)
         self.relevance[j] = np.clip(found, least, most) / self._first
-        self.rebuild(j)
+        self._believe(j)
 
     # What was learnt -------------------------------------------------------------------------------------------------
 
@@ -253,11 +270,11 @@ class Process:
         learnt = self._rows_shares() @ self._rows.x[: self._rows.n]
         if self._covariance is not None:
             return np.asarray(self._mean + np.einsum("jpq,jq->jp", self._covariance, learnt))
-        return np.asarray(self._mean + self._first * np.repeat(self.relevance, self._lags, axis=1) * learnt)
+        return np.asarray(self._mean + self._variance * learnt)
 
     def weight_covariance(self, j: int) -> FloatArray:
         """(p, p) of one error's linear weights."""
-        prior = np.diag(self._prior(j)) if self._covariance is None else self._covariance[j]
+        prior = np.diag(self._variance[j]) if self._covariance is None else self._covariance[j]
         told = self._white(j) @ prior
         return np.asarray(prior - told.T @ told)
 
