@@ -3,16 +3,6 @@
 from numpy import float64, int64
 from numpy.typing import NDArray
 
-class Progress:
-    """Of one long call: share done, and a way to stop it from another thread."""
-
-    def __init__(self) -> None: ...
-    def cancel(self) -> None: ...
-    @property
-    def cancelled(self) -> bool: ...
-    @property
-    def share(self) -> float: ...
-
 class Runner:
     """One model's state; see talc.models and talc.papers.free_running."""
 
@@ -75,7 +65,6 @@ def search(
     floor: float,
     most: int,
     fixed_inputs: bool,
-    progress: Progress | None,
 ) -> tuple[int, list[int], float]: ...
 def pso(
     gram: NDArray[float64],
@@ -96,7 +85,6 @@ def pso(
     pull: float,
     inertia_first: float,
     inertia_last: float,
-    progress: Progress | None,
 ) -> tuple[float, list[int], float, float]: ...
 def lag(columns: NDArray[float64], pole: float) -> None: ...
 def process_look(

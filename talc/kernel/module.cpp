@@ -5,7 +5,6 @@
 #include "group_lasso.hpp"
 #include "lag.hpp"
 #include "process.hpp"
-#include "progress.hpp"
 #include "pso.hpp"
 #include "search.hpp"
 
@@ -14,7 +13,6 @@ NB_MODULE(_kernel, m) {
     talc::bind_group_lasso(m);
     talc::bind_lag(m);
     talc::bind_process(m);
-    talc::bind_progress(m);
     talc::bind_pso(m);
     talc::bind_runner(m);
     talc::bind_search(m);

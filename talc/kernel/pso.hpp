@@ -9,7 +9,6 @@
 #include <vector>
 
 #include "group_lasso.hpp"
-#include "progress.hpp"
 
 namespace talc {
 
@@ -114,7 +113,7 @@ class ArxCandidate {
 inline std::tuple<double, std::vector<int>, double, double> pso(
     Stack3 gram, Matrix moment, Vector energy, Matrix own, Stack3 across, Matrix u, Vector y, size_t lags,
     int criterion, double scale, double tolerance, double safety, double least_log_share, size_t most, Stack4 draws,
-    double pull, double inertia_first, double inertia_last, Progress *progress) {
+    double pull, double inertia_first, double inertia_last) {
     nb::gil_scoped_release release;
     const size_t N = u.shape(1), orders = gram.shape(0) - 1, D = N + 2;
     const size_t swarm = draws.shape(1), iterations = draws.shape(0) - 1;
@@ -151,11 +150,6 @@ inline std::tuple<double, std::vector<int>, double, double> pso(
             const double value = candidate.cost(xi[0], static_cast<size_t>(std::lround(xi[1])), nb.data());
             if (value < cost[i]) cost[i] = value, std::copy(xi, xi + D, own_best);
             if (value < least) least = value, gap = candidate.gap, std::copy(xi, xi + D, best.begin());
-            if (progress && progress->cancelled()) break;
-        }
-        if (progress) {
-            progress->report(done);
-            if (progress->cancelled()) break;
         }
     }
     std::vector<int> found(N + 1);
@@ -167,6 +161,6 @@ inline void bind_pso(nb::module_ &m) {
     m.def("pso", &pso, nb::arg("gram"), nb::arg("moment"), nb::arg("energy"), nb::arg("own"), nb::arg("across"),
           nb::arg("u"), nb::arg("y"), nb::arg("lags"), nb::arg("criterion"), nb::arg("scale"), nb::arg("tolerance"),
           nb::arg("safety"), nb::arg("least_log_share"), nb::arg("most"), nb::arg("draws"), nb::arg("pull"), nb::arg("inertia_first"),
-          nb::arg("inertia_last"), nb::arg("progress").none(), "Particle swarm over penalty and orders; see talc.papers.pso.");
+          nb::arg("inertia_last"), "Particle swarm over penalty and orders; see talc.papers.pso.");
 }
 }  // namespace talc

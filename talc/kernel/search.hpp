@@ -12,7 +12,6 @@
 #include <vector>
 
 #include "linear.hpp"
-#include "progress.hpp"
 
 namespace talc {
 
@@ -109,9 +108,9 @@ class BlockedRegression {
 class SetSearch {
    public:
     SetSearch(BlockedRegression &regression, bool unseen, double rows, double price, double floor, size_t poles,
-              size_t most, size_t lags, Progress *progress)
+              size_t most, size_t lags)
         : regression_(regression), unseen_(unseen), rows_(rows), price_(price), floor_(floor), poles_(poles),
-          most_(most), lags_(lags), progress_(progress) {}
+          most_(most), lags_(lags) {}
 
     double cost(const Set &set) {
         const auto known = known_.find(set);
@@ -136,7 +135,6 @@ class SetSearch {
             };
             const size_t used = static_cast<size_t>(set.size() - std::count(set.begin(), set.end(), '\0'));
             for (size_t s = 0; s < set.size(); ++s) {
-                if (progress_ && progress_->cancelled()) return set;
                 Set other = set;
                 if (set[s]) {
                     for (int step : {-1, 1}) {
@@ -171,7 +169,6 @@ class SetSearch {
     bool unseen_;
     double rows_, price_, floor_;
     size_t poles_, most_, lags_;
-    Progress *progress_;
     std::unordered_map<Set, double> known_;
 };
 
@@ -181,7 +178,7 @@ inline std::tuple<size_t, std::vector<int>, double> search(Stack4 gram, Stack3 m
                                                            std::vector<std::vector<std::vector<int>>> starts,
                                                            size_t inputs, size_t lags, double ridge, bool unseen,
                                                            double rows, double price, double floor, size_t most,
-                                                           bool fixed_inputs, Progress *progress) {
+                                                           bool fixed_inputs) {
     nb::gil_scoped_release release;
     const size_t designs = gram.shape(0), blocks = gram.shape(1), p = gram.shape(2);
     size_t chosen = 0;
@@ -190,8 +187,7 @@ inline std::tuple<size_t, std::vector<int>, double> search(Stack4 gram, Stack3 m
     for (size_t d = 0; d < designs; ++d) {
         BlockedRegression regression(gram.data() + d * blocks * p * p, moment.data() + d * blocks * p, energy.data(),
                                      blocks, inputs, lags, p - inputs * lags, ridge);
-        SetSearch search(regression, unseen, rows, price, floor, static_cast<size_t>(poles.data()[d]), most, lags,
-                         progress);
+        SetSearch search(regression, unseen, rows, price, floor, static_cast<size_t>(poles.data()[d]), most, lags);
         Set first(inputs, '\0');
         double first_cost = std::numeric_limits<double>::infinity();
         for (const auto &start : starts[d]) {
@@ -202,10 +198,6 @@ inline std::tuple<size_t, std::vector<int>, double> search(Stack4 gram, Stack3 m
         const Set found = search.best(first, fixed_inputs);
         const double value = search.cost(found);
         if (value < least) least = value, answer = found, chosen = d;
-        if (progress) {
-            progress->report(static_cast<double>(d + 1) / static_cast<double>(designs));
-            if (progress->cancelled()) break;
-        }
     }
     return {chosen, std::vector<int>(answer.begin(), answer.end()), least};
 }
@@ -213,7 +205,7 @@ inline std::tuple<size_t, std::vector<int>, double> search(Stack4 gram, Stack3 m
 inline void bind_search(nb::module_ &m) {
     m.def("search", &search, nb::arg("gram"), nb::arg("moment"), nb::arg("energy"), nb::arg("poles"),
           nb::arg("starts"), nb::arg("inputs"), nb::arg("lags"), nb::arg("ridge"), nb::arg("unseen"), nb::arg("rows"),
-          nb::arg("price"), nb::arg("floor"), nb::arg("most"), nb::arg("fixed_inputs"), nb::arg("progress").none(),
+          nb::arg("price"), nb::arg("floor"), nb::arg("most"), nb::arg("fixed_inputs"),
           "Deterministic search for inputs, orders and poles; see talc.papers.search.");
 }
 }  // namespace talc

@@ -91,7 +91,6 @@ def select_by_swarm(
         draws,
         _PULL,
         *_INERTIA,
-        None,
     )
     na, sizes = orders[0], [nb + 1 for nb in orders[1:]]
     columns = [s * lags + j for s, size in enumerate(sizes) for j in range(size)]

@@ -116,7 +116,6 @@ class Candidates:
             _FLOOR * rows,
             most,
             fixed is not None,
-            None,
         )
         return Choice(self._poles[chosen], tuple(coefficients), cost)
 
