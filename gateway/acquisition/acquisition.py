@@ -12,10 +12,7 @@ from gateway.acquisition.stale import StaleWatch
 from gateway.model.notice import Notify
 from gateway.model.sample import Sample
 from gateway.runtime.clocks import ServiceClock
-from gateway.runtime.parts import Part, Parts
-
-_WORK_S = 60.0
-"""No part works longer than this without waiting, apart from the reads of a bus."""
+from gateway.runtime.parts import WORK_S, Part, Parts
 
 
 class Acquisition:
@@ -54,7 +51,7 @@ class Acquisition:
         stale = StaleWatch(self.board, clock, self._sequence, publish if expired is None else expired)
         self._runners = dict[str, BusRunner]()
         self._parts = Parts() if parts is None else parts
-        self._parts.add(*map(self._part, lines), Part("stale", stale.run, works_s=_WORK_S))
+        self._parts.add(*map(self._part, lines), Part("stale", stale.run, works_s=WORK_S))
 
     @property
     def runners(self) -> Mapping[str, BusRunner]:
@@ -83,7 +80,7 @@ class Acquisition:
     def _part(self, line: Line) -> Part:
         runner = BusRunner(line, self._clock, self._take, self._notify, self._sequence, quiet=self._quiet)
         self._runners[line.bus.name] = runner
-        return Part(_name(line.bus.name), runner.run, works_s=_WORK_S + line.read_limit_s * len(line.drivers))
+        return Part(_name(line.bus.name), runner.run, works_s=WORK_S + line.read_limit_s * len(line.drivers))
 
     def _take(self, readings: Sequence[Sample]) -> None:
         self.board.put(readings)

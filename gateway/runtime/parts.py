@@ -6,6 +6,9 @@ from contextlib import AsyncExitStack
 from types import TracebackType
 from typing import Any, NamedTuple, Self
 
+WORK_S = 60.0
+"""A part works no longer than this without waiting on the clock, apart from the reads of a bus."""
+
 
 class Part(NamedTuple):
     """A task that runs until it is cancelled."""

@@ -45,7 +45,7 @@ from gateway.nc.probing.schedule import schedule_of
 from gateway.nc.settings import Earlier, Identity, LinkSettings, Listeners
 from gateway.runtime.ages import Ages
 from gateway.runtime.clocks import ServiceClock
-from gateway.runtime.parts import Part, Parts
+from gateway.runtime.parts import WORK_S, Part, Parts
 from gateway.service.clock_watch import ClockWatch
 from gateway.service.command_taker import CommandTaker
 from gateway.service.health import HealthWatch
@@ -55,8 +55,6 @@ from talc.frame import EventKind
 
 log = logging.getLogger(__name__)
 
-_WORK_S = 60.0
-"""No part works longer than this without waiting on the clock, apart from the buses."""
 _LOOKS_PER_STEP = 60
 """How often the store's health is looked at: each 5 s with a grid of 5 min."""
 _SHORTEST_LOOK_S = 1.0
@@ -186,13 +184,13 @@ class Service:
             link, measuring.order, clock, publish, on_disk, None if reload is None else partial(reload, self)
         )
         self.parts.add(
-            Part("grid", grid.run, works_s=_WORK_S),
+            Part("grid", grid.run, works_s=WORK_S),
             Part("sensors", sensors.run),  # it waits for frames, and gives advice only
             Part("planned loads", planned.run),
-            Part("storage", store_watch.run, works_s=_WORK_S),
-            Part("health", self._health.run, works_s=_WORK_S),
-            Part("clock", self._clock_watch.run, works_s=_WORK_S),
-            *(() if link is None else (Part("nc", link.run, link.stop, _WORK_S),)),
+            Part("storage", store_watch.run, works_s=WORK_S),
+            Part("health", self._health.run, works_s=WORK_S),
+            Part("clock", self._clock_watch.run, works_s=WORK_S),
+            *(() if link is None else (Part("nc", link.run, link.stop, WORK_S),)),
         )
 
     @property

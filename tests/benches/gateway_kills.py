@@ -25,7 +25,6 @@ import numpy as np
 from drivers.base import SystemClock
 from gateway.config.file import load
 from gateway.config.model import GatewayConfig
-from gateway.model.events import DecisionMade, FrameMade, ModelsAdopted
 from gateway.runtime.clocks import RealClock
 from gateway.storage.store import Store
 from simulators.devices import Adam6015, TcpHost
@@ -33,11 +32,11 @@ from simulators.nc import Activity, CycleSettings, DayPart, EmulatedControl, Loa
 from simulators.nc.watchdog import R_BEAT, Logged
 from talc.control import Controller
 from talc.frame import Frame, Measurement
-from talc.papers.training import train
 from tests.benches import waits
 from tests.benches.cut_wire import CutWire, wire_to
 from tests.benches.processes import is_alive
 from tests.benches.still_machine import StillMachine
+from tests.benches.stored_steps import record_step
 
 PERIOD_S, RATE_UM_PER_S, SILENCE_S, STEP_S = 0.1, 20.0, 0.6, 0.5
 BOUND_UM = (6.0, 6.0, 8.0)
@@ -98,7 +97,7 @@ def temperatures(k: float) -> tuple[float, float]:
 
 def calibrated(config: GatewayConfig) -> None:
     """A store as a calibration that ended just now leaves it: EZ0A follows the column, EX0C the table."""
-    draw, controller = np.random.default_rng(2), Controller(config.input_names, config.talc)
+    draw, controller, models = np.random.default_rng(2), Controller(config.input_names, config.talc), None
     first = math.floor(time.time() / STEP_S) - CALIBRATION - 1
     with Store(config.storage.path, "calibration", SystemClock()) as store:
         store.begin(config.canonical(), config.fingerprint(), "")
@@ -108,13 +107,9 @@ def calibrated(config: GatewayConfig) -> None:
             errors[1] += 1.5 * (column - 22.0)
             errors[2] += 1.5 * (table - 22.0)
             frame = Frame(k, np.array([column, table]), np.ones(2, np.bool_), Measurement(errors, np.full(9, 0.1)))
-            made = controller.step(frame)
-            store.record(FrameMade(frame))
-            store.record(DecisionMade(made))
-            if made.training is not None:
-                models = train(made.training)
-                controller.adopt(models)
-                store.record(ModelsAdopted(models, k))
+            _, trained = record_step(store, controller, frame)
+            models = trained or models
+    assert models is not None
     assert models.models[1] is not None
     assert models.models[2] is not None
 

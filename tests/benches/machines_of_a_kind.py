@@ -9,11 +9,11 @@ from click.testing import CliRunner, Result
 from gateway.cli.main import main
 from gateway.config.model import GatewayConfig
 from gateway.control.restart.rebuild import controller_of
-from gateway.model.events import DecisionMade, FrameMade
 from gateway.storage.store import Store
 from talc.control import Controller
 from talc.frame import Frame, Measurement
 from tests.benches.stepped_clock import SteppedClock
+from tests.benches.stored_steps import record_step
 from tests.benches.thermal_series import ThermalSeries, series
 
 DAY = 288
@@ -62,8 +62,7 @@ def store_run(config: GatewayConfig, found: list[Frame], controller: Controller 
     with Store(config.storage.path, f"run{found[0].k}", SteppedClock(), commit_s=60.0) as store:
         store.begin(config.canonical(), config.fingerprint(), "", prior)
         for frame in found:
-            store.record(FrameMade(frame))
-            store.record(DecisionMade(controller.step(frame)))
+            record_step(store, controller, frame)
 
 
 def talc_gateway(*arguments: object) -> Result:

@@ -11,7 +11,7 @@ import random
 import sys
 from collections import Counter
 from collections.abc import Iterator, Mapping
-from typing import Any
+from typing import Any, NoReturn
 
 from simulators.nc.modal import GROUPS
 from simulators.nc.synchronised import ProgramAlarm
@@ -200,6 +200,14 @@ def _not_only_up(cell: Cell) -> bool:
     )
 
 
+def tell(ended: Counter[str], what: str, bad: int) -> NoReturn:
+    """Print how each ended, and exit with 1 if any was bad."""
+    for how, count in ended.most_common():
+        print(f"{count:5d}  {how}")
+    print(f"{sum(ended.values()):5d}  {what}, {bad} not as they have to be")
+    sys.exit(bool(bad))
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--states", type=int, default=600)
@@ -211,10 +219,7 @@ def main() -> None:
             bad += 1
             other = {name: value for name, value in state.items() if value != USUAL[name]}
             print(f"state {number}: {how}, but {'; '.join(wrong[:3])}\n    {other}", flush=True)
-    for how, count in ended.most_common():
-        print(f"{count:5d}  {how}")
-    print(f"{sum(ended.values()):5d}  states, {bad} not as they have to be")
-    sys.exit(bool(bad))
+    tell(ended, "states", bad)
 
 
 if __name__ == "__main__":

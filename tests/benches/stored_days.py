@@ -7,12 +7,13 @@ import numpy as np
 
 from gateway.control.restart.earlier import earlier_run
 from gateway.model.compensation import Source, Step, Write
-from gateway.model.events import CompensationStepped, DecisionMade, EventReported, FrameMade, MeasurementEnded
+from gateway.model.events import CompensationStepped, EventReported, MeasurementEnded
 from gateway.model.probing import Outcome
 from gateway.storage.store import Store
 from talc.frame import Event, EventKind, Frame, Measurement, Why
 from tests.benches.service_file import two_temperatures
 from tests.benches.stepped_clock import SteppedClock
+from tests.benches.stored_steps import record_step
 
 DAY = date(2026, 3, 2)
 STEP_S = 300
@@ -38,6 +39,5 @@ def two_days(path: Path, first: datetime = datetime(2026, 3, 1, 22, tzinfo=UTC),
                 store.record(CompensationStepped(Write(at, "advise", step, k, {"X": 1.0}, False, None)))
                 store.record(EventReported(Event(EventKind.PROBLEM, f"at hour {hour}"), k))
             frame = Frame(k + hour * EACH, np.array([20.0 + hour, 21.0]), np.array([True, at.hour != 12]), measured)
-            store.record(FrameMade(frame))
-            store.record(DecisionMade(controller.step(frame)))
+            record_step(store, controller, frame)
     return path

@@ -7,7 +7,6 @@ and what was otherwise.
 
 import argparse
 import math
-import sys
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import chain
@@ -20,7 +19,7 @@ from drivers.sinumerik.settings import OffsetRoute, SinumerikSettings
 from simulators.nc.main_run import LENGTHS, LINEAR, MainRun
 from simulators.nc.nck import CEC_TABLES
 from simulators.nc.synchronised import ProgramAlarm, SystemVariable
-from tests.benches.nc_starts import USUAL, State, made, states
+from tests.benches.nc_starts import USUAL, State, made, states, tell
 from tests.benches.probing_programs import FOLDER, Cell, program_texts
 
 Texts = Mapping[str, str]
@@ -261,10 +260,7 @@ def main() -> None:
             bad += bool(wrong)
             if wrong:
                 print(f"state {number}, TALC_{name}: {how}, but {'; '.join(wrong[:3])}", flush=True)
-    for how, count in ended.most_common():
-        print(f"{count:5d}  {how}")
-    print(f"{sum(ended.values()):5d}  starts, {bad} not as they have to be")
-    sys.exit(bool(bad))
+    tell(ended, "starts", bad)
 
 
 if __name__ == "__main__":

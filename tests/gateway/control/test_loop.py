@@ -18,20 +18,20 @@ from gateway.control.loop import GridLoop
 from gateway.control.measuring import Measuring
 from gateway.control.trainer import Trainings
 from gateway.model.compensation import Source
-from gateway.model.events import CompensationStepped, DecisionMade, ForecastMade, FrameMade, ModelsAdopted, ReasonsGiven
+from gateway.model.events import CompensationStepped, ForecastMade, ReasonsGiven
 from gateway.model.standing import Standing
 from gateway.nc.probing.schedule import ProbingSchedule, schedule_of
 from gateway.service.service import Service
 from gateway.storage.store import Store
 from talc.control import Controller
 from talc.frame import Decision, EventKind, Frame, Measurement, Phase, Why
-from talc.papers.training import train
 from talc.settings import ControlSettings, LearnerSettings, TalcSettings
 from tests.benches.kept_events import KeptEvents
 from tests.benches.nc_link_bench import LinkBench, ScriptedControl
 from tests.benches.restarted import restarted
 from tests.benches.service_file import FILE, TEXT
 from tests.benches.stepped_clock import EPOCH, SteppedClock
+from tests.benches.stored_steps import record_step
 from tests.benches.thermal_series import series
 
 STEP_S = 300.0
@@ -215,20 +215,16 @@ inputs_stale_after_s = 3060.0
     first_k = int(clock.utc().timestamp() // STEP_S) - 300
     with Store(config.storage.path, "boot", clock) as store:
         store.begin(config.canonical(), config.fingerprint(), "")
-        lost = ""
+        lost, models = "", None
         for k in range(294):
             valid = np.array([name != lost for name in day.names])
             row = min(k, 287)
             measured = Measurement(day.measured[row], np.full(9, 0.5)) if k < 288 else None
             frame = Frame(first_k + k, day.inputs[row], valid, measured)
-            made = controller.step(frame)
-            store.record(FrameMade(frame))
-            store.record(DecisionMade(made))
-            if made.training is not None:
-                models = train(made.training)
-                controller.adopt(models)
-                store.record(ModelsAdopted(models, frame.k))
+            made, trained = record_step(store, controller, frame)
+            models = trained or models
             if k == 289:
+                assert models is not None
                 lost = next(m.inputs[0] for m in models.models if m is not None and m.inputs)
     past = restarted(config)
     assert past.missing == {lost: first_k + 290}

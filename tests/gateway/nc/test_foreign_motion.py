@@ -68,6 +68,14 @@ class AtWork:
     async def run(self, seconds: float) -> None:
         await self.clock.run_until(self.clock.monotonic() + seconds)
 
+    async def measuring(self) -> tuple[asyncio.Task[None], asyncio.Task[Outcome]]:
+        """The link's work, and a cycle that has run for a while."""
+        running = asyncio.create_task(self.link.run())
+        await self.run(2.0)
+        measuring = asyncio.create_task(self.link.measure(Why.INTERVAL))
+        await self.run(30.0)
+        return running, measuring
+
     async def ended(self, measuring: asyncio.Task[Outcome]) -> Outcome:
         while not measuring.done():
             await self.run(5.0)
@@ -122,10 +130,7 @@ async def test_every_drawn_disturbance_ends_void_and_the_offsets_go_on(count: in
 
 async def test_what_is_noticed_ends_the_cycle_at_once() -> None:
     at = AtWork()
-    running = asyncio.create_task(at.link.run())
-    await at.run(2.0)
-    measuring = asyncio.create_task(at.link.measure(Why.INTERVAL))
-    await at.run(30.0)
+    running, measuring = await at.measuring()
     now = at.clock.monotonic()
     at.nck.interference = Interference(now, now + 10.0, moved={"X": 500.0})
     await at.run(5.0)
@@ -202,10 +207,7 @@ def test_a_probe_on_its_way_to_the_magazine_makes_no_cycle_void(changed: dict[st
 async def test_a_hand_within_a_move_that_reaches_its_end_all_the_same_makes_the_cycle_void() -> None:
     """A SINUMERIK ends the cycle as usual: each of its moves ends where it was sent. Its program stood meanwhile."""
     at = AtWork()
-    running = asyncio.create_task(at.link.run())
-    await at.run(2.0)
-    measuring = asyncio.create_task(at.link.measure(Why.INTERVAL))
-    await at.run(30.0)
+    running, measuring = await at.measuring()
     now = at.clock.monotonic()
     at.nck.interference = Interference(now, now + 3.0, program_status=STOPPED, moved={"X": 2.0})
     outcome = await at.ended(measuring)

@@ -14,7 +14,7 @@ from drivers.base import Quality
 from gateway.cli.main import main
 from gateway.config.model import GatewayConfig
 from gateway.control.restart.earlier import earlier_run
-from gateway.model.events import DecisionMade, FrameMade, MeasurementEnded, ReadingsTaken
+from gateway.model.events import MeasurementEnded, ReadingsTaken
 from gateway.model.probing import End, Outcome
 from gateway.model.sample import Sample
 from gateway.model.text import plain
@@ -23,6 +23,7 @@ from gateway.storage.store import Store
 from talc.frame import Frame, Why
 from tests.benches.service_file import two_temperatures
 from tests.benches.stepped_clock import EPOCH, SteppedClock
+from tests.benches.stored_steps import record_step
 
 NC = {"kind": "sinumerik", "url": "opc.tcp://192.168.214.1:4840", "security": "none"}
 REFUSED = "a touch repeats by 14 µm"
@@ -53,8 +54,7 @@ def page_of(path: Path, config: GatewayConfig, steps: int, refused: bool = False
             )
         for k in range(steps):
             frame = Frame(k, np.array([20.0, np.nan]), np.array([True, False]), None)
-            store.record(FrameMade(frame))
-            store.record(DecisionMade(controller.step(frame)))
+            record_step(store, controller, frame)
     return reported(path)
 
 
