@@ -27,9 +27,15 @@ from gateway.runtime.terminal import printable
               help="Seconds within which a cycle has ended.")  # fmt: skip
 @click.option("--only", multiple=True, metavar="CLAUSE", help="Try only this clause; may be given several times.")
 def agent_test(
-    host: str, port: int, key_file: Path, timeout: float, offsets: bool, cycle: bool, cycle_limit: float,
+    host: str,
+    port: int,
+    key_file: Path,
+    timeout: float,
+    offsets: bool,
+    cycle: bool,
+    cycle_limit: float,
     only: tuple[str, ...],
-) -> None:  # fmt: skip
+) -> None:
     """Try the contract of docs/agent.md on the agent at HOST, clause by clause.
 
     \b

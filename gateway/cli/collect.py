@@ -21,9 +21,17 @@ from gateway.runtime.extras import need_extra
 @click.option("--database-password-file", type=OldFile, help="File that contains only the password of ADDRESS's user.")
 @access_options
 def collect(
-    site: str, connect: tuple[str, ...], prefix: str, every: float, authority: Path | None, certificate: Path | None,
-    key: Path | None, user: str | None, password_file: Path | None, database_password_file: Path | None,
-) -> None:  # fmt: skip
+    site: str,
+    connect: tuple[str, ...],
+    prefix: str,
+    every: float,
+    authority: Path | None,
+    certificate: Path | None,
+    key: Path | None,
+    user: str | None,
+    password_file: Path | None,
+    database_password_file: Path | None,
+) -> None:
     """Keep what all gateways at --connect have stored in FOLDER, as Parquet by table, machine and day, or in the
     PostgreSQL database at ADDRESS, such as postgresql://collector@db.plant.example/site.
 

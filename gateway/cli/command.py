@@ -26,9 +26,14 @@ if TYPE_CHECKING:
 @click.option("--machine", help="Name of the machine. Default: the one that runs there, if there is only one.")
 @with_access
 def command(
-    name: str, operator: str, operator_key: Path, connect: tuple[str, ...], prefix: str, machine: str | None,
+    name: str,
+    operator: str,
+    operator_key: Path,
+    connect: tuple[str, ...],
+    prefix: str,
+    machine: str | None,
     access: "Access",
-) -> None:  # fmt: skip
+) -> None:
     """Give a running gateway a command, and print its answer (docs/commands.md).
 
     \b

@@ -52,10 +52,21 @@ Quantity = click.option("--quantity", default="degC", show_default=True, help="U
 @Scale
 @Quantity
 def registers_command(
-    where: str, addresses: tuple[int, ...], unit: int, function: int, baud: int, parity: Parity, rtu: bool,
-    timeout_s: float, draft: Path | None, kind: NumberType, word_order: Order, byte_order: Order, scale: float,
+    where: str,
+    addresses: tuple[int, ...],
+    unit: int,
+    function: int,
+    baud: int,
+    parity: Parity,
+    rtu: bool,
+    timeout_s: float,
+    draft: Path | None,
+    kind: NumberType,
+    word_order: Order,
+    byte_order: Order,
+    scale: float,
     quantity: str,
-) -> None:  # fmt: skip
+) -> None:
     """Read registers or bits at ADDRESSES (0-15,100) of one Modbus unit. They count from 0: a manual's 30001 is 0.
 
     WHERE is a serial port (a path), or host or host:port of Modbus TCP.
@@ -94,9 +105,18 @@ def new_file(draft: Path | None) -> None:
 @Scale
 @Quantity
 def objects_command(
-    channel: str, node: int, objects: tuple[CanObject, ...], interface: str, bitrate: int, timeout_s: float,
-    udp_port: int, draft: Path | None, kind: ByteNumber | None, scale: float, quantity: str,
-) -> None:  # fmt: skip
+    channel: str,
+    node: int,
+    objects: tuple[CanObject, ...],
+    interface: str,
+    bitrate: int,
+    timeout_s: float,
+    udp_port: int,
+    draft: Path | None,
+    kind: ByteNumber | None,
+    scale: float,
+    quantity: str,
+) -> None:
     """Read OBJECTS (2100:01 6000) of one CANopen NODE by SDO. CHANNEL is can0, or the serial port of an slcan adapter.
 
     Shows every number that the bytes may be.
@@ -127,10 +147,19 @@ def objects_command(
 @Scale
 @Quantity
 def nodes_command(
-    url: str, nodes: tuple[str, ...], user: str | None, password_file: str | None, certificate: str | None,
-    private_key: str | None, server_certificate: str | None, timeout_s: float, draft: Path | None, kind: str | None,
-    scale: float, quantity: str,
-) -> None:  # fmt: skip
+    url: str,
+    nodes: tuple[str, ...],
+    user: str | None,
+    password_file: str | None,
+    certificate: str | None,
+    private_key: str | None,
+    server_certificate: str | None,
+    timeout_s: float,
+    draft: Path | None,
+    kind: str | None,
+    scale: float,
+    quantity: str,
+) -> None:
     """Read NODES ('ns=2;s=/Plc/MW200' i=2258) of the OPC UA server at URL (opc.tcp://host:4840).
 
     Shows value, type, status and age by the server's own clock; for a node of bytes, such as the process data of an
@@ -178,10 +207,22 @@ def nodes_command(
 @Scale
 @Quantity
 def topics_command(
-    url: str, topics: tuple[str, ...], seconds: float, most: int, user: str | None, password_file: str | None,
-    authority: str | None, certificate: str | None, key: str | None, client_id: str | None, allow_unencrypted: bool,
-    timeout_s: float, draft: Path | None, scale: float, quantity: str,
-) -> None:  # fmt: skip
+    url: str,
+    topics: tuple[str, ...],
+    seconds: float,
+    most: int,
+    user: str | None,
+    password_file: str | None,
+    authority: str | None,
+    certificate: str | None,
+    key: str | None,
+    client_id: str | None,
+    allow_unencrypted: bool,
+    timeout_s: float,
+    draft: Path | None,
+    scale: float,
+    quantity: str,
+) -> None:
     """Listen to TOPICS ('hall/#', 'hall/+/temperature'; all by default) of the MQTT broker at URL (mqtts://host:port).
 
     Shows each number in the latest payload of each topic, where it is, and how old the payload's own time says it is.

@@ -227,9 +227,18 @@ def run(config: Path, wires: Path | None, record_mb: float) -> None:
     help="The emulated control, or the real LinuxCNC if it is installed (then only --folder applies).",
 )
 def demo(
-    hours: float, method: Literal["learner", "models"] | None, preset: str | None, calibration_hours: float | None,
-    speed: float, seed: int, folder: Path, zenoh_port: int, connect: tuple[str, ...], plain: bool, nc: str,
-) -> None:  # fmt: skip
+    hours: float,
+    method: Literal["learner", "models"] | None,
+    preset: str | None,
+    calibration_hours: float | None,
+    speed: float,
+    seed: int,
+    folder: Path,
+    zenoh_port: int,
+    connect: tuple[str, ...],
+    plain: bool,
+    nc: str,
+) -> None:
     """Run an emulated machine and its gateway over real protocols, on this computer only."""
     _with_simulators()
     if nc == "linuxcnc":
@@ -255,9 +264,13 @@ def demo(
 @LanguageOption
 @with_access
 def watch(
-    config: Path | None, connect: tuple[str, ...], prefix: str | None, machine: str | None, language: str,
+    config: Path | None,
+    connect: tuple[str, ...],
+    prefix: str | None,
+    machine: str | None,
+    language: str,
     access: "Access",
-) -> None:  # fmt: skip
+) -> None:
     """Follow a running gateway as an ordinary Zenoh subscriber: the gateway of CONFIG, or the one at --connect."""
     from gateway.listeners.watch.watch import watch as follow
     from gateway.listeners.watch.watch import watch_own
@@ -279,9 +292,13 @@ def watch(
               help="Address of the page.")  # fmt: skip
 @click.option("--make-password", is_flag=True, help="Ask for a password, print its hash for --settings, and end.")
 def web(
-    config: Path | None, connect: tuple[str, ...], prefix: str | None, settings: Path | None,
-    listen: tuple[str, int], make_password: bool,
-) -> None:  # fmt: skip
+    config: Path | None,
+    connect: tuple[str, ...],
+    prefix: str | None,
+    settings: Path | None,
+    listen: tuple[str, int],
+    make_password: bool,
+) -> None:
     """Serve the page for operators: whether the machine may cut, and why not.
 
     The page shows the gateway of CONFIG, which runs on this computer, or all that are heard at --connect. It only

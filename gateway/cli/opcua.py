@@ -14,9 +14,13 @@ from gateway.cli.arguments import Address, AnyFile, heard_options, read_config
               help="Address of the server.")  # fmt: skip
 @click.option("--make-password", is_flag=True, help="Ask for a password, print its hash for --settings, and end.")
 def opcua(
-    config: Path | None, connect: tuple[str, ...], prefix: str | None, settings: Path | None,
-    listen: tuple[str, int], make_password: bool,
-) -> None:  # fmt: skip
+    config: Path | None,
+    connect: tuple[str, ...],
+    prefix: str | None,
+    settings: Path | None,
+    listen: tuple[str, int],
+    make_password: bool,
+) -> None:
     """Show machines to OPC UA clients after OPC UA for Machine Tools (umati), read-only.
 
     Shows the gateway of CONFIG, which runs on this computer, and the machines that --settings names and --connect

@@ -57,11 +57,25 @@ from gateway.runtime.extras import need_extra
 @click.option("--every-measurement", is_flag=True, help="Use all measurements, not only the requested ones.")
 @LanguageOption
 def replay(
-    file: Path, output: Path | None, config: Path | None, time_column: str, time_of_day: str, time_unit: str,
-    time_format: str, time_zone: ZoneInfo | None, errors: tuple[str, ...], units: tuple[str, ...],
-    inputs: tuple[str, ...], ignore: tuple[str, ...], skip: tuple[str, ...], missing: tuple[str, ...],
-    calibration_min: float | None, out: Path | None, every_measurement: bool, language: str,
-) -> None:  # fmt: skip
+    file: Path,
+    output: Path | None,
+    config: Path | None,
+    time_column: str,
+    time_of_day: str,
+    time_unit: str,
+    time_format: str,
+    time_zone: ZoneInfo | None,
+    errors: tuple[str, ...],
+    units: tuple[str, ...],
+    inputs: tuple[str, ...],
+    ignore: tuple[str, ...],
+    skip: tuple[str, ...],
+    missing: tuple[str, ...],
+    calibration_min: float | None,
+    out: Path | None,
+    every_measurement: bool,
+    language: str,
+) -> None:
     """Repeat the decisions of a database, or run the controller on a recording.
 
     FILE is a gateway's database: its frames go to a fresh controller, and every decision is compared.

@@ -85,10 +85,19 @@ def ports_command() -> None:
 @Toml
 @Yes
 def serial_command(
-    port: str, bauds: tuple[int, ...], parities: tuple[Parity, ...], units: tuple[int, ...], me_bauds: tuple[int, ...],
-    me_addresses: tuple[int, ...], protocol: str, function: int, timeout_s: float, limit: float, toml: Path | None,
+    port: str,
+    bauds: tuple[int, ...],
+    parities: tuple[Parity, ...],
+    units: tuple[int, ...],
+    me_bauds: tuple[int, ...],
+    me_addresses: tuple[int, ...],
+    protocol: str,
+    function: int,
+    timeout_s: float,
+    limit: float,
+    toml: Path | None,
     yes: bool,
-) -> None:  # fmt: skip
+) -> None:
     """Find Modbus RTU units and Micro-Epsilon sensors on the serial PORT."""
     what = plan(
         port, bauds=bauds, parities=parities, units=units if protocol != "me_rs485" else (), me_bauds=me_bauds,
@@ -111,9 +120,14 @@ def serial_command(
 @Toml
 @Yes
 def tcp_command(
-    hosts: tuple[tuple[str, int | None], ...], units: tuple[int, ...], rtu: bool, timeout_s: float,
-    limit: float, toml: Path | None, yes: bool,
-) -> None:  # fmt: skip
+    hosts: tuple[tuple[str, int | None], ...],
+    units: tuple[int, ...],
+    rtu: bool,
+    timeout_s: float,
+    limit: float,
+    toml: Path | None,
+    yes: bool,
+) -> None:
     """Find Modbus TCP units behind HOSTS (host or host:port), and Micro-Epsilon controllers. Asks only these hosts.
 
     Without a port, 502 (Modbus) and 10001 (a controller's data) are tried. Behind a gateway to a serial line each
@@ -147,9 +161,17 @@ def tcp_command(
 @Toml
 @Yes
 def can_command(
-    channel: str, interface: str, bitrates: tuple[int, ...], nodes: tuple[int, ...], listen_s: float, timeout_s: float,
-    udp_port: int, limit: float, toml: Path | None, yes: bool,
-) -> None:  # fmt: skip
+    channel: str,
+    interface: str,
+    bitrates: tuple[int, ...],
+    nodes: tuple[int, ...],
+    listen_s: float,
+    timeout_s: float,
+    udp_port: int,
+    limit: float,
+    toml: Path | None,
+    yes: bool,
+) -> None:
     """Find CANopen nodes and plain CAN frames on CHANNEL: can0, or the serial port of an slcan adapter.
 
     \b

@@ -82,9 +82,16 @@ def scanned_port(name: str) -> str:
 
 
 def plan(
-    port: str, *, bauds: Sequence[int], parities: Sequence[Parity], units: Sequence[int],
-    me_bauds: Sequence[int], me_addresses: Sequence[int], timeout_s: float, function: int = 3,
-) -> SerialScan:  # fmt: skip
+    port: str,
+    *,
+    bauds: Sequence[int],
+    parities: Sequence[Parity],
+    units: Sequence[int],
+    me_bauds: Sequence[int],
+    me_addresses: Sequence[int],
+    timeout_s: float,
+    function: int = 3,
+) -> SerialScan:
     """Modbus at every speed and parity, then Micro-Epsilon sensors likewise; an empty list omits that protocol.
 
     timeout_s: how long each unit may take to answer
