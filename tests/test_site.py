@@ -12,7 +12,6 @@ import pytest
 from playwright.sync_api import Browser, Page, expect
 
 from tests.benches.page_rig import LIMIT_MS, chromium
-from tests.benches.paper import cut_off, printed
 
 ROOT = Path(__file__).parents[1]
 
@@ -67,16 +66,6 @@ def paper(browser: Browser) -> Iterator[Page]:
         page.set_default_timeout(LIMIT_MS)
         page.emulate_media(media="print")
         yield page
-
-
-@pytest.mark.peer
-@pytest.mark.slow
-def test_the_method_fills_two_sheets(site: Path, paper: Page, tmp_path: Path) -> None:
-    paper.goto((site / "method.html").as_uri())
-    sheets = printed(paper, tmp_path, "A4")
-    assert len(sheets) == 2
-    assert cut_off(sheets) == []
-    assert "Whereitloses" in sheets[1].text
 
 
 @pytest.mark.peer

@@ -14,10 +14,10 @@ from asyncua.ua.status_codes import StatusCodes
 from asyncua.ua.uatypes import DateTime, Int16, NodeId, StatusCode, String, UInt32
 
 from simulators.nc.access import NOBODY, Users
-from simulators.nc.nck import R_STATE, MachineState
+from simulators.nc.nck import R_STATE, R_VERSION, MachineState
 from simulators.nc.variables import AccessRight, Value, Variable
 
-_PROBING = f"/Channel/Parameter/R[u1,{R_STATE}]"
+_LISTED = tuple(f"/Channel/Parameter/R[u1,{number}]" for number in (R_STATE, R_VERSION))
 
 
 class Kernel(Protocol):
@@ -129,8 +129,8 @@ def _variant(value: Value) -> ua.Variant:
 async def add_nodes(server: Server, index: int, table: Mapping[str, Variable], kernel: Kernel) -> None:
     """The variables as nodes, so that clients can browse and monitor them.
 
-    R-parameters are omitted, except for the one with the probing state: like a real control, this one answers for
-    names that it does not list.
+    R-parameters are omitted, except for the probing state and the version of its programs: like a real control, this
+    one answers for names that it does not list.
     """
 
     def value_of(path: str, variable: Variable) -> Callable[[NodeId, AttributeIds], ua.DataValue]:
@@ -138,7 +138,7 @@ async def add_nodes(server: Server, index: int, table: Mapping[str, Variable], k
 
     folder = await server.nodes.objects.add_folder(_node_id("/Sinumerik", index), "Sinumerik")
     for path, variable in table.items():
-        if path.startswith("/Channel/Parameter/R[") and path != _PROBING:
+        if path.startswith("/Channel/Parameter/R[") and path not in _LISTED:
             continue
         node = await folder.add_variable(_node_id(path, index), path, 0.0)
         server.set_attribute_value_callback(node.nodeid, value_of(path, variable))

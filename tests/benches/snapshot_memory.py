@@ -69,7 +69,7 @@ def main(path: Path, count: int) -> None:
         _: asyncio.Event,
         *,
         simulated: bool,
-        more: Sequence[Sink],
+        more: Sequence[Sink] = (),
         started: Callable[[Service], None],
         wire_log: WireLogWriter | None,
         reload: Callable[[Service], Awaitable[Text]],
