@@ -123,9 +123,8 @@ class MeEthernetDevice:
 
     async def _block(self) -> MeBlock:
         block = await self._bus.next_block(self.device)
-        found = block.order, block.serial
-        if self._known not in (None, found):
-            order, serial = self._known or found
+        order, serial = self._known = self._known or (block.order, block.serial)
+        if (order, serial) != (block.order, block.serial):
             raise WrongDevice(
                 f"controller {block.order}, serial number {block.serial}, answers instead of controller {order}, "
                 f"serial number {serial}",
@@ -133,7 +132,6 @@ class MeEthernetDevice:
                 device=self.device,
                 hint="if it was exchanged on purpose, restart the gateway; otherwise check host and cables",
             )
-        self._known = found
         for channel, number in self._channels.items():
             if number not in block.values:
                 fitted = ", ".join(map(str, block.values)) or "none"
