@@ -215,6 +215,7 @@ class NoticeCode(StrEnum):
     TIMES_IN_UNIT = "times_in_unit"
     ROWS_REPEATED = "rows_repeated"
     ROWS_OF_ONE_TIME = "rows_of_one_time"
+    RUNS_ONE_AFTER_ANOTHER = "runs_one_after_another"
 
     # trainings
     TRAINING_FAILED = "training_failed"

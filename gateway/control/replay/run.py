@@ -17,6 +17,7 @@ from gateway.control.replay.stored import replay
 from gateway.model.text import Language
 from gateway.reporting.recordings.columns import Columns
 from gateway.reporting.recordings.grid import Recording, read_recording
+from gateway.reporting.recordings.layout import ranges_text
 from gateway.reporting.recordings.table import write_table
 from gateway.runtime.terminal import terminal
 from gateway.storage.history import History
@@ -78,10 +79,11 @@ class Request:
         words += [word for name in self.columns.inputs for word in ("--input", name)]
         words += [word for error, unit in self.columns.units.items() for word in ("--unit", f"{error}={unit}")]
         words += ["--time-of-day", self.columns.time_of_day] if self.columns.time_of_day else []
+        words += ["--runs", self.columns.runs] if self.columns.runs else []
         words += ["--time-unit", self.columns.clock.unit] if self.columns.clock.unit else []
         words += ["--time-format", self.columns.clock.form] if self.columns.clock.form else []
         words += ["--time-zone", self.columns.clock.zone.key] if self.columns.clock.zone else []
-        skipped = ",".join(f"{a}-{b}" if b > a else f"{a}" for a, b in self.columns.layout.skip)
+        skipped = ranges_text(self.columns.layout.skip)
         words += ["--skip", skipped] if skipped else []
         words += [f"--missing={cell}" for cell in self.columns.layout.missing]
         words += [] if self.calibration_min is None else ["--calibration-interval", f"{self.calibration_min:g}"]

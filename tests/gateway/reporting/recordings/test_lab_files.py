@@ -1,5 +1,6 @@
 """Recordings as laboratories keep them: encodings, blocks of settings, units, unknown values, repeated rows."""
 
+import csv
 from collections.abc import Sequence
 from datetime import datetime, timedelta
 from pathlib import Path
@@ -179,6 +180,70 @@ def test_the_form_of_a_date_is_suggested(tmp_path: Path, form: str, named: str) 
     either = "'%m/%d/%Y %H:%M:%S' or '%d/%m/%Y %H:%M:%S' reads this one"
     if form.startswith("%d/"):
         assert either in refusal(written(tmp_path, lines("time;t1;EZ0T", times, ";")))
+
+
+@pytest.mark.parametrize(
+    ("form", "last"),
+    [("%d.%m.%Y %H:%M:%S", "24.11.2026 24:00:00"), ("", "2026-11-24 24:00"), ("", "2026-11-24T24:00:00")],
+)
+@pytest.mark.parametrize("zone", [None, ZoneInfo("Europe/Zurich")])
+def test_24_00_is_the_midnight_that_ends_its_day(tmp_path: Path, form: str, last: str, zone: ZoneInfo | None) -> None:
+    begin = datetime(2026, 11, 24, 22, 0)  # noqa: DTZ001  # as a logger writes it
+    times = [(begin + timedelta(minutes=5 * i)).strftime(form or "%Y-%m-%d %H:%M") for i in range(ROWS)]
+    columns = Columns(clock=TimeFormat(form, zone))
+    plain = read(written(tmp_path, lines("time;t1;EZ0T", times, ";")), columns)
+    times[24] = last
+    found = read(written(tmp_path, lines("time;t1;EZ0T", times, ";")), columns)
+    assert (found.k.tolist(), found.start_utc_s) == (plain.k.tolist(), plain.start_utc_s)
+
+
+def test_a_form_in_use_is_not_advised_again(tmp_path: Path) -> None:
+    times = [f"24.11.2026 13:{i:02}" for i in range(ROWS)]
+    times[7] = "24.11.2026 25:00"
+    path = written(tmp_path, lines("time;t1;EZ0T", times, ";"))
+    said = refusal(path, Columns(clock=TimeFormat("%d.%m.%Y %H:%M")))
+    assert "'24.11.2026 25:00' is not a time; expected a time like %d.%m.%Y %H:%M" in said
+    assert "--time-format" not in said
+
+
+def test_a_heading_that_is_written_again_is_one_message(tmp_path: Path) -> None:
+    text = lines("time,t1,EZ0T")
+    text[20:20] = text[30:30] = [text[0]]
+    path = written(tmp_path, text)
+    assert refusal(path) == f"{path}: line 21: and 1 more repeat the heading; --skip 21,31 leaves them out"
+    assert len(read(path, Columns(layout=TextLayout(((21, 21), (31, 31))))).k) == ROWS
+
+
+def test_runs_whose_time_starts_again_follow_each_other(tmp_path: Path) -> None:
+    text = ["time,run,t1,EZ0T", *(f"{300 * (i % 20)},{'ab'[i // 20]},{20 + i % 7},{i}" for i in range(ROWS))]
+    path = written(tmp_path, text)
+    assert "--runs COLUMN" in refusal(path)
+    found = read(path, Columns(runs="run"))
+    assert (found.input_names, found.restarts) == (("t1",), (20,))
+    assert found.k.tolist() == list(range(ROWS))
+    assert found.errors[:, 4].tolist() == list(range(ROWS))
+    text[5] = text[5].replace("1200,", "2400,")  # within a run time may not go back
+    assert "line 7" in refusal(written(tmp_path, text), Columns(runs="run"))
+
+
+def test_a_learner_measures_where_a_run_begins(tmp_path: Path) -> None:
+    text = ["time,run,t1,EZ0T", *(f"{300 * (i % 60)},{i // 60},{20 + 3 * (i % 60)},{6 * (i % 60)}" for i in range(180))]
+    path, steps = written(tmp_path, text), tmp_path / "steps.csv"
+    answer = here("replay", path, "--runs", "run", "--out", steps)
+    assert answer.code == 0, answer.together
+    assert "3 runs: time starts again at line 62, 122" in answer.together
+    assert "--runs run" in path.with_suffix(".html").read_text("utf-8")
+    with steps.open(encoding="utf-8", newline="") as file:
+        used = [row["EZ0T_measured"] != "" for row in csv.DictReader(file)]
+    assert any(used[60:63])
+    assert any(used[120:123])
+
+
+def test_dense_runs_never_share_a_step(tmp_path: Path) -> None:
+    text = ["time,run,t1,EZ0T", *(f"{10 * (i % 600)},{i // 600},{i // 600},1" for i in range(1200))]
+    found = read(written(tmp_path, text), Columns(runs="run"))
+    assert set(found.inputs[:, 0].tolist()) == {0.0, 1.0}
+    assert found.inputs[found.k == found.restarts[0], 0].tolist() == [1.0]
 
 
 def test_a_date_and_a_time_of_day_in_two_columns(tmp_path: Path) -> None:
