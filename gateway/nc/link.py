@@ -280,7 +280,7 @@ class NcLink:
         if nc.error_reach_mm is None and nc.slopes is None:
             self._problems.report(_FORM, Text(NoticeCode.NC_ONE_SHIFT))
         else:
-            self._problems.clear(_FORM, Text(NoticeCode.NC_FOLLOWS_AGAIN))
+            self._problems.clear(_FORM, NoticeCode.NC_FOLLOWS_AGAIN)
 
     async def _beat(self) -> bool:
         """Whether offsets may be written."""
