@@ -308,7 +308,7 @@ class CanOpenBus:
     def _communication(
         self, device: str, node: int, wanted: CanObject, error: Exception, waited_s: float
     ) -> DriverError:
-        if "No SDO response" in str(error):
+        if isinstance(error.__context__, queue.Empty):  # canopen's queue of responses
             return self._unanswered(device, node, wanted, waited_s)
         self._doubtful.add(node)
         return BadAnswer(f"node {node}, object {wanted}: {error}", bus=self.name, device=device)

@@ -206,10 +206,18 @@ class NoticeCode(StrEnum):
 
     # what differs from the latest run
     METHOD_CONTINUES = "method_continues"
+    PRIOR_IS = "prior_is"
     PRIOR_GONE = "prior_gone"
     PRIOR_DIFFERS = "prior_differs"
     SETTINGS_LEARNT_AGAIN = "settings_learnt_again"
     SETTINGS_MODELS_KEPT = "settings_models_kept"
+
+    # recordings of users
+    READ_AS_WINDOWS_1252 = "read_as_windows_1252"
+    TIMES_IN_UNIT = "times_in_unit"
+    ROWS_REPEATED = "rows_repeated"
+    ROWS_OF_ONE_TIME = "rows_of_one_time"
+    RUNS_ONE_AFTER_ANOTHER = "runs_one_after_another"
 
     # trainings
     TRAINING_FAILED = "training_failed"
@@ -218,6 +226,8 @@ class NoticeCode(StrEnum):
     NOT_PUBLISHED = "not_published"
     PUBLISHED_AGAIN = "published_again"
     NO_SUCH_TABLE = "no_such_table"
+    PARAMETER_UNKNOWN = "parameter_unknown"
+    QUERY_REFUSED = "query_refused"
     NOT_COLLECTED = "not_collected"
     COLLECTED_AGAIN = "collected_again"
     COLLECTING_AGAIN = "collecting_again"

@@ -284,7 +284,7 @@ class NcLink:
         if nc.error_reach_mm is None and nc.slopes is None:
             self._problems.report(_FORM, Text(NoticeCode.NC_ONE_SHIFT))
         else:
-            self._problems.clear(_FORM, Text(NoticeCode.NC_FOLLOWS_AGAIN))
+            self._problems.clear(_FORM, NoticeCode.NC_FOLLOWS_AGAIN)
 
     def _tell_cycle(self, snapshot: NcSnapshot) -> None:
         """A control that does not say any more when a cycle is over keeps the offsets where they are."""

@@ -163,10 +163,7 @@ class PhasedModels(Strategy):
         if models.input_names != self._names:
             raise ValueError("the models were trained on other inputs than this controller has")
         self._learning = False
-        events = [
-            Event(EventKind.MODEL_REJECTED, code=EventCode.TRAINING_NOTE, values={"note": note})
-            for note in models.notes
-        ]
+        events = [Event(EventKind.MODEL_REJECTED, code=note.code, values=note.values) for note in models.notes]
         for i, model in enumerate(models.models):
             if model is None:
                 continue
