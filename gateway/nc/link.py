@@ -290,7 +290,7 @@ class NcLink:
         """A control that does not say any more when a cycle is over keeps the offsets where they are."""
         if not snapshot.probing:
             self._probes_since_s = None
-            self._problems.clear(_CYCLE, Text(NoticeCode.NC_PROBES_NO_MORE))
+            self._problems.clear(_CYCLE, NoticeCode.NC_PROBES_NO_MORE)
         if self._hold.on or not snapshot.probing:
             return
         now_s = self._clock.monotonic()
