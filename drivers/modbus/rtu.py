@@ -23,6 +23,7 @@ from drivers.modbus.frames import (
     rtu_request,
 )
 from drivers.modbus.numbers import Block
+from drivers.modbus.refusals import is_target_silent
 from drivers.modbus.repeats import Repeats
 from drivers.modbus.settings import ModbusRtuSettings, ModbusRtuTcpSettings
 from drivers.modbus.strangers import Strangers
@@ -115,6 +116,7 @@ class RtuFramedBus(ModbusBus):
         """Send the request and wait about as long as the unit usually takes for the one that it is like; the message
         that answers it (function code and data)."""
         loop = asyncio.get_running_loop()
+        await self._let_settle(device, unit, unit)
         if (gap_s := self._quiet_since + self._gap_s - loop.time()) > 0:
             await asyncio.sleep(gap_s)
         self._note(self._stream.discard())
@@ -145,6 +147,8 @@ class RtuFramedBus(ModbusBus):
             if (message := self._foreign_refusal(heard, unit)) is not None:
                 self._came(unit, block)
                 return message
+            if not heard:
+                self._minimum.missed(unit, loop.time())
             late = {other for other, due in self._unanswered.due if find_rtu_answer(heard, other, due)}
             self._missed(unit, block, like, heard)
             raise self._nothing_valid(device, unit, block, heard, wait_s, late) from None
@@ -154,6 +158,7 @@ class RtuFramedBus(ModbusBus):
         finally:
             self._quiet_since = loop.time()
         answered_s = loop.time()
+        (self._minimum.refused if is_target_silent(message) else self._minimum.answered)(unit, answered_s)
         all_came = await self._settle(unit, block, heard)
         # If each of several equal requests was answered, the unit is slow; otherwise an answer was lost.
         took_s = answered_s - (asked.since_s if all_came else asked.last_s)
