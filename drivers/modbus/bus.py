@@ -36,8 +36,6 @@ _SHORTEST_S = 0.03
 """A request that must be answered sooner than this is not sent: its answer would disturb the next period."""
 DOES_NOT_FIT = "does the profile fit the device?"
 _LATE = "it answers later: raise timeout_s"
-_SERVER = -1
-"""The server itself, which may need a rest whatever unit is asked."""
 _MOST_BEHIND = 4
 """So often in a row a server may answer only earlier requests, until the connection is opened again."""
 _MOST_HEARD = 4096
@@ -126,18 +124,14 @@ class ModbusBus(StreamBus, ABC):
             )
         await asyncio.sleep(rest_s)
 
-    async def _let_settle(self, device: str, unit: int, key: int) -> None:
-        """Wait for as long as the unit needs after its last answer; call it just before a request is sent.
-
-        key: what needs the rest, the unit or the server before it
-        """
+    async def _let_settle(self, device: str, unit: int) -> None:
+        """Wait for as long as the unit needs after its last answer; call it just before a request is sent."""
         loop = asyncio.get_running_loop()
-        if (rest_s := self._minimum.left_s(key, loop.time())) > 0:
+        if (rest_s := self._minimum.left_s(unit, loop.time())) > 0:
             if self.left_s - rest_s < _SHORTEST_S:
                 what = f"unit {unit} needs a rest after each answer, and no time was left to ask it then"
                 raise NotAsked(what, hurried=True, heard=True, bus=self._name, device=device)
             await asyncio.sleep(rest_s)
-        self._minimum.sent(key, loop.time())
 
     async def _answer(self, device: str, unit: int, block: Block, again: bool) -> ModbusPDU:
         """As `_exchange`, on a connection that may have to be opened again."""
@@ -209,8 +203,9 @@ class ModbusTcpBus(ModbusBus):
         began = loop.time()
         found = _any_answer(heard, sent)
         if found is None:
-            await self._let_settle(device, unit, _SERVER)
+            await self._let_settle(device, unit)
             began = loop.time()
+            self._minimum.sent(unit, began)
             self._number = self._number % 0xFFFF + 1
             pdu = request_pdu(block)
             self._stream.write(TCP_HEADER.pack(self._number, 0, len(pdu) + 1, unit) + pdu)
@@ -231,7 +226,7 @@ class ModbusTcpBus(ModbusBus):
         except TimeoutError:
             self._patience.missed(unit)
             if not heard:
-                self._minimum.missed(_SERVER, loop.time())
+                self._minimum.missed(unit, loop.time())
             await self._reopen_if_behind(heard)
             # Not a byte within the full timeout, not even of a late answer: this is not a busy gateway.
             self._mute = not heard and (self._mute or wait_s >= self._timeout_s)
@@ -242,7 +237,7 @@ class ModbusTcpBus(ModbusBus):
         del self._sent[unit, block]
         number, answering, answer = found
         self._behind = 0
-        (self._minimum.refused if is_target_silent(answer) else self._minimum.answered)(_SERVER, loop.time())
+        (self._minimum.refused if is_target_silent(answer) else self._minimum.answered)(unit, loop.time())
         if answering == unit and answer[0] == block.function:
             self._patience.answered(unit, block, min(self._timeout_s, loop.time() - sent[number]))
         self._check(device, unit, block, answering, answer)

@@ -30,9 +30,9 @@ class Rests:
 
 _STEPS_S = (0.0, 0.05, 0.1, 0.2, 0.4)
 """Rests after an answer that are tried one after the other."""
-_SOON_S = 0.5
+_SOON_S = 0.15
 """A request that is sent sooner than this after an answer may have come too soon."""
-_SUSPECTED = 2
+_SUSPECTED = 4
 """How many of those in a row must be missed, with none answered between them, until a rest is tried."""
 _TRIED = 10
 """After so many answers with a rest one request is sent without."""
@@ -47,9 +47,9 @@ class _Minimum:
     answered_s: float = -inf
     step: int = 0
     missed: int = 0
-    """In a row."""
+    """Of those that came soon, in a row."""
     answers: int = 0
-    """With this rest."""
+    """After just this rest."""
     most: int = _TRIED
     """After how many of them one request is sent without it."""
     soon: bool = False
@@ -78,19 +78,21 @@ class MinimumRests:
     def sent(self, unit: int, now_s: float) -> None:
         """A request is sent."""
         one = self._of.setdefault(unit, _Minimum())
-        one.soon = now_s - one.answered_s < _SOON_S
-        one.without = bool(one.step) and now_s - one.answered_s < 0.9 * _STEPS_S[one.step]
+        gap_s = now_s - one.answered_s
+        one.soon = gap_s < max(_SOON_S, 1.2 * _STEPS_S[one.step])
+        one.without = gap_s < 0.9 * _STEPS_S[one.step]
 
     def answered(self, unit: int, now_s: float) -> None:
         """It is answered."""
         one = self._of.setdefault(unit, _Minimum())
         one.answered_s = now_s
-        if one.without:  # it needs none
+        if one.without and one.step:  # it needs none
             one.step, one.answers, one.most = 0, 0, _TRIED
-        elif one.step:
+        elif one.soon and one.step:
             one.answers += 1
         if one.soon:
             one.missed = 0
+        one.soon = one.without = False
 
     def refused(self, unit: int, now_s: float) -> None:
         """Its answer says that it could not be asked."""
@@ -100,10 +102,11 @@ class MinimumRests:
     def missed(self, unit: int, now_s: float) -> None:
         """It is not answered."""
         one = self._of.setdefault(unit, _Minimum())
-        if not one.soon:
-            one.missed = 0
+        soon, without = one.soon, one.without
+        one.soon = one.without = False
+        if not soon:
             return
-        if one.without:  # it does need it
+        if without and one.step:  # it does need it
             one.answers, one.most = 0, _CONFIRMED
             return
         one.missed += 1
