@@ -132,7 +132,11 @@ class SharedUnit:
     def __init__(self, peer: RtuPeer) -> None:
         self._peer = peer
         self._free_s = 0.0
-        peer.reply = lambda request: self.asked(request) or b""
+        peer.reply = self._reply
+
+    def _reply(self, request: bytes) -> bytes:
+        self.asked(request)
+        return b""
 
     def asked(self, request: bytes) -> None:
         loop = asyncio.get_running_loop()
