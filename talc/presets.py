@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import asdict, replace
-from typing import Final, Literal
+from typing import Final
 
 from talc.settings import ControlSettings, TalcSettings, TrainingSettings
 
@@ -28,7 +28,7 @@ PRESETS: Final = {
 """At the grid step of 5 min. Fits are guarded: see `preset`."""
 
 
-def preset(name: Literal["zimmermann-2022", "blaser-2019"], *, exact: bool = False) -> TalcSettings:
+def preset(name: str, *, exact: bool = False) -> TalcSettings:
     """A paper's system; exact: fits by plain least squares as printed, which can run away. KeyError: no such preset."""
     found = PRESETS[name]
     if not exact:
@@ -39,7 +39,7 @@ def preset(name: Literal["zimmermann-2022", "blaser-2019"], *, exact: bool = Fal
 def completed(given: Mapping[str, object]) -> dict[str, object]:
     """A `[talc]` table with the values of its preset; keys that are given stay. Without a known preset: unchanged."""
     name = given.get("preset")
-    if name not in ("zimmermann-2022", "blaser-2019"):
+    if not isinstance(name, str) or name not in PRESETS:
         return dict(given)
     whole: dict[str, object] = asdict(preset(name, exact=given.get("exact") is True))
     for key, value in given.items():
