@@ -96,7 +96,7 @@ def replay(
     if is_database(file):
         from gateway.control.replay.run import show
 
-        sys.exit(0 if show(file) else EXIT_DIFFERENT)
+        sys.exit(0 if show(file, language) else EXIT_DIFFERENT)
     need_extra("report")
     from gateway.control.replay.run import Request, run_recording
 

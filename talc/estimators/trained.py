@@ -17,7 +17,7 @@ from talc.estimators.rows import (
     warn_if_tiny,
 )
 from talc.frame import FloatArray, Frame, TrainingJob, Why
-from talc.models import ErrorModel
+from talc.models import ErrorModel, TrainingNote
 from talc.names import ERROR_UNITS, MICROMETRE, THERMAL_ERRORS
 from talc.papers.free_running import FreeRunningModel
 from talc.papers.training import train
@@ -155,10 +155,10 @@ def _check_parameters(estimator: TrainedModels) -> None:
 
 def _trained(
     record: Record, inputs: tuple[str, ...], measured: FloatArray, settings: TrainingSettings
-) -> tuple[list[ErrorModel | None], list[tuple[int, str]]]:
+) -> tuple[list[ErrorModel | None], list[tuple[int, TrainingNote]]]:
     """A model of each column, or None and why; as many at once as share their regressions."""
     models: list[ErrorModel | None] = []
-    notes: list[tuple[int, str]] = []
+    notes: list[tuple[int, TrainingNote]] = []
     for begin in range(0, measured.shape[1], len(_PLACES)):
         some = measured[:, begin : begin + len(_PLACES)]
         nine = np.full((len(measured), len(THERMAL_ERRORS)), np.nan)
@@ -176,8 +176,7 @@ def _trained(
         found = train(job)
         for j, place in enumerate(places):
             models.append(found.models[place])
-            said = f"{THERMAL_ERRORS[place]}: "
-            notes += [(begin + j, n.removeprefix(said)) for n in found.notes if n.startswith(said)]
+            notes += [(begin + j, note) for note in found.notes if note.values.get("error") == THERMAL_ERRORS[place]]
     return models, notes
 
 

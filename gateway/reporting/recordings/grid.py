@@ -8,6 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from gateway.config.problems import Problem
+from gateway.model.codes import NoticeCode
+from gateway.model.text import Text
 from gateway.reporting.recordings.cells import numbers_of
 from gateway.reporting.recordings.chunks import Chunk, FileTable
 from gateway.reporting.recordings.columns import Columns, Roles, roles_of, without_companions
@@ -53,7 +55,7 @@ class Recording:
     """Time of the first row, on the clock of `start_utc_s`, if the file counts time without a date; None: UTC."""
     time_unit: str = "s"
     """Unit in which it counts."""
-    notes: tuple[str, ...] = ()
+    notes: tuple[Text, ...] = ()
     """What a reader should know of how the file was read."""
     restarts: tuple[int, ...] = ()
     """Of k: steps at which another run begins, an unknown time after the run before it."""
@@ -131,7 +133,7 @@ class _FileRows:
     """(rows,) another run begins with an earlier time."""
 
 
-def _one_after_another(rows: _FileRows, step_s: float, word: str) -> list[str]:
+def _one_after_another(rows: _FileRows, step_s: float, word: str) -> list[Text]:
     """Moves each run that begins with an earlier time to the step after the one before it; a remark says so."""
     begins = np.flatnonzero(rows.restarts)
     if not begins.size:
@@ -141,22 +143,21 @@ def _one_after_another(rows: _FileRows, step_s: float, word: str) -> list[str]:
     spacing_s = max(step_s, float(np.median(apart)) if apart.size else 0.0)
     for row in begins.tolist():
         rows.time_s[row:] += rows.time_s[row - 1] - rows.time_s[row] + spacing_s
-    places = ", ".join(str(rows.places[row]) for row in begins[:_LISTED].tolist()) + (
-        ", ..." if begins.size > _LISTED else ""
-    )
-    return [f"{begins.size + 1} runs: time starts again at {word} {places}, an unknown time after the run before it"]
+    places = [str(rows.places[row]) for row in begins[:_LISTED].tolist()]
+    places += ["..."] if begins.size > _LISTED else []
+    return [Text(NoticeCode.RUNS_ONE_AFTER_ANOTHER, n=begins.size + 1, word=word, places=places)]
 
 
-def _of_unit(given: TimeFormat, clock: TimeFormat, times: Times) -> list[str]:
+def _of_unit(given: TimeFormat, clock: TimeFormat, times: Times) -> list[Text]:
     """A remark if the column's name has stated the unit."""
     if given.unit or not clock.unit or clock.unit == "s" or times.dated:
         return []
-    return [f"times are in {clock.unit}, as the column's name says; --time-unit s reads seconds"]
+    return [Text(NoticeCode.TIMES_IN_UNIT, unit=clock.unit)]
 
 
 def _once(
     rows: _FileRows, step_s: float, word: str, time: str, times: Times, problems: FileProblems
-) -> tuple[_FileRows, list[str]]:
+) -> tuple[_FileRows, list[Text]]:
     """Without rows that repeat the one before them. Equal times of other rows matter only if rows are a step each."""
     same = np.flatnonzero(np.diff(rows.time_s) == 0.0) + 1
     if not same.size:
@@ -171,9 +172,8 @@ def _once(
             problems.add(f"{word} {rows.places[row]}, column {time!r}", what + times.repeated(), "same")
     kept = np.ones(len(rows.time_s), dtype=np.bool_)
     kept[same[exact]] = False
-    notes = [f"{int(exact.sum())} {word}s repeat the one before them and are left out"] if exact.any() else []
-    if not exact.all():
-        notes.append(f"{int((~exact).sum())} {word}s have the time of the one before them; all of a step are averaged")
+    counts = ((NoticeCode.ROWS_REPEATED, int(exact.sum())), (NoticeCode.ROWS_OF_ONE_TIME, int((~exact).sum())))
+    notes = [Text(code, n=n, word=f"{word}s") for code, n in counts if n]
     return _FileRows(rows.time_s[kept], rows.values[kept], rows.places[kept], rows.restarts[kept]), notes
 
 

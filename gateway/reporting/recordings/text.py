@@ -6,6 +6,8 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 from gateway.config.problems import Problem
+from gateway.model.codes import NoticeCode
+from gateway.model.text import Text
 from gateway.reporting.recordings.advice import advice_on
 from gateway.reporting.recordings.chunks import CHUNK_ROWS, Chunk
 from gateway.reporting.recordings.layout import TextLayout, ranges_text
@@ -31,10 +33,10 @@ class TextTable:
     def __init__(self, path: Path, layout: TextLayout) -> None:
         self._path, self._layout = path, layout
         self._encoding = _encoding_of(path)
-        self.notes: tuple[str, ...] = ()
+        self.notes: tuple[Text, ...] = ()
         """What a reader should know of how it was read."""
         if self._encoding == _WINDOWS:
-            self.notes = ("read as Windows-1252, because it is not UTF-8",)
+            self.notes = (Text(NoticeCode.READ_AS_WINDOWS_1252),)
         given = ""
         with path.open(encoding=self._encoding, newline="") as file:
             lines = _Lines(file, layout)

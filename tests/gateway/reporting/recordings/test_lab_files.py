@@ -11,6 +11,8 @@ import pyarrow
 import pyarrow.parquet
 import pytest
 
+from gateway.model.codes import NoticeCode
+from gateway.model.text import Text
 from gateway.reporting.recordings.columns import Columns
 from gateway.reporting.recordings.grid import Recording, read_recording
 from gateway.reporting.recordings.layout import TextLayout
@@ -50,7 +52,7 @@ def test_every_usual_encoding_is_read(tmp_path: Path, encoding: str) -> None:
     found = read(written(tmp_path, lines("time,Kühlung [°C],EZ0T"), encoding))
     assert found.input_names == ("Kühlung [°C]",)
     assert len(found.k) == ROWS
-    assert found.notes == (("read as Windows-1252, because it is not UTF-8",) if encoding == "cp1252" else ())
+    assert [note.code for note in found.notes] == ([NoticeCode.READ_AS_WINDOWS_1252] if encoding == "cp1252" else [])
 
 
 def test_a_workbook_is_called_one(tmp_path: Path) -> None:
@@ -147,7 +149,7 @@ def test_plain_numbers_are_in_the_unit_that_is_given_or_named(
     found = read(written(tmp_path, text), Columns(heading, clock=TimeFormat(unit=unit)))
     assert found.step_s == pytest.approx(300.0, abs=1e-3)
     assert (found.time_unit, len(found.k)) == (step, ROWS)
-    assert any("as the column's name says" in note for note in found.notes) is not bool(unit)
+    assert any(note.says(NoticeCode.TIMES_IN_UNIT) for note in found.notes) is not bool(unit)
 
 
 def test_an_invalid_unit_is_refused(tmp_path: Path) -> None:
@@ -258,7 +260,7 @@ def test_repeated_rows_are_left_out_and_counted(tmp_path: Path) -> None:
     twice = [text[0], *(line for line in text[1:] for _ in range(2))]
     found = read(written(tmp_path, twice))
     assert np.array_equal(found.inputs, read(written(tmp_path, text)).inputs)
-    assert found.notes == (f"{ROWS} lines repeat the one before them and are left out",)
+    assert found.notes == (Text(NoticeCode.ROWS_REPEATED, n=ROWS, word="lines"),)
     twice[4] = "300,99,1"
     said = refusal(written(tmp_path, twice))
     assert "line 5, column 'time': has the time of the row before it, but other values" in said
@@ -268,7 +270,7 @@ def test_dense_rows_may_have_equal_times(tmp_path: Path) -> None:
     text = ["time,t1,EZ0T", *(f"2026-11-24T13:{i // 3:02},{i},1" for i in range(150))]
     found = read_recording(written(tmp_path, text), Columns(), 120.0)
     assert found.inputs[:2, 0].tolist() == [1.0, 5.5]  # 13:00, then 13:01 and 13:02
-    assert found.notes == ("100 lines have the time of the one before them; all of a step are averaged",)
+    assert found.notes == (Text(NoticeCode.ROWS_OF_ONE_TIME, n=100, word="lines"),)
 
 
 def test_hourly_rows_repeat_an_hour_when_summer_time_ends(tmp_path: Path) -> None:
