@@ -127,7 +127,7 @@ class ModbusBus(StreamBus, ABC):
     async def _let_settle(self, device: str, unit: int) -> None:
         """Wait for as long as the unit needs after its last answer; call it just before a request is sent."""
         loop = asyncio.get_running_loop()
-        if (rest_s := self._minimum.left_s(unit, loop.time())) > 0:
+        if (rest_s := self._minimum.left_s(unit, loop.time(), first=isinf(self.left_s))) > 0:
             if self.left_s - rest_s < _SHORTEST_S:
                 what = f"unit {unit} needs a rest after each answer, and no time was left to ask it then"
                 raise NotAsked(what, hurried=True, heard=True, bus=self._name, device=device)

@@ -34,8 +34,8 @@ _SOON_S = 0.15
 """A request that is sent sooner than this after an answer may have come too soon."""
 _SUSPECTED = 4
 """How many of those in a row must be missed, with none answered between them, until a rest is tried."""
-_TRIED = 10
-"""After so many answers with a rest one request is sent without."""
+_TRIED = 1
+"""After so many answers with a rest one request is sent without: what helped may have been something else."""
 _CONFIRMED = 1000
 """The same, if such a request was missed."""
 _GIVEN_UP_S = 60.0
@@ -68,10 +68,15 @@ class MinimumRests:
     def __init__(self) -> None:
         self._of: dict[int, _Minimum] = {}
 
-    def left_s(self, unit: int, now_s: float) -> float:
-        """How much longer it rests; not above 0: it may be asked."""
+    def left_s(self, unit: int, now_s: float, *, first: bool) -> float:
+        """How much longer it rests; not above 0: it may be asked.
+
+        first: other units wait for this, so that no rest is tried that has not helped yet
+        """
         one = self._of.get(unit)
         if one is None or not one.step or one.answers >= one.most:
+            return 0.0
+        if first and not one.answers and one.most == _TRIED and len(self._of) > 1:
             return 0.0
         return one.answered_s + _STEPS_S[one.step] - now_s
 
@@ -104,13 +109,12 @@ class MinimumRests:
         one = self._of.setdefault(unit, _Minimum())
         soon, without = one.soon, one.without
         one.soon = one.without = False
-        if not soon:
-            return
-        if without and one.step:  # it does need it
+        if without and one.answers >= one.most:  # it does need it
             one.answers, one.most = 0, _CONFIRMED
+        if without or not soon:
             return
         one.missed += 1
-        trying = one.step and not one.answers
+        trying = one.step and not one.answers and one.most == _TRIED
         if now_s < one.not_before_s or (one.missed < _SUSPECTED and not trying):
             return
         one.step, one.missed, one.answers, one.most = one.step + 1, 0, 0, _TRIED

@@ -123,6 +123,7 @@ class BusRunner:
         for device in self.devices:
             try:
                 await device.greet()
+                self._bus.answers = True
             except MemoryError:
                 raise
             except Exception as error:  # noqa: BLE001 - a driver's bug must not end the other buses
@@ -293,6 +294,7 @@ class BusRunner:
             return error
         if device.answered_s is not None:
             self._answered_s[device.driver.device] = device.answered_s
+        self._bus.answers = True
         device.breaker.succeeded()
         self._reports.answered(device.subject, readings)
         self._publish(samples(readings, self._sequence()))
