@@ -62,7 +62,7 @@ def report(runs: list[Run]) -> Report:
         PageSection(
             "What each parameter changes",
             (
-                _effects(points),
+                *((_effects(points),) if _whole(points) else ()),
                 *(
                     over(_finite(points), axis, name, f"{name}, {unit}", below)
                     for axis, below in list(_AXES.items())[:2]
