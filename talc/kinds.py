@@ -32,6 +32,8 @@ class EventCode(StrEnum):
 
     PHASE_CHANGED = "phase_changed"
     """phase, next: of Phase."""
+    NEW_REFERENCE = "new_reference"
+    """Errors count from the present state."""
     LEARNT = "learnt"
     """The learner has learnt from a measurement."""
     STATE_CORRECTED = "state_corrected"
@@ -81,6 +83,8 @@ class EventKind(StrEnum):
 
     PHASE_CHANGED = "phase_changed"
     STATE_UPDATE = "state_update"
+    NEW_REFERENCE = "new_reference"
+    """Errors count from the state at this step. A stored decision with it tells that its frame had one."""
     LIMIT_EXCEEDED = "limit_exceeded"
     TRAINING_WANTED = "training_wanted"
     MODELS_ADOPTED = "models_adopted"

@@ -110,6 +110,16 @@ class Learner(Conventions):
             raise ValueError(f"y has {found}: expected {', '.join(self.error_names_)}")
         return self._go_on(rows, measured)
 
+    def new_reference(self) -> Self:
+        """Errors count from the latest row, in which they are zero: the part was clamped again, or a run has ended.
+
+        What was learnt of the inputs stays. The rows that follow go to `partial_fit` or `predict`.
+        """
+        if not hasattr(self, "_learner"):
+            raise not_fitted(self)
+        self._learner.new_reference()
+        return self
+
     def predict(self, X: object, return_std: bool = False, times: object = None) -> Any:
         """What the errors are in the rows that follow the fitted ones: (T,) or (T, m), in the unit of y.
 

@@ -126,7 +126,10 @@ class PhasedModels(Strategy):
                 model.step(inputs, float("nan"))
 
     def step(self, frame: Frame, measured: FloatArray) -> Decision:
-        """Take one frame, which is the record's last row."""
+        """Take one frame, which is the record's last row. ValueError: it has a new reference, and models count from the
+        one of their training."""
+        if frame.new_reference:
+            raise ValueError(f"k = {frame.k}: a new reference; trained models count from one, the learner from several")
         events: list[Event] = []
         if frame.pause_unknown:
             self._last_measured = None
