@@ -163,7 +163,8 @@ def gathered(name: str, make: Callable[..., object], *options: Callable[[Any], A
     def nothing() -> None:
         """Carries them, to ask them for their names."""
 
-    names = [option.name for option in getattr(_with(options, nothing), "__click_params__")]  # noqa: B009
+    carried = getattr(_with(options, nothing), "__click_params__")  # noqa: B009
+    names = [option.name for option in carried if option.expose_value]
 
     def decorate(command: Callable[..., object]) -> Callable[..., object]:
         @wraps(command)
