@@ -101,9 +101,9 @@ def field_type(settings: type["BaseModel"], field: str) -> "click.Choice[Any] | 
 def field_option(
     name: str, settings: type["BaseModel"], field: str, what: str | None = None
 ) -> Callable[[Decorated], Decorated]:
-    """An option with the type and the default of a field of these settings."""
+    """An option with the name, the type and the default of a field of these settings."""
     default = settings.model_fields[field].default
-    return click.option(name, type=field_type(settings, field), default=default, show_default=True, help=what)
+    return click.option(name, field, type=field_type(settings, field), default=default, show_default=True, help=what)
 
 
 def read_config(path: Path) -> "GatewayConfig":

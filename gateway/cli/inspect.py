@@ -89,13 +89,7 @@ def registers_command(
 @click.option("--type", "kind", type=click.Choice(BYTE_KINDS), help="Type of all these objects in the draft.")
 @with_draft
 def objects_command(
-    channel: str,
-    node: int,
-    objects: tuple[CanObject, ...],
-    kind: ByteNumber | None,
-    draft: Draft,
-    udp_port: int,
-    **place: Any,
+    channel: str, node: int, objects: tuple[CanObject, ...], kind: ByteNumber | None, draft: Draft, **place: Any
 ) -> None:
     """Read OBJECTS (2100:01 6000) of one CANopen NODE by SDO. CHANNEL is can0, or the serial port of an slcan adapter.
 
@@ -106,7 +100,7 @@ def objects_command(
 
     if draft.file is not None and kind is None:
         raise click.UsageError("--draft needs --type: which of the numbers shown are the values?")
-    bus = CanOpenBus("inspect", read_settings(CanOpenSettings, {"channel": channel, "port": udp_port, **place}))
+    bus = CanOpenBus("inspect", read_settings(CanOpenSettings, {"channel": channel, **place}))
     sys.exit(0 if inspect_objects(bus, node, objects, channel, draft, kind) else EXIT_WORLD)
 
 

@@ -86,11 +86,10 @@ def replay(
     need_extra("report")
     from gateway.control.replay.run import Request, run_recording
 
-    told = columns_of(**columns)
     page = page_path(output, file, config)
     if out is not None and out.suffix not in (".csv", ".parquet"):
         raise click.BadParameter(f"{str(out)!r}: expected a name that ends in .csv or .parquet", param_hint="--out")
-    request = Request(file, told, page, config, every_measurement, out, calibration_min, language)
+    request = Request(file, columns_of(**columns), page, config, every_measurement, out, calibration_min, language)
     for table in (request.out, request.models_out):
         check_output("table", "--out", table, file, config)
     run_recording(request)

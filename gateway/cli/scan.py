@@ -152,7 +152,7 @@ def can_command(
     nodes: tuple[int, ...],
     listen_s: float,
     timeout_s: float,
-    udp_port: int,
+    port: int,
     ending: ScanEnding,
 ) -> None:
     """Find CANopen nodes and plain CAN frames on CHANNEL: can0, or the serial port of an slcan adapter.
@@ -164,7 +164,7 @@ def can_command(
     """
     if len(bitrates) > 1 and interface != "slcan":
         raise click.UsageError(f"--bitrate: the rate of {interface} cannot be changed here; give one rate, or none")
-    settings = read_settings(CanOpenSettings, {"interface": interface, "channel": channel, "port": udp_port})
+    settings = read_settings(CanOpenSettings, {"interface": interface, "channel": channel, "port": port})
     rates = bitrates or (BITRATES if interface == "slcan" else (settings.bitrate,))
     what = CanScan(settings, rates, nodes, listen_s, timeout_s)
 
