@@ -126,8 +126,9 @@ async def _disturb(bench: AgentBench, kind: str, draw: random.Random) -> None:
             await lower_ceiling(bench)
         case "hand":
             await _turn_wheel(bench, draw.choice((-1, 1)) * 20)
-        case "block":
-            await hal.ask("hal", "setp", "motion.analog-in-20", str(1 + draw.randrange(len(BLOCKS))))
+        case "block" | "G43.1 Z1":
+            number = BLOCKS.index(kind) if kind in BLOCKS else draw.randrange(len(BLOCKS))
+            await hal.ask("hal", "setp", "motion.analog-in-20", str(1 + number))
         case "mdi":
             await hal.ask("send_mdi", draw.choice(QUEUED))
         case "mode":
