@@ -161,6 +161,16 @@ def _below_zero(texts: Texts) -> list[str]:
     return wrong
 
 
+def _height_taken_away(texts: Texts) -> list[str]:
+    """Another program uses R63: a dry run is asked for, and nothing says how high."""
+    cell = Cell(texts=texts)
+    cell.r[63], cell.r[89] = 0.0, -1.0
+    wrong = _not_begun(cell, 4, 15)
+    cell.r[60], cell.r[63], cell.r[89] = 8.0, 50.0, -1.0
+    cell.safe_point()
+    return [*wrong, *unsafe(cell, 50.0), *(["R65 or R89 is wrong"] if (cell.r[65], cell.r[89]) != (3.0, 2.0) else [])]
+
+
 def _no_probe(texts: Texts) -> list[str]:
     wrong = []
     for managed in (False, True):
@@ -392,6 +402,7 @@ CASES: dict[str, Callable[[Texts], list[str]]] = {
     "no limit": _no_limit,
     "TALC_SAFE_Z too low": _too_low,
     "dry run below the sphere": _below_zero,
+    "a dry run without its height": _height_taken_away,
     "no probe": _no_probe,
     "no sphere": _no_sphere,
     "a sphere elsewhere": _moved_sphere,
