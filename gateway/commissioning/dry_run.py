@@ -40,7 +40,7 @@ def run(config: GatewayConfig, height_mm: float, output: Path | None) -> None:
     def told(state: ProbingState) -> None:
         click.echo(said.word("dry_run_state", state))
 
-    done = asyncio.run(_until_signal(dry_run(config, clock, height_mm, _POLL_S, told)))
+    done = asyncio.run(until_signal(dry_run(config, clock, height_mm, _POLL_S, told)))
     lines = list(report(done, geometry))
     for line in lines:
         click.echo(line)
@@ -133,12 +133,17 @@ def report(run: DryRun, geometry: Geometry) -> Iterator[str]:
     yield from run.wrong
 
 
-async def _until_signal(work: Coroutine[object, object, DryRun]) -> DryRun:
-    """SIGTERM ends it as Ctrl-C does: the request is withdrawn."""
+async def until_signal(work: Coroutine[object, object, DryRun]) -> DryRun:
+    """SIGTERM, and the end of the terminal or of its connection, end it as Ctrl-C does: the request is withdrawn."""
     task = asyncio.create_task(work)
+
+    def end() -> None:
+        if not task.cancelling():  # a second one would end the withdrawal
+            task.cancel()
+
     loop = asyncio.get_running_loop()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        loop.add_signal_handler(number, task.cancel)
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        loop.add_signal_handler(number, end)
     try:
         return await task
     except asyncio.CancelledError:

@@ -44,6 +44,8 @@ class NoticeCode(StrEnum):
     NC_WATCHDOG_HEARD = "nc_watchdog_heard"
     NC_ONE_SHIFT = "nc_one_shift"
     NC_FOLLOWS_AGAIN = "nc_follows_again"
+    NC_PROBES_ON = "nc_probes_on"
+    NC_PROBES_NO_MORE = "nc_probes_no_more"
     NC_SLOW = "nc_slow"
     NC_IN_TIME = "nc_in_time"
     NC_NOT_SENDABLE = "nc_not_sendable"
@@ -315,6 +317,7 @@ MUST_ACT: Final = frozenset(
         NoticeCode.NC_NOT_SENDABLE,
         NoticeCode.NC_OTHER_MODE,
         NoticeCode.NC_OTHER_OFFSETS,
+        NoticeCode.NC_PROBES_ON,
         NoticeCode.NC_VALUES_UNKNOWN,
         NoticeCode.NC_WATCHDOG_SILENT,
         NoticeCode.NC_WATCHDOG_UNHEARD,
@@ -395,6 +398,7 @@ _INFORMATION: Final = frozenset(
         NoticeCode.NC_CONNECTED_AGAIN,
         NoticeCode.NC_FOLLOWS_AGAIN,
         NoticeCode.NC_IN_TIME,
+        NoticeCode.NC_PROBES_NO_MORE,
         NoticeCode.NC_VALUES_KNOWN,
         NoticeCode.NC_WATCHDOG_HEARD,
         NoticeCode.NO_OTHER_MASTER,
