@@ -5,7 +5,7 @@ is called directly. The checks of a measurement and the latencies of the wires a
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
@@ -283,14 +283,25 @@ def _figures(found: Sequence[Sequence[SummaryRow]], before: str = "") -> Iterato
     """The figures of one error or direction after the other; found: those of each run."""
     for same in zip(*found, strict=True):
         name, unit = same[0].name, same[0].unit
-        for kind, figures in (
-            ("E_RMS", [(r.e_rms, r.compensated_e_rms) for r in same]),
-            ("E_PV", [(r.e_pv, r.compensated_e_pv) for r in same]),
+        for kind, of in (
+            ("E_RMS", lambda r: (r.e_rms, r.compensated_e_rms)),
+            ("E_PV", lambda r: (r.e_pv, r.compensated_e_pv)),
         ):
+            figures = [of(r) for r in same]
             without, left = zip(*figures, strict=True)
             less = [reduction(*pair) for pair in figures]
-            beside = f"{spread(without)} without; {spread(less, 0)} % less"
+            beside = f"{spread(without)} without; {spread(less, 0)} % less{_apart([r.parts for r in same], of)}"
             yield BenchRow(f"{before}{name}, {kind}, {unit}", spread(left), beside)
+
+
+def _apart(parts: Sequence[Sequence[SummaryRow]], of: Callable[[SummaryRow], tuple[float, float]]) -> str:
+    """The first hour and the rest, as medians; parts: those of each run, which may have none."""
+    told = [
+        f"{said} {np.median(left):.2f} of {np.median(without):.2f}"
+        for said, same in zip(("first hour", "after it"), zip(*parts, strict=False), strict=False)
+        for without, left in [tuple(zip(*map(of, same), strict=True))]
+    ]
+    return f"; {', '.join(told)}" if told else ""
 
 
 def spread(values: Sequence[float], digits: int = 2) -> str:
