@@ -220,13 +220,14 @@ class Refused(DriverError):
     """The device or control understood the request and refused it: exception code, access denied.
 
     absent: the device does not have what was asked for, so that it would refuse the same request again
+    reason: what the device itself gives as its reason
     """
 
     heard = True
 
-    def __init__(self, what: str, *, absent: bool = False, **where: str) -> None:
+    def __init__(self, what: str, *, absent: bool = False, reason: str = "", **where: str) -> None:
         super().__init__(what, **where)
-        self.absent = absent
+        self.absent, self.reason = absent, reason
 
 
 class Busy(Refused):

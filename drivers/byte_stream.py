@@ -270,7 +270,7 @@ def serial_port_hint(error: Exception, parity: str = "N") -> str:
             return "this is not a serial port; ls -l /dev/serial/by-id lists the ports"
         case errno.EINVAL if parity != "N":
             return "this port does not support parity (pseudo-terminals do not); set parity = 'N'"
-    return _TAKEN if "xclusive" in str(error) else ""
+    return ""
 
 
 class TcpStream:

@@ -3,7 +3,7 @@
 import re
 import tomllib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, is_dataclass
+from dataclasses import dataclass, is_dataclass, replace
 from dataclasses import fields as dataclass_fields
 from difflib import get_close_matches
 from types import UnionType
@@ -25,6 +25,8 @@ class Problem:
 
     where: str
     what: str
+    expected: str = ""
+    """The end of `what`, if that says what is expected."""
 
     def __str__(self) -> str:
         text = f"{self.where}: {self.what}" if self.where else self.what
@@ -110,8 +112,8 @@ def problems_of(
         known = found.get(problem.where)
         if known is None:
             found[problem.where] = problem
-        elif ": expected " in known.what and ": expected " in problem.what:  # each member of a union reports it
-            found[problem.where] = Problem(known.where, f"{known.what} or {problem.what.split(': expected ', 1)[1]}")
+        elif known.expected and problem.expected:  # each member of a union reports it
+            found[problem.where] = replace(known, what=f"{known.what} or {problem.expected}")
     return list(found.values())
 
 
@@ -165,10 +167,25 @@ def _problem(
             choices = re.findall(r"'([^']+)'", str(context.get("expected", "")))
             return Problem(where, f"{shown(value)} is invalid; {suggestion(value, choices)}")
         case _:
-            return Problem(where, f"{shown(value)}: {_expected(kind, context, detail['msg'])}")
+            return _expecting(where, value, kind, context, detail["msg"])
 
 
-def _expected(kind: str, context: Mapping[str, Any], message: str) -> str:
+def _expecting(where: str, value: object, kind: str, context: Mapping[str, Any], message: str) -> Problem:
+    wanted = _expected(kind, context)
+    if wanted:
+        return Problem(where, f"{shown(value)}: expected {wanted}", wanted)
+    match kind:
+        case "too_short":
+            wrong = f"has {context['actual_length']} entries, expected at least {context['min_length']}"
+        case "too_long":
+            wrong = f"has {context['actual_length']} entries, expected at most {context['max_length']}"
+        case _:
+            wrong = message[:1].lower() + message[1:]
+    return Problem(where, f"{shown(value)}: {wrong}")
+
+
+def _expected(kind: str, context: Mapping[str, Any]) -> str:
+    """Empty: it is not said so."""
     wanted = {
         "string_type": "a text in quotes",
         "int_type": "a whole number",
@@ -185,20 +202,13 @@ def _expected(kind: str, context: Mapping[str, Any], message: str) -> str:
         "string_too_short": "a text that is not empty",
     }
     if kind in wanted:
-        return f"expected {wanted[kind]}"
+        return wanted[kind]
     limits = {"greater_than": ("gt", "more than"), "greater_than_equal": ("ge", "at least")}
     limits |= {"less_than": ("lt", "less than"), "less_than_equal": ("le", "at most")}
     if kind in limits:
         name, words = limits[kind]
-        return f"expected {words} {context[name]:g}"
-    match kind:
-        case "too_short":
-            return f"has {context['actual_length']} entries, expected at least {context['min_length']}"
-        case "too_long":
-            return f"has {context['actual_length']} entries, expected at most {context['max_length']}"
-        case "literal_error":
-            return f"expected {_plain(context['expected'])}"
-    return message[:1].lower() + message[1:]
+        return f"{words} {context[name]:g}"
+    return _plain(context["expected"]) if kind == "literal_error" else ""
 
 
 def _plain(text: object) -> str:

@@ -95,10 +95,10 @@ def run(parameters: RunParameters) -> Mapping[str, Any]:
 
 
 def judge_forecast(truth: FloatArray, predicted: FloatArray) -> dict[str, float]:
-    """PV as a share of the drift's own peak-to-peak, %; RMSE and P99, µm; SMAPE, %."""
+    """PV, %; RMSE and P99, µm; SMAPE, %: as talc.indicators defines them."""
     left = truth - predicted
     return {
-        "PV": 100.0 * indicators.peak_to_peak(left) / indicators.peak_to_peak(truth),
+        "PV": indicators.pv(truth, predicted),
         "RMSE": indicators.rms(left),
         "P99": indicators.p99(left),
         "SMAPE": indicators.smape(truth, predicted),

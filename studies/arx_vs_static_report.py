@@ -30,8 +30,8 @@ _BOX = {"least": "whislo", "lower quartile": "q1", "median": "med", "upper quart
 _ASKED = """Does one autoregressive term make a thermal model better than more delays of the inputs, or none, and when
 does it not? A machine of three bodies (base, column, spindle; finite elements, reduced) is warmed by two heat sources;
 each load pair is two records of 48 h at 5 min. Models learn from the first, all rows measured, and run freely over the
-second, judged against the true drift of tool against workpiece. Figures are medians over the load pairs. PV is a share
-of the drift's own peak-to-peak.
+second, judged against the true drift of tool against workpiece. Figures are medians over the load pairs. PV is the
+largest |residual| over the largest |drift|, P99 the 99th percentile of |residual| by Hazen's rule (B19 eq. 1 and 3-5).
 
 none: no compensation. hold: the last of the measurements made each 2 h, which the models do not get. static, FIR, ARX:
 least squares with the paper's orders, nb = 2, 4 in Y and 10, 10 in Z (0 for static), na = 1 for ARX. ARX guarded: the

@@ -84,6 +84,9 @@ class Frame:
     """Set if a probing cycle has finished for this step."""
     pause_unknown: bool = False
     """The time since the frame before is not known, as after a restart without a synchronised clock."""
+    new_reference: bool = False
+    """From this frame on errors count from its own state, in which they are zero: the sphere was moved, the part was
+    clamped again, or another run of a recording begins."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from talc.frame import Decision, Event, FloatArray, Frame, Phase, Why
+from talc.frame import Decision, Event, EventCode, EventKind, FloatArray, Frame, Phase, Why
 from talc.names import THERMAL_ERRORS
 from talc.stage import Stage
 from talc.strategy import Strategy
@@ -48,6 +48,9 @@ class MeasureAndHold(Strategy):
         """Take one frame."""
         events: list[Event] = []
         before = self._held
+        if frame.new_reference:
+            before = self._held = np.where(np.isfinite(before), 0.0, before)
+            events.append(Event(EventKind.NEW_REFERENCE, code=EventCode.NEW_REFERENCE))
         if frame.pause_unknown:
             self._last_measured = None
         if np.isfinite(measured).any():

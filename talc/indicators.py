@@ -49,8 +49,18 @@ def first_hour_apart(time_s: FloatArray, values: FloatArray) -> tuple[Spread, Sp
     return Spread.of(values[early]), Spread.of(values[~early])
 
 
+def pv(measured: FloatArray, predicted: FloatArray) -> float:
+    """PV, %: max |m - p| / max |m| · 100 (B19 eq. 1), of the largest deviations and not of ranges. NaN without pairs.
+
+    ValueError: shapes differ.
+    """
+    m, p = _pairs(measured, predicted)
+    largest = float(np.abs(m).max(initial=0.0))
+    return 100.0 * float(np.abs(m - p).max()) / largest if largest > 0 else float("nan")
+
+
 def peak_to_peak(values: FloatArray) -> float:
-    """PV, E_PV: largest minus smallest. NaN without values."""
+    """E_PV (Z22 Tables 3 and 4): largest minus smallest. NaN without values."""
     known = _known(values)
     return float(np.ptp(known)) if known.size else float("nan")
 
@@ -62,9 +72,12 @@ def rms(values: FloatArray) -> float:
 
 
 def p99(values: FloatArray) -> float:
-    """P99: 99th percentile of the magnitude, linearly interpolated. NaN without values."""
+    """P99: 99th percentile of the magnitude by Hazen's rule (B19 eq. 3-5), between the values of rank 0.99 n + 1/2.
+
+    With 50 values or fewer it is the largest one. NaN without values.
+    """
     known = _known(values)
-    return float(np.percentile(np.abs(known), 99.0)) if known.size else float("nan")
+    return float(np.percentile(np.abs(known), 99.0, method="hazen")) if known.size else float("nan")
 
 
 def smape(measured: FloatArray, predicted: FloatArray) -> float:
@@ -72,15 +85,12 @@ def smape(measured: FloatArray, predicted: FloatArray) -> float:
 
     Dominated by zero crossings: of little value for errors that change sign. ValueError: shapes differ.
     """
-    measured, predicted = np.asarray(measured, dtype=np.float64), np.asarray(predicted, dtype=np.float64)
-    if measured.shape != predicted.shape:
-        raise ValueError(f"measured has shape {measured.shape}, predicted {predicted.shape}: expected the same")
-    both = np.isfinite(measured) & np.isfinite(predicted)
-    if not both.any():
+    m, p = _pairs(measured, predicted)
+    if not m.size:
         return float("nan")
-    m, p = measured[both], predicted[both]
     size = np.abs(m) + np.abs(p)
-    share = np.divide(np.abs(m - p), size, out=np.zeros_like(size), where=size > 0)
+    share = np.divide(np.abs(m - p), size, out=np.zeros_like(size), where=np.isfinite(size) & (size > 0))
+    share[np.isinf(size)] = 1.0
     return float(100.0 * share.mean())
 
 
@@ -97,6 +107,15 @@ def productivity(measurements: int, cycle_s: float, total_s: float) -> float:
 def reduction(before: float, after: float) -> float:
     """Reduction in % of `before`; negative if it increased. NaN if there was nothing to reduce."""
     return 100.0 * (1.0 - after / before) if before > 0 else float("nan")
+
+
+def _pairs(measured: FloatArray, predicted: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """What was both measured and predicted. ValueError: shapes differ."""
+    measured, predicted = np.asarray(measured, dtype=np.float64), np.asarray(predicted, dtype=np.float64)
+    if measured.shape != predicted.shape:
+        raise ValueError(f"measured has shape {measured.shape}, predicted {predicted.shape}: expected the same")
+    both = np.isfinite(measured) & ~np.isnan(predicted)  # an infinite prediction stays visible
+    return measured[both], predicted[both]
 
 
 def _known(values: FloatArray) -> FloatArray:

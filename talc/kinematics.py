@@ -21,7 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from talc.frame import FloatArray
-from talc.probing import deviation_matrix, rotation_x
+from talc.probing import FARTHEST_M, MOST_RAD, deviation_matrix, refuse_millimetres, rotation_x
 
 _MM = 1e-3
 
@@ -31,7 +31,7 @@ def tcp_offsets(errors: FloatArray, positions: FloatArray, sphere_radius_m: floa
 
     errors: (9,) thermal errors, µm and µm/m; positions: (5,) X Y Z in mm from where A and C meet, A C in rad.
     sphere_radius_m: radius at which ER0T was measured; a table grows in proportion to the radius.
-    Raises ValueError for a wrong shape or a value that is not finite.
+    Raises ValueError for a wrong shape, a value that is not finite, or sizes that only degrees and millimetres have.
     """
     errors, positions = np.asarray(errors, dtype=np.float64), np.asarray(positions, dtype=np.float64)
     if errors.shape != (9,) or positions.shape != (5,):
@@ -40,6 +40,9 @@ def tcp_offsets(errors: FloatArray, positions: FloatArray, sphere_radius_m: floa
         raise ValueError("errors or positions hold a value that is not finite")
     if not sphere_radius_m > 0:
         raise ValueError(f"sphere_radius_m = {sphere_radius_m!r}: expected more than 0")
+    refuse_millimetres("sphere_radius_m", sphere_radius_m, FARTHEST_M)
+    if abs(positions[3]) > MOST_RAD:
+        raise ValueError(f"A = {positions[3]:g} rad: expected radians; np.radians converts degrees")
     return np.asarray(offset_matrix(positions, sphere_radius_m) @ errors, dtype=np.float64)
 
 

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from talc import _kernel
 from talc.disturbance import Disturbance
 from talc.frame import FloatArray
+from talc.kinds import EventCode
 from talc.names import THERMAL_ERRORS
 
 
@@ -191,6 +192,33 @@ class ErrorModel:
         return cls(**{**plain, "disturbance": Disturbance.from_dict(plain["disturbance"])})
 
 
+@dataclass(frozen=True, slots=True)
+class TrainingNote:
+    """A remark of a training."""
+
+    code: str
+    """Of talc.kinds.EventCode, or of whoever made the models."""
+    values: Mapping[str, Any] = field(default_factory=dict, hash=False)
+    """What belongs to the code."""
+
+    def to_plain(self) -> str | dict[str, Any]:
+        """JSON-able. The words of an earlier program are words again."""
+        if self.code == EventCode.TRAINING_NOTE:
+            return str(self.values["note"])
+        return {"code": str(self.code), "values": dict(self.values)}
+
+    @classmethod
+    def from_plain(cls, plain: str | Mapping[str, Any]) -> "TrainingNote":
+        """The inverse of `to_plain`."""
+        if isinstance(plain, str):
+            return cls(EventCode.TRAINING_NOTE, {"note": plain})
+        return cls(plain["code"], plain["values"])
+
+    def __str__(self) -> str:
+        values = ", ".join(f"{name} {value}" for name, value in self.values.items() if name != "error")
+        return f"{self.code.replace('_', ' ')} ({values})"
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ModelSet:
     """The models of the nine thermal errors from one training."""
@@ -203,8 +231,8 @@ class ModelSet:
     """The inputs that were offered."""
     models: tuple[ErrorModel | None, ...]
     """In the order of THERMAL_ERRORS; None: no usable model for that error."""
-    notes: tuple[str, ...] = ()
-    """Remarks of the training: inputs not offered, fall-backs, errors without a model."""
+    notes: tuple[TrainingNote, ...] = ()
+    """Remarks of the training: inputs not offered, errors without a model."""
     failed: bool = False
     """They stand for a training that ended without a result: there is no model, and the former ones stay."""
 
@@ -232,14 +260,14 @@ class ModelSet:
             "why": str(self.why),
             "input_names": list(self.input_names),
             "models": [None if m is None else m.to_dict() for m in self.models],
-            "notes": list(self.notes),
+            "notes": [note.to_plain() for note in self.notes],
         }
 
     @classmethod
     def from_dict(cls, plain: Mapping[str, Any]) -> "ModelSet":
         """The inverse of `to_dict`."""
         models = tuple(None if m is None else ErrorModel.from_dict(m) for m in plain["models"])
-        notes = tuple(plain["notes"])
+        notes = tuple(map(TrainingNote.from_plain, plain["notes"]))
         # Earlier programs did not say so. A training that ends gives a remark on each error without a model.
         failed = plain.get("failed", len(notes) == 1 and not any(models))
         return cls(

@@ -33,6 +33,10 @@ from talc.frame import FloatArray
 from talc.names import THERMAL_ERRORS
 
 _RANK_TOLERANCE = 1e-9
+MOST_RAD = 4 * math.pi
+"""Angles beyond two turns are most likely degrees."""
+FARTHEST_M, HIGHEST_M = 10.0, 40.0
+"""Radii and heights beyond these are most likely millimetres."""
 _NO_CHECK = 1e-6
 """A coordinate with less than this share left to its residual is not checked by the others."""
 
@@ -51,6 +55,12 @@ class ProbingResult:
     standardised: FloatArray
     """(n, 3) residuals in units of their own standard deviation, sigma·sqrt(1 - leverage), so that a single wrong
     coordinate stands out equally wherever it is; NaN: not measured, 0: no other coordinate can check it."""
+
+
+def refuse_millimetres(name: str, size_m: float, most_m: float) -> None:
+    """ValueError: a size is not finite, or so large that it is most likely in mm."""
+    if not abs(size_m) <= most_m:
+        raise ValueError(f"{name} = {size_m!r}: expected metres, at most {most_m:g}; 150 mm are 0.15")
 
 
 def rotation_x(angle: float) -> FloatArray:
@@ -89,11 +99,17 @@ def deviation_matrix(a: float, point_c_m: FloatArray, radial: FloatArray) -> Flo
 def design_matrix(poses_rad: FloatArray, radius_m: float, height_m: float) -> FloatArray:
     """(3 n, 9) deviations of the sphere's centre per unit of each error; rows X, Y, Z of the first pose, then the next.
 
-    poses_rad: (n, 2) A and C; radius_m, height_m: the sphere in the C frame, metres.
+    poses_rad: (n, 2) A and C; radius_m, height_m: the sphere in the C frame, metres. ValueError: another shape, or
+    sizes that only degrees and millimetres have.
     """
     poses = np.asarray(poses_rad, dtype=np.float64)
     if poses.ndim != 2 or poses.shape[1] != 2 or not np.isfinite(poses).all():
         raise ValueError(f"poses_rad has shape {poses.shape}: expected (n, 2) finite angles A, C")
+    if (np.abs(poses) > MOST_RAD).any():
+        largest = float(np.abs(poses).max())
+        raise ValueError(f"poses_rad holds an angle of {largest:g} rad: expected radians; np.radians converts degrees")
+    refuse_millimetres("radius_m", radius_m, FARTHEST_M)
+    refuse_millimetres("height_m", height_m, HIGHEST_M)
     blocks = []
     for a, c in poses:
         rz = rotation_z(c)

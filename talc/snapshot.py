@@ -143,8 +143,10 @@ def _without_models(state: CourseState | HeldState) -> PhasedState:
 def _course(plain: Mapping[str, Any], arrays: Arrays) -> CourseState:
     course = plain["course"]
     mixture = MixtureState(**plain["mixture"], **_own(arrays, _MIXTURE))
+    own = _own(arrays, _LEARNER)
+    own.setdefault("origin", np.zeros_like(own["level"]))  # of a program that knew one reference
     return CourseState(
-        learner=LearnerState(mixture=mixture, **plain["learner"], **_own(arrays, _LEARNER)),
+        learner=LearnerState(mixture=mixture, **plain["learner"], **own),
         phase=Phase(course["phase"]),
         last_k=course["last_k"],
         last_measured=course["last_measured"],

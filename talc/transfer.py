@@ -75,6 +75,7 @@ def _learner(old: LearnerState, fresh: LearnerState, was: Sequence[str], names: 
         old,
         mixture=_mixture(old.mixture, fresh.mixture, inputs, old.level.shape[1]),
         level=_taken(old.level, fresh.level, inputs),
+        origin=_taken(old.origin, fresh.origin, inputs),
         span=_taken(old.span, fresh.span, inputs),
         wide=_taken(old.wide, fresh.wide, inputs),
         reference=_taken(old.reference, fresh.reference, inputs),

@@ -99,8 +99,8 @@ class Description(_DescriptionSection):
     probing: NotNegative = 0.0
     """Standard deviation of noise that is added to each measurement that a method receives."""
     seed: int = Field(default=0, ge=0)
-    reference: Literal["first", "recorded"] = "first"
-    """`first`: each error counts from its first value."""
+    reference: Literal["first", "run", "recorded"] = "first"
+    """`first`: each error counts from its first value; `run`: from its first one in each run, a new reference."""
     step_s: Annotated[float, Field(ge=1, le=3600)] = 300.0
     sampling: Literal["mean", "last"] = "mean"
     intervals_min: tuple[Positive, ...] = Field(default=(30.0, 60.0, 120.0, 240.0), min_length=1)

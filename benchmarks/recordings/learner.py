@@ -56,7 +56,8 @@ def _run(given: Given, settings: LearnerSettings, used: BoolArray | None) -> tup
                 values, sigma = np.full((2, _ERRORS), np.nan)
                 values[places], sigma[places] = given.measured[row, errors], given.sigma[errors]
                 measurement = Measurement(values, sigma)
-            decision = controller.step(Frame(k, given.inputs[row], valid[row], measurement))
+            anew = bool(given.new_reference[row])
+            decision = controller.step(Frame(k, given.inputs[row], valid[row], measurement, new_reference=anew))
             estimate[row, errors] = decision.predicted[places]
             if not made[row]:  # afterwards it is the uncertainty with the measurement
                 stated[row, errors] = decision.sigma[places]

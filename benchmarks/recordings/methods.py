@@ -36,6 +36,12 @@ class Given:
     """Grid steps between measurements after that."""
     measure_first: bool = True
     """Whether each run begins with a measurement, also where the method decides."""
+    zero_each_run: bool = False
+
+    @property
+    def new_reference(self) -> BoolArray:
+        """(T,) rows from which on errors count from themselves, the first row aside."""
+        return np.asarray((np.diff(self.run, prepend=self.run[0]) != 0) & self.zero_each_run)
 
     @property
     def used(self) -> BoolArray:
@@ -88,6 +94,7 @@ def given_of(
         dense_steps=dense_steps,
         interval_steps=interval_steps,
         measure_first=measure_first,
+        zero_each_run=series.zero_each_run,
     )
 
 
@@ -103,7 +110,7 @@ class Nothing:
 
 @dataclass(frozen=True, slots=True)
 class HoldLast:
-    """The last measurement of each error."""
+    """The last measurement of each error; at a new reference 0."""
 
     name: str = "hold"
 
@@ -114,4 +121,7 @@ class HoldLast:
             last = np.maximum.accumulate(np.where(np.isfinite(measured), rows, -1))
             before = np.concatenate([[-1], last[:-1]])
             estimate[:, e] = np.where(before >= 0, measured[before], np.nan)
+            # Before the first measurement from a new reference, the error is still what it is at the reference: zero.
+            counted = np.maximum.accumulate(np.where(given.new_reference, rows, -1))
+            estimate[before < counted, e] = 0.0
         return [MethodCourse(estimate, np.full(estimate.shape, np.nan))]

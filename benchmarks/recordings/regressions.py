@@ -31,10 +31,10 @@ class Regression(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Features:
-    """(T, p) deviations from the first values, and (T, p) the spans by which they are divided at each row.
+    """(T, p) deviations from the reference, and (T, p) the spans by which they are divided at each row.
 
-    An input's span is what its description says or 3, as a temperature's of the learner, or its largest deviation so
-    far. Lagged inputs pass through the learner's five lags.
+    The reference is the first row, or that of each run where errors count from it anew. An input's
+    span is what its description says or 3, as a temperature's of the learner, or its largest deviation so far. Lagged inputs pass through the learner's five lags.
     """
 
     deviation: FloatArray
@@ -46,14 +46,16 @@ class Features:
         x = x - x[0]
         least = np.array([SPAN if about.span is None else about.span for about in given.about])
         span = np.maximum(np.maximum.accumulate(np.abs(x), axis=0), least)
+        reference = np.maximum.accumulate(np.where(given.new_reference, np.arange(len(x)), 0))
         if kind == "inputs":
-            return cls(x, span)
+            return cls(x - x[reference], span)
         constants = np.array(TIME_CONSTANTS_S)
         kept = np.where(constants > 0, np.exp(-given.step_s / np.maximum(constants, 1.0)), 0.0)
         lagged = np.zeros((*x.shape, len(constants)))
         for row, steps in enumerate(np.diff(given.k).tolist(), start=1):
             share = 1.0 - kept**steps
             lagged[row] = lagged[row - 1] + share * (x[row][:, None] - lagged[row - 1])
+        lagged -= lagged[reference]
         return cls(lagged.reshape(len(x), -1), np.repeat(span, len(constants), axis=1))
 
     def at(self, rows: slice | NDArray[np.intp], now: int) -> FloatArray:

@@ -56,6 +56,8 @@ class Series:
     """(m,) standard deviation of the noise added to a measurement."""
     notes: tuple[str, ...]
     """Remarks from reading the file."""
+    zero_each_run: bool = False
+    """Errors count from a new reference in each run."""
 
     @property
     def on_h(self) -> FloatArray:
@@ -157,6 +159,10 @@ def _gridded(
             raise ConfigError(description, [Problem(f"errors, {name!r}", "has no value in any row")])
         if said.reference == "first":
             truth[:, e] -= known[0]
+        elif said.reference == "run":
+            for rows in (run[first] == number for number in np.unique(run)):
+                of_run = truth[rows, e]
+                truth[rows, e] -= next(iter(of_run[np.isfinite(of_run)]), 0.0)
     return Series(
         name=said.name or description.stem,
         step_s=step_s,
@@ -172,6 +178,7 @@ def _gridded(
         noise=np.array([said.noise_of(e) for e in said.errors]),
         probing=np.array([said.probing_of(e) for e in said.errors]),
         notes=tuple(notes),
+        zero_each_run=said.reference == "run",
     )
 
 

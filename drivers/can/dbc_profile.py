@@ -3,7 +3,6 @@
 cantools reads it; as it takes long to load, it is imported where there is such a file.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path
@@ -12,7 +11,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 from pydantic import Field, PrivateAttr, model_validator
 
 from drivers.base import Quality
-from drivers.can.multiplex import alone, pages_of
+from drivers.can.dbc_file import DbcFile, DbcMessage
+from drivers.can.multiplex import alone, overlapping, pages_of
 from drivers.can.wanted import WantedFrame
 from drivers.error_words import in_words
 from drivers.faults import CodeRule, Fault, NumberRule, RangeRule, RawNumber
@@ -45,7 +45,7 @@ class DbcSignal:
         try:
             decoded = self.message.decode(data, decode_choices=False, scaling=False)
         except (DbcError, ValueError):
-            text = f"frame of {len(data)} bytes does not contain message {self.message.name}"
+            text = f"frame of {len(data)} bytes does not contain {self.signal.name} of message {self.message.name}"
             return Fault(Quality.COMM_FAULT, text)
         if not isinstance(decoded, dict):
             return Fault(Quality.COMM_FAULT, f"message {self.message.name} holds other messages")
@@ -86,18 +86,33 @@ class CanDbcProfile(DeviceProfile):
 
     @model_validator(mode="after")
     def _found(self) -> Self:
-        messages = {message.name: message for message in self._database().messages}
-        self._signals = tuple(_signal(entry, messages, "signal", i) for i, entry in enumerate(self.entries))
+        file = self._file()
+        stated = [_stated(entry, file, "signal", i) for i, entry in enumerate(self.entries)]
+        wanted = {message.name: message for message in stated}
+        messages = {message.name: message for message in self._database(file.only(wanted.values())).messages}
+        self._signals = tuple(
+            _signal(entry, messages[entry.message], "signal", i) for i, entry in enumerate(self.entries)
+        )
         return self
 
-    def _database(self) -> "Database":
-        from cantools.database import load_file
+    def _file(self) -> DbcFile:
+        try:
+            file = DbcFile(self.dbc.read_text(OTHER_ENCODING, "replace"))
+        except OSError as error:
+            raise wrong(f"{self.dbc} cannot be read: {in_words(error)}", "dbc") from error
+        if not file.messages:
+            raise wrong(f"{self.dbc} describes no CAN messages", "dbc")
+        return file
+
+    def _database(self, text: str) -> "Database":
+        from cantools.database import load_string
         from cantools.database.can import Database
         from cantools.database.errors import Error as DbcError
 
         try:
-            database = load_file(self.dbc, database_format="dbc", encoding=OTHER_ENCODING)
-        except (OSError, DbcError, ValueError) as error:
+            # Not strict: what is wrong with signals that no channel needs does not matter.
+            database = load_string(text, database_format="dbc", strict=False)
+        except (DbcError, ValueError) as error:
             raise wrong(f"{self.dbc} cannot be read: {in_words(error)}", "dbc") from error
         if not isinstance(database, Database):
             raise wrong(f"{self.dbc} describes no CAN messages", "dbc")
@@ -118,19 +133,32 @@ class CanDbcProfile(DeviceProfile):
         return len(self.entries)
 
 
-def _signal(entry: SignalEntry, messages: "Mapping[str, Message]", *at: str | int) -> DbcSignal:
-    message = messages.get(entry.message)
+def _stated(entry: SignalEntry, file: DbcFile, *at: str | int) -> DbcMessage:
+    """The message of the entry. Raises an error if it or the signal is not stated exactly once, or does not fit."""
+    message = file.messages.get(entry.message)
     if message is None:
-        raise wrong(f"unknown message {entry.message!r}; {suggestion(entry.message, messages)}", *at, "message")
-    if message.is_container:
-        raise wrong(f"{message.name} is a container, which is not supported", *at, "message")
+        raise wrong(f"unknown message {entry.message!r}; {suggestion(entry.message, file.messages)}", *at, "message")
+    if message.name in file.twice:
+        raise wrong(f"the DBC file has several messages {message.name}; rename all but one", *at, "message")
+    stated = message.signals.get(entry.name)
+    if stated is None:
+        raise wrong(f"unknown signal {entry.name!r}; {suggestion(entry.name, message.signals)}", *at, "name")
+    if len(stated) > 1:
+        what = f"message {message.name} has {len(stated)} signals {entry.name}, such as on several pages"
+        raise wrong(f"{what}; rename all but one in the DBC file", *at, "name")
+    if not message.whole(entry.name):
+        what = f"by the DBC file {entry.name} does not fit into message {message.name} of {message.bytes} bytes"
+        raise wrong(f"{what}; a number has at most 64 bits", *at, "name")
+    return message
+
+
+def _signal(entry: SignalEntry, message: "Message", *at: str | int) -> DbcSignal:
     signals = {signal.name: signal for signal in message.signals}
-    signal = signals.get(entry.name)
-    if signal is None:
-        raise wrong(f"unknown signal {entry.name!r}; {suggestion(entry.name, signals)}", *at, "name")
+    signal = signals[entry.name]
+    if other := overlapping(signal, signals):
+        raise wrong(f"by the DBC file {signal.name} and {other} share bits of message {message.name}", *at, "name")
     raw = RawNumber(signal.name, signal.length, signed=signal.is_signed, real=signal.is_float)
     for number, rule in enumerate(entry.invalid):
         raw.check(rule, *at, "invalid", number)
     frame = WantedFrame(message.frame_id, message.is_extended_frame, pages_of(signal, signals))
-    holder = alone(message, signal) if message.is_multiplexed() else message
-    return DbcSignal(holder, signal, frame, raw, entry.invalid)
+    return DbcSignal(alone(message, signal), signal, frame, raw, entry.invalid)

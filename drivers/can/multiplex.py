@@ -1,9 +1,10 @@
-"""Multiplexed messages of a DBC file: which frames hold a signal, according to the selectors above it."""
+"""Signals of a DBC file: which frames hold one, according to the selectors above it, and where in them it is."""
 
 from collections.abc import Mapping, Sequence
 from copy import copy
 from typing import TYPE_CHECKING
 
+from drivers.can.dbc_file import places
 from drivers.can.wanted import Page
 
 if TYPE_CHECKING:
@@ -19,14 +20,14 @@ def pages_of(signal: "Signal", signals: "Mapping[str, Signal]") -> tuple[Page, .
     while signal.multiplexer_signal is not None:
         numbers = signal.multiplexer_ids or []
         signal = signals[signal.multiplexer_signal]
-        places = _places(signal)
-        found.append(Page(_put((1 << len(places)) - 1, places), frozenset(_put(number, places) for number in numbers)))
+        at = _places(signal)
+        found.append(Page(_put((1 << len(at)) - 1, at), frozenset(_put(number, at) for number in numbers)))
     return tuple(found)
 
 
 def alone(message: "Message", signal: "Signal") -> "Message":
-    """A message of this one signal: the library refuses to decode a frame whose selector it does not know, and this
-    signal may be in every frame."""
+    """A message of this one signal, as long as the signal needs: a frame without the others, or with a selector that
+    the file does not know, still holds it."""
     from cantools.database.can import Message
 
     plain = copy(signal)
@@ -34,22 +35,27 @@ def alone(message: "Message", signal: "Signal") -> "Message":
     return Message(
         message.frame_id,
         message.name,
-        message.length,
+        max(_places(signal)) // 8 + 1,
         [plain],
         is_extended_frame=message.is_extended_frame,
         strict=False,
     )
 
 
+def overlapping(signal: "Signal", signals: "Mapping[str, Signal]") -> str:
+    """The name of another signal of its message that has a bit of it in the same frames; empty: there is none."""
+    bits, pages = set(_places(signal)), pages_of(signal, signals)
+    for name, other in signals.items():
+        if other is not signal and not bits.isdisjoint(_places(other)):
+            others = pages_of(other, signals)
+            if not any(one.mask == its.mask and not one.values & its.values for one in pages for its in others):
+                return name
+    return ""
+
+
 def _places(signal: "Signal") -> Sequence[int]:
-    """Where each bit of the signal is in the data as a little-endian number, the lowest first."""
-    if signal.byte_order == "little_endian":
-        return range(signal.start, signal.start + signal.length)
-    places = [signal.start]  # of its highest bit; the next byte follows the lowest bit of this one
-    while len(places) < signal.length:
-        places.append(places[-1] - 1 if places[-1] % 8 else places[-1] + 15)
-    return places[::-1]
+    return places(signal.start, signal.length, little_endian=signal.byte_order == "little_endian")
 
 
-def _put(number: int, places: Sequence[int]) -> int:
-    return sum(1 << place for i, place in enumerate(places) if number >> i & 1)
+def _put(number: int, at: Sequence[int]) -> int:
+    return sum(1 << place for i, place in enumerate(at) if number >> i & 1)

@@ -28,4 +28,4 @@ class WantedFrame:
     def fits(self, data: bytes) -> bool:
         """Whether a frame of this identifier is of this kind."""
         number = int.from_bytes(data, "little")
-        return all(number & page.mask in page.values for page in self.pages)
+        return all(page.mask.bit_length() <= 8 * len(data) and number & page.mask in page.values for page in self.pages)

@@ -7,7 +7,7 @@ import asyncio
 import logging
 import math
 import queue
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from itertools import cycle
@@ -146,6 +146,20 @@ class CanOpenBus:
         """Events that the node has sent since its first upload on this connection."""
         return self._events.setdefault(node, NodeEvents())
 
+    def doubled(self, node: int, identifiers: Iterable[int]) -> tuple[float, str]:
+        """When two different answers of the node last came where one was due, monotonic, and how, in words.
+
+        identifiers: its TPDOs that are sent after SYNC
+        """
+        fitting = self._fitting.get(node)
+        frames_s = self._frames.doubled_s(identifiers)
+        by_sdo = (-math.inf, "") if fitting is None else fitting.doubled
+        return max(by_sdo, (frames_s, "SYNC with two frames of one TPDO"))
+
+    @property
+    def _hears_itself(self) -> bool:
+        return self._settings.interface == "udp_multicast"
+
     async def _in_thread(self, work: Callable[[], R]) -> R:
         """Run in the bus's thread. Cancelling the caller does not stop the work, so no answer is left unread."""
         if self._thread is None:
@@ -165,6 +179,8 @@ class CanOpenBus:
         self._doubtful.clear()
         self._taken_s.clear()
         self._frames = LatestFrames()
+        if not self._hears_itself:
+            network.subscribe(_SYNC, self._frames.synchronised)
 
     def _shut(self) -> None:
         network, self._network = self._network, None
@@ -187,6 +203,8 @@ class CanOpenBus:
             self._network.unsubscribe(remote.tx_cobid)
             self._fitting[node] = FittingAnswers(remote.on_response)
             self._network.subscribe(remote.tx_cobid, self._fitting[node].put)
+            if not self._hears_itself:
+                self._network.subscribe(remote.rx_cobid, self._fitting[node].other_asked)
             self._network.subscribe(0x80 + node, self.events(node).on_emergency)
             self._network.subscribe(0x700 + node, self.events(node).on_heartbeat)
         sdo = self._network[node].sdo
@@ -214,6 +232,7 @@ class CanOpenBus:
             if self._fitting[node].late:
                 raise self._silence(device, node, "no answer", self._settings.timeout_s) from None
             raise self._unanswered(device, node, wanted, self._settings.timeout_s) from None
+        self._fitting[node].is_in_order()
         self._doubtful.discard(node)
 
     def _synchronise(self, device: str, node: int, identifiers: Sequence[int]) -> dict[int, KeptFrame]:
@@ -227,11 +246,13 @@ class CanOpenBus:
             self._upload(device, node, ())  # frames of an earlier SYNC arrive before this answer
             taken_s = math.inf  # only its own SYNC serves it
         self._listen(device, identifiers)
+        self._frames.synchronous(identifiers)
         if taken_s >= last_s:
             # A node that has not taken the SYNC before may still send its frames, and is asked for something else
             # first.
             self._taken_s = {other: s for other, s in self._taken_s.items() if s >= last_s}
             sent_s = monotonic()
+            self._frames.synchronised()
             self._send(device, _SYNC, b"")
             self._synchronised_s = sent_s
         asked_s, wait_s = self._synchronised_s, self._patience.wait_s(node, _SYNC)
@@ -308,7 +329,7 @@ class CanOpenBus:
     def _communication(
         self, device: str, node: int, wanted: CanObject, error: Exception, waited_s: float
     ) -> DriverError:
-        if "No SDO response" in str(error):
+        if isinstance(error.__context__, queue.Empty):  # canopen's queue of responses
             return self._unanswered(device, node, wanted, waited_s)
         self._doubtful.add(node)
         return BadAnswer(f"node {node}, object {wanted}: {error}", bus=self.name, device=device)

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 
 from drivers.base import Clock, DriverError, Quality, Reading, Refused
 from drivers.canopen.bus import CanOpenBus, Uncounted
-from drivers.canopen.node import NO_HEARTBEAT, NodeReader
+from drivers.canopen.node import NodeReader
 from drivers.canopen.place import CanObject
 from drivers.canopen.profile import STATUS_BITS, Cia404Profile, Scaling
 from drivers.canopen.settings import Cia404Options
@@ -57,7 +57,7 @@ class Cia404Device:
         or answers badly, affects its own channel only."""
         objects = await self._reader.read()
         values: dict[str, float | Fault] = {}
-        silent = self._reader.heartbeat_lost
+        doubt = self._reader.doubt
         lost: dict[CanObject, DriverError] = dict(self._reader.lost)
         for channel, number in self._channels.items():
             places = self._places(number)
@@ -67,7 +67,7 @@ class Cia404Device:
                 continue
             codes, (value,) = (objects[place] for place in places)
             found = self._value(number, value, next((code for code in map(_code, codes) if code), 0))
-            values[channel] = NO_HEARTBEAT if silent and not isinstance(found, Fault) else found
+            values[channel] = found if doubt is None or isinstance(found, Fault) else doubt
         await self._look_again()
         ages_s = self._reader.ages_s({name: self._places(number) for name, number in self._channels.items()})
         return self._maker.make(values, ages_s)

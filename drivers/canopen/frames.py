@@ -1,6 +1,8 @@
 """Frames on a CANopen bus: the filter for the library, and the latest frames that nodes send without being asked."""
 
-from collections.abc import Callable, Collection
+from collections import Counter
+from collections.abc import Callable, Collection, Iterable
+from math import inf
 from threading import Condition
 from time import monotonic
 from typing import Any
@@ -19,6 +21,10 @@ _BEGINS = 0x40
 _ABORT = 0x80
 _AT_ONCE = 0x02
 """Bit of the first byte of an SDO answer: all of the number is in this frame."""
+_UPLOAD = 0x40
+"""First byte of a request to read an object."""
+_MOST_DUE = 4
+"""How many missing frames of a TPDO are counted: that many may come late."""
 _TOGGLE = 0x10
 """Bit of the first byte of an SDO answer that changes from segment to segment."""
 
@@ -42,11 +48,36 @@ class LatestFrames:
     def __init__(self) -> None:
         self._came: dict[int, KeptFrame] = {}
         self._news = Condition()
+        self._due: dict[int, int] = {}
+        """How many frames may come of each TPDO that is sent once after each SYNC."""
+        self._doubled_s: dict[int, float] = {}
+        """When such a TPDO last came once too often, with other data."""
+
+    def synchronous(self, identifiers: Iterable[int]) -> None:
+        """These are sent once after each SYNC."""
+        with self._news:
+            for identifier in identifiers:
+                self._due.setdefault(identifier, _MOST_DUE)
+
+    def synchronised(self, *_: object) -> None:
+        """A SYNC is on the bus."""
+        with self._news:
+            self._due = {identifier: min(due + 1, _MOST_DUE) for identifier, due in self._due.items()}
+
+    def doubled_s(self, identifiers: Iterable[int]) -> float:
+        """When one of these last came once too often, with other data, monotonic; -infinity: never."""
+        with self._news:
+            return max((self._doubled_s.get(identifier, -inf) for identifier in identifiers), default=-inf)
 
     def put(self, identifier: int, data: bytes | bytearray, _timestamp: float) -> None:
         """A callback of the canopen library."""
         with self._news:
-            self._came[identifier] = KeptFrame(monotonic(), bytes(data))
+            kept = KeptFrame(monotonic(), bytes(data))
+            if (due := self._due.get(identifier)) is not None:
+                self._due[identifier] = max(0, due - 1)
+                if not due and self._came[identifier].data != kept.data:
+                    self._doubled_s[identifier] = kept.came_s
+            self._came[identifier] = kept
             self._news.notify_all()
 
     def since(self, oldest_s: float, identifiers: Collection[int], until_s: float) -> dict[int, KeptFrame]:
@@ -68,7 +99,8 @@ class FittingAnswers:
     """Passes on those SDO answers of one node that fit what is asked, and keeps the last of the others.
 
     An answer that comes twice, or late, does not fit the next request: the library would give up at it, or take another
-    object's abort. The asking thread calls `expect`, the receiving one `put`.
+    object's abort. Two different answers to one request come from two nodes with one id. The asking thread calls
+    `expect` and `is_in_order`, the receiving one `put` and `other_asked`.
     """
 
     def __init__(self, take: Callable[[int, bytes, float], object]) -> None:
@@ -78,6 +110,12 @@ class FittingAnswers:
         self._toggle: int | None = None
         self.other = b""
         """The last answer since the request that did not fit; empty if there was none."""
+        self._due = Counter[bytes]()
+        """How many answers may still come, by object."""
+        self._latest = b""
+        """The latest answer that was due."""
+        self.doubled: tuple[float, str] = -inf, ""
+        """When one request was last answered twice and differently, monotonic, and how."""
 
     @property
     def late(self) -> bool:
@@ -88,15 +126,42 @@ class FittingAnswers:
         """The next request is for this object."""
         self._address = wanted.index.to_bytes(2, "little") + bytes((wanted.subindex,))
         self._asked.add(self._address)
+        self._due[self._address] += 1
         self._toggle, self.other = None, b""
+
+    def is_in_order(self) -> None:
+        """Every earlier answer has come, or never will."""
+        self._due.clear()
+
+    def other_asked(self, _identifier: int, data: bytes | bytearray, _timestamp: float) -> None:
+        """A callback of the canopen library: another master asks the node."""
+        if data[:1] == bytes((_UPLOAD,)):
+            self._due[bytes(data[1:4])] += 1
 
     def put(self, identifier: int, data: bytes | bytearray, timestamp: float) -> None:
         """A callback of the canopen library."""
         answer = bytes(data)
-        if self._fits(answer):
+        if answer[0] & _KIND == _BEGINS and self._is_second(answer):
+            self.other = answer
+        elif self._fits(answer):
             self._take(identifier, answer, timestamp)
         else:
             self.other = answer
+
+    def _is_second(self, answer: bytes) -> bool:
+        """Whether the latest answer comes again where none is due; notes it if it differs."""
+        address = answer[1:4]
+        if self._due[address]:
+            self._due[address] -= 1
+            self._latest = answer
+            return False
+        first = self._latest
+        if first[1:4] != address:
+            return False
+        if first != answer:
+            index, sub = int.from_bytes(address[:2], "little"), address[2]
+            self.doubled = monotonic(), f"{CanObject(index, sub)} with {first.hex(' ')} and {answer.hex(' ')}"
+        return True
 
     def _fits(self, data: bytes) -> bool:
         kind = data[0] & _KIND

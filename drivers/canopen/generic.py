@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 
 from drivers.base import Clock, DriverError, Quality, Reading
 from drivers.canopen.bus import CanOpenBus, Uncounted
-from drivers.canopen.node import NO_HEARTBEAT, NodeReader
+from drivers.canopen.node import NodeReader
 from drivers.canopen.objects import CanOpenProfile
 from drivers.canopen.place import CanObject
 from drivers.canopen.settings import NodeOptions
@@ -47,7 +47,7 @@ class CanOpenDevice:
     async def read(self, *, again: bool = False) -> Sequence[Reading]:  # noqa: ARG002
         """One reading per channel. An object that the node refuses or answers badly affects its own channel only."""
         objects = await self._reader.read()
-        silent = self._reader.heartbeat_lost
+        doubt = self._reader.doubt
         lost = {**self._unmapped, **self._reader.lost}
         values: dict[str, float | Fault] = {}
         for channel, number in self._channels.items():
@@ -56,7 +56,7 @@ class CanOpenDevice:
                 values[channel] = Fault(Quality.COMM_FAULT, lost[place].what)
                 continue
             found = self._value(number, objects[place][0])
-            values[channel] = NO_HEARTBEAT if silent and not isinstance(found, Fault) else found
+            values[channel] = found if doubt is None or isinstance(found, Fault) else doubt
         places = {name: (self._profile.objects[number].place,) for name, number in self._channels.items()}
         return self._maker.make(values, self._reader.ages_s(places))
 

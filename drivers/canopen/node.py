@@ -5,9 +5,10 @@ What was checked at connect holds for one start of the node: after a restart or 
 
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from dataclasses import replace
+from math import inf
 from time import monotonic
 
-from drivers.base import BadAnswer, DriverError, Quality, Refused, WrongDevice
+from drivers.base import BadAnswer, DriverError, NoAnswer, Quality, Refused, WrongDevice
 from drivers.canopen.bus import CanOpenBus
 from drivers.canopen.events import HeartbeatWatch
 from drivers.canopen.pdo import COMMUNICATION, EVERY_SYNC, MAPPING, ON_EVENTS, TPDOS, PdoMap, pdo_map
@@ -18,7 +19,10 @@ from drivers.faults import Fault
 PRODUCER_TIME = 0x1017
 _PRODUCER_TIMES = 3
 """Heartbeats or timed TPDOs in a row until a node counts as lost: a busy bus may drop one, but not three."""
-NO_HEARTBEAT = Fault(
+_SERIAL_NUMBER = CanObject(0x1018, 4)
+_DOUBLED_S = 10.0
+"""How long two nodes with one id are remembered after both were last heard."""
+_NO_HEARTBEAT = Fault(
     Quality.STALE, "the node answers, but its heartbeat stopped: its firmware may hang; switch it off and on"
 )
 
@@ -57,6 +61,11 @@ class NodeReader:
         self._boots = 0
         self._maps: tuple[PdoMap, ...] = ()
         self._started_s = 0.0
+        self._read_s = -inf
+        """When the latest read began."""
+        self._before_s = -inf
+        """When the one before it did."""
+        self._has_serial_number = True
 
     def ask(self, objects: Sequence[CanObject]) -> None:
         """Read these objects from now on."""
@@ -67,13 +76,15 @@ class NodeReader:
         self._ready = False
         boots = self._bus.events(self._node).boots
         await self._check()
-        limit_s = await self._heartbeat_limit_s()
+        await self._hear_both()
+        limit_s, producer_s = await self._heartbeat_limit_s()
         if self._transfer != "sdo":
             self._maps = await self._pdo_maps()
             self._started_s = monotonic()
             await self._bus.start_node(self._device, self._node, [pdo.identifier for pdo in self._maps])
         self._ready, self._boots = True, boots
-        self._heartbeat.begin(limit_s, monotonic())
+        demanded = self._heartbeat_s > 0
+        self._heartbeat.begin(limit_s, monotonic(), demanded=demanded, producer_s=producer_s)
 
     async def read(self) -> dict[CanObject, list[bytes]]:
         """Each object as many times as it was asked for, or once from a TPDO; those in `lost` are left out.
@@ -81,6 +92,7 @@ class NodeReader:
         A node that restarts between two of our requests may be a different one or have a different set-up: what it sent
         in this read is discarded, and read again after the checks. Raises BadAnswer, or the bus's errors.
         """
+        self._before_s, self._read_s = self._read_s, monotonic()
         objects = await self._of_one_start() or await self._of_one_start()
         if objects is None:
             self._ready = False
@@ -93,9 +105,19 @@ class NodeReader:
         return objects
 
     @property
-    def heartbeat_lost(self) -> bool:
-        """Whether the node answers although its heartbeat has stopped: then it may repeat its last measurement."""
-        return self._heartbeat.silent_s(monotonic()) is not None
+    def doubt(self) -> Fault | None:
+        """Why no value of the latest read can be used: two nodes have one id, or the node answers although its
+        heartbeat has stopped, and may repeat its last measurement."""
+        now_s = monotonic()
+        synchronous = [pdo.identifier for pdo in self._maps] if self._transfer == "sync" else []
+        doubled_s, how = self._bus.doubled(self._node, synchronous)
+        if doubled_s >= min(max(0.0, self._before_s), now_s - _DOUBLED_S):
+            what = f"two nodes have id {self._node}: they answered {how}; give one of them another id"
+            return Fault(Quality.COMM_FAULT, what)
+        if self._heartbeat.doubled:
+            what = f"heartbeats of node {self._node} come twice as often as it states: two nodes have its id"
+            return Fault(Quality.COMM_FAULT, f"{what}, or its object 1017 was changed; restart it")
+        return _NO_HEARTBEAT if self._heartbeat.silent_s(now_s) is not None else None
 
     def ages_s(self, channels: Mapping[str, Sequence[CanObject]]) -> dict[str, float]:
         """By channel, the time since the oldest of its objects in the latest read came; 0 for those that were asked
@@ -142,8 +164,19 @@ class NodeReader:
         # The boot-up message precedes everything else from the node, and the receiving thread keeps the order.
         return objects if self._boots == events.boots else None
 
-    async def _heartbeat_limit_s(self) -> float:
-        """Consumer time, s; 0 if no heartbeat is expected. Raises WrongDevice when the node's heartbeat is too slow."""
+    async def _hear_both(self) -> None:
+        """Ask for the serial number, which two nodes with this id answer differently."""
+        if self._has_serial_number:
+            try:
+                await self.upload(_SERIAL_NUMBER)
+            except (NoAnswer, BadAnswer, Refused):  # it is optional
+                self._has_serial_number = False
+
+    async def _heartbeat_limit_s(self) -> tuple[float, float]:
+        """Consumer time, s, 0 if no heartbeat is expected, and the time that the node states.
+
+        Raises WrongDevice when the node's heartbeat is too slow.
+        """
         try:
             (producer,) = await self.upload(CanObject(PRODUCER_TIME, 0))
         except Refused:  # the object is optional when the node uses node guarding
@@ -155,7 +188,7 @@ class NodeReader:
                 f"node {self._node} sends its heartbeat {sends}, but heartbeat_s = {self._heartbeat_s:g}",
                 hint="set object 1017:00 to a third of that, in ms, or leave heartbeat_s out",
             )
-        return self._heartbeat_s or _PRODUCER_TIMES * producer_s
+        return self._heartbeat_s or _PRODUCER_TIMES * producer_s, producer_s
 
     async def _objects(self) -> dict[CanObject, list[bytes]]:
         """Every object, as many times as it was read."""
@@ -204,13 +237,10 @@ class NodeReader:
             ]
             try:
                 cob_id, kind, count = await self.upload(*description)
-            except Refused:  # the node has no more TPDOs
+                entries = await self.upload(*(CanObject(MAPPING + number, i + 1) for i in range(min(count[0], 64))))
+            except (BadAnswer, Refused):  # the node has no such TPDO
                 continue
-            entries = await self.upload(*(CanObject(MAPPING + number, i + 1) for i in range(min(count[0], 8))))
-            try:
-                pdo = pdo_map(int.from_bytes(cob_id, "little"), [int.from_bytes(entry, "little") for entry in entries])
-            except ValueError as error:
-                raise self.wrong(f"TPDO {number + 1}: {error}", hint="use transfer = 'sdo'") from error
+            pdo = pdo_map(int.from_bytes(cob_id, "little"), [int.from_bytes(entry, "little") for entry in entries])
             if pdo is not None and any(wanted in pdo.places for wanted in self._wanted):
                 found.append(await self._timed(number, kind[0], pdo))
         for wanted in self._wanted:

@@ -39,16 +39,15 @@ class PdoMap:
 def pdo_map(cob_id: int, mapped: Sequence[int]) -> PdoMap | None:
     """From objects 18xx:01 and 1Axx:01.. (index, sub-index, bits); None when the TPDO is disabled or empty.
 
-    Raises ValueError when the mapping is not supported: partial bytes, or more than a frame holds.
+    Entries that are no whole bytes, or beyond what a frame holds, are left out.
     """
     if cob_id & _INVALID or not mapped:
         return None
     places: dict[CanObject, tuple[int, int]] = {}
-    start = 0
+    start = 0  # bits
     for entry in mapped:
         index, subindex, bits = entry >> 16, entry >> 8 & 0xFF, entry & 0xFF
-        if bits % 8 or start + bits // 8 > _LONGEST_FRAME:
-            raise ValueError(f"object {index:04X}:{subindex:02X} is mapped with {bits} bits at byte {start}")
-        places[CanObject(index, subindex)] = start, bits // 8
-        start += bits // 8
+        if bits and not (bits % 8 or start % 8) and start + bits <= 8 * _LONGEST_FRAME:
+            places[CanObject(index, subindex)] = start // 8, bits // 8
+        start += bits
     return PdoMap(cob_id & 0x7FF, places)

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from drivers.base import BadAnswer, Clock, DriverError, NoAnswer, Reading, WrongDevice
 from drivers.byte_stream import StreamBus, TcpStream
 from drivers.micro_epsilon.profile import MeEthernetProfile
-from drivers.micro_epsilon.scaling import distance_um
+from drivers.micro_epsilon.scaling import Renewal, counted_um
 from drivers.micro_epsilon.settings import DisplacementOptions, MeEthernetSettings
 from drivers.readings import ReadingMaker
 from drivers.tap import Tap
@@ -32,6 +32,7 @@ class MeBlock:
 
     order: int
     serial: int
+    counter: int
     values: Mapping[int, int]
     """Channel, counted from 0, to raw value; fitted channels only."""
 
@@ -94,18 +95,25 @@ class MeEthernetDevice:
         self.device, self.channels = device, tuple(channels)
         self._bus, self._profile, self._options = bus, profile, options
         self._channels = dict(channels)
+        self._known: tuple[int, int] | None = None
+        """Order and serial number of the first block: a new connection does not make it another controller."""
+        self._renewal = Renewal()
         self._maker = ReadingMaker(dict.fromkeys(channels, profile.unit), clock)
 
     async def connect(self) -> None:
-        """Check that the channels in use are fitted. Raises WrongDevice, or the bus's errors."""
+        """Check that it is the controller of the first connection and that the channels in use are fitted.
+
+        Raises WrongDevice, or the bus's errors.
+        """
         await self._block()
 
     async def read(self, *, again: bool = False) -> Sequence[Reading]:  # noqa: ARG002
-        """One reading per channel, in µm, from the next block."""
+        """One reading per channel, in µm, from the next block. Raises as `connect`."""
         block = await self._block()
+        same = self._renewal.fault(block.counter, tuple(block.values.items()))
         return self._maker.make(
             {
-                name: distance_um(block.values[i], self._profile.value, self._options)
+                name: same or counted_um(block.values[i], self._profile.value, self._options)
                 for name, i in self._channels.items()
             }
         )
@@ -115,6 +123,15 @@ class MeEthernetDevice:
 
     async def _block(self) -> MeBlock:
         block = await self._bus.next_block(self.device)
+        order, serial = self._known = self._known or (block.order, block.serial)
+        if (order, serial) != (block.order, block.serial):
+            raise WrongDevice(
+                f"controller {block.order}, serial number {block.serial}, answers instead of controller {order}, "
+                f"serial number {serial}",
+                bus=self._bus.name,
+                device=self.device,
+                hint="if it was exchanged on purpose, restart the gateway; otherwise check host and cables",
+            )
         for channel, number in self._channels.items():
             if number not in block.values:
                 fitted = ", ".join(map(str, block.values)) or "none"
@@ -150,7 +167,7 @@ def find_block(heard: bytes | bytearray) -> MeBlock | None:
 def _block_at(heard: bytes | bytearray, start: int) -> tuple[MeBlock, int] | None:
     if len(heard) < start + _HEADER.size:
         return None
-    _, order, serial, field, _status, frames, frame_size, _counter = _HEADER.unpack_from(heard, start)
+    _, order, serial, field, _status, frames, frame_size, counter = _HEADER.unpack_from(heard, start)
     fitted = [channel for channel in range(_MOST_CHANNELS) if field >> 2 * channel & 3]
     size = _HEADER.size + frames * frame_size
     end = start + size
@@ -162,7 +179,7 @@ def _block_at(heard: bytes | bytearray, start: int) -> tuple[MeBlock, int] | Non
     if len(following) < len(_START) and _another_begins(bytes(heard[start:end])):
         return None
     newest = struct.unpack_from(f"<{len(fitted)}i", heard, end - frame_size)
-    return MeBlock(order, serial, dict(zip(fitted, newest, strict=True))), size
+    return MeBlock(order, serial, counter, dict(zip(fitted, newest, strict=True))), size
 
 
 def _another_begins(block: bytes) -> bool:

@@ -7,13 +7,14 @@ their sum modulo 256. Answers are not numbered: `MeRs485Bus.measure` says how la
 import asyncio
 import struct
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from math import isfinite
 
 from drivers.base import BadAnswer, Clock, NoAnswer, Quality, Reading
 from drivers.byte_stream import StreamBus
 from drivers.faults import Fault
 from drivers.micro_epsilon.profile import MeRs485Profile
-from drivers.micro_epsilon.scaling import distance_um
+from drivers.micro_epsilon.scaling import Renewal, counted_um, distance_um
 from drivers.micro_epsilon.settings import DisplacementOptions, MeRs485Settings
 from drivers.patience import Patience
 from drivers.readings import ReadingMaker
@@ -115,6 +116,15 @@ class MeRs485Bus(StreamBus):
         )
 
 
+@dataclass(frozen=True, slots=True)
+class Counted:
+    """What a `counted` payload holds."""
+
+    counter: int
+    counts: tuple[int, ...]
+    """The newest is the last."""
+
+
 class MeRs485Device:
     """One sensor with one channel."""
 
@@ -131,31 +141,36 @@ class MeRs485Device:
         self.device, self.channels = device, tuple(channels)
         self._bus, self._profile, self._address = bus, profile, address
         (self._channel,) = channels
-        self._options = options
+        self._options, self._renewal = options, Renewal()
         self._maker = ReadingMaker(dict.fromkeys(channels, profile.unit), clock)
 
     async def connect(self) -> None:
         """Check that the sensor answers in the expected form. Raises the bus's errors."""
-        await self._distance()
+        self._decoded(await self._bus.measure(self.device, self._address))
 
     async def read(self, *, again: bool = False) -> Sequence[Reading]:
         """One reading, in µm."""
-        return self._maker.make({self._channel: await self._distance(again=again)})
+        value = self._decoded(await self._bus.measure(self.device, self._address, again=again))
+        return self._maker.make({self._channel: self._distance(value)})
 
     async def close(self) -> None:
         """Nothing to close: the bus owns the port."""
 
-    async def _distance(self, *, again: bool = False) -> float | Fault:
-        data = await self._bus.measure(self.device, self._address, again=again)
+    def _decoded(self, data: bytes) -> float | Counted:
         try:
-            unscaled = decode_float(data) if self._profile.value.payload == "float" else decode_counted(data)
+            return decode_float(data) if self._profile.value.payload == "float" else decode_counted(data)
         except ValueError as error:
             raise BadAnswer(
                 str(error), bus=self._bus.name, device=self.device, hint="the sensor has another payload form"
             ) from error
-        if not isfinite(unscaled):
+
+    def _distance(self, value: float | Counted) -> float | Fault:
+        if isinstance(value, Counted):
+            same = self._renewal.fault(value.counter, value.counts)
+            return same or counted_um(value.counts[-1], self._profile.value, self._options)
+        if not isfinite(value):
             return Fault(Quality.SENSOR_FAULT, "the sensor sends no number: no target, or the probe is not connected")
-        return distance_um(unscaled, self._profile.value, self._options)
+        return distance_um(value, self._profile.value, self._options)
 
 
 def decode_float(data: bytes) -> float:
@@ -165,14 +180,14 @@ def decode_float(data: bytes) -> float:
     return float(_FLOATS.unpack(data)[0])
 
 
-def decode_counted(data: bytes) -> float:
-    """The last value of the `counted` payload. Raises ValueError when the number and the length disagree."""
+def decode_counted(data: bytes) -> Counted:
+    """Counter and values of the `counted` payload. Raises ValueError when the number and the length disagree."""
     if len(data) < _COUNTED.size + 4:
         raise ValueError(f"{len(data)} data bytes, at least {_COUNTED.size + 4} expected")
-    _counter, number = _COUNTED.unpack_from(data)
+    counter, number = _COUNTED.unpack_from(data)
     if len(data) != _COUNTED.size + 4 * number:
         raise ValueError(f"{len(data)} data bytes do not hold {number} values")
-    return float(int.from_bytes(data[-4:], "little", signed=True))
+    return Counted(counter, struct.unpack_from(f"<{number}i", data, _COUNTED.size))
 
 
 def request_frame(address: int) -> bytes:

@@ -1,10 +1,15 @@
-"""Scaling from a raw value to a distance."""
+"""Scaling from a raw value to a distance, and the recognition of a measurement that is not renewed."""
+
+from collections.abc import Hashable
 
 from drivers.base import Quality
 from drivers.faults import Fault
 from drivers.micro_epsilon.profile import StreamValue
 from drivers.micro_epsilon.settings import DisplacementOptions
 from drivers.readings import total
+
+_LAST_COUNT = 0xFFFFFF
+"""A converter of 24 bits stands at 0 or here whenever its probe is out of range or unplugged (capaNCDT 6200, 6.2)."""
 
 
 def distance_um(raw: float, value: StreamValue, options: DisplacementOptions) -> float | Fault:
@@ -13,3 +18,27 @@ def distance_um(raw: float, value: StreamValue, options: DisplacementOptions) ->
     if not 0.0 <= fraction <= 1.0:
         return Fault(Quality.OUT_OF_RANGE, f"{fraction:.3g} of the measuring range; 0 to 1 can be measured")
     return total(fraction * options.range_um, -options.zero_um)
+
+
+def counted_um(count: int, value: StreamValue, options: DisplacementOptions) -> float | Fault:
+    """The same of a converter's count: its first and last one do not tell where the target is."""
+    if count in (0, _LAST_COUNT):
+        end = "start" if count == 0 else "end"
+        what = f"{count:X} hex: the target is beyond the {end} of the measuring range, or the probe is not connected"
+        return Fault(Quality.OUT_OF_RANGE, what)
+    return distance_um(count, value, options)
+
+
+class Renewal:
+    """Whether a device that counts its measurements still measures."""
+
+    def __init__(self) -> None:
+        self._last: tuple[int, Hashable] | None = None
+
+    def fault(self, counter: int, values: Hashable) -> Fault | None:
+        """The fault of a measurement that is the one of the last read, counter and values alike."""
+        same, self._last = self._last == (counter, values), (counter, values)
+        if not same:
+            return None
+        what = f"counter and values are those of the last read, counter {counter}: it does not measure; restart it"
+        return Fault(Quality.STALE, what)

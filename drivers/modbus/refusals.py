@@ -25,12 +25,14 @@ to a count that is too large."""
 def refusal(bus: str, device: str, unit: int, block: Block, code: int) -> NoAnswer | Refused:
     """The error for a unit that answered this request with an exception code."""
     meaning = _EXCEPTIONS.get(code, "unknown exception")
-    what = f"unit {unit} answered function {block.function}, address {block.address}, count {block.count} with "
+    reason = f"exception {code}: {meaning}"
+    asked = f"function {block.function}, address {block.address}, count {block.count}"
+    what = f"unit {unit} answered {asked} with {reason}"
     if code in _TARGET_SILENT:
         hint = "behind that gateway: check power, wiring and id of the unit, and the gateway's timeout"
-        return NoAnswer(f"{what}exception {code}: {meaning}", bus=bus, device=device, hint=hint)
+        return NoAnswer(what, bus=bus, device=device, hint=hint)
     if code in _BUSY:
         hint = "ask it less often: a longer period_s, or no second master"
-        return Busy(f"{what}exception {code}: {meaning}", bus=bus, device=device, hint=hint)
+        return Busy(what, reason=reason, bus=bus, device=device, hint=hint)
     hint = (code == _ILLEGAL_ADDRESS and as_in_manuals(block.address)) or "does the profile fit the device?"
-    return Refused(f"{what}exception {code}: {meaning}", absent=code in _ABSENT, bus=bus, device=device, hint=hint)
+    return Refused(what, absent=code in _ABSENT, reason=reason, bus=bus, device=device, hint=hint)

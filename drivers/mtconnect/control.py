@@ -3,7 +3,7 @@
 import asyncio
 
 from drivers.base import BadAnswer, Clock, ConnectError
-from drivers.mtconnect.document import data_items, latest_values
+from drivers.mtconnect.document import Observed, described, observed
 from drivers.mtconnect.exchange import ask_agent
 from drivers.mtconnect.items import POSITION_UNITS, SPEED_UNITS, SWITCHED, factors, number
 from drivers.mtconnect.settings import MtConnectSettings
@@ -28,6 +28,8 @@ _PROGRAMS = {
     "PROGRAM_STOPPED": ProgramState.INTERRUPTED,
     "OPTIONAL_STOP": ProgramState.INTERRUPTED,
 }
+_DESCRIBED_AGAIN_S = 60.0
+"""After this time the agent is asked for its description again: somebody may have changed a unit without a restart."""
 _STOPS = ("ARMED", "TRIGGERED")
 """States of an emergency stop."""
 
@@ -38,20 +40,30 @@ class MtConnectControl(OnlyRead):
     def __init__(self, settings: MtConnectSettings, clock: Clock) -> None:
         self._settings, self._clock = settings, clock
         self._factors: dict[str, float] = {}
+        self._instance = ""
+        """Of the agent when it was last asked for its description."""
+        self._described_s = 0.0
+        """When that was, monotonic."""
 
     async def connect(self) -> None:
         """The agent must describe every configured data item, with a type and a unit that fit.
 
         Raises WrongDevice if it does not.
         """
+        self._instance = await self._learn()
+        await self.snapshot()
+
+    async def _learn(self) -> str:
+        """Take the factors from the agent's description; returns its instance. Raises as `connect`."""
         self._factors = {}
         body = await self._get("probe")
         try:
-            found = await asyncio.to_thread(data_items, body)
+            found = await asyncio.to_thread(described, body)
         except ValueError as error:
             raise BadAnswer(f"probe: {error}", device="nc") from error
-        self._factors = factors(self._settings, found)
-        await self.snapshot()
+        self._factors = factors(self._settings, found.items)
+        self._described_s = self._clock.monotonic()
+        return found.instance
 
     async def close(self) -> None:
         """Each request has its own connection."""
@@ -60,15 +72,12 @@ class MtConnectControl(OnlyRead):
     async def snapshot(self) -> NcSnapshot:
         """Raises BadAnswer while an axis has no position: an agent that has lost its control reports UNAVAILABLE.
 
-        A word of another data item that is not known costs only itself.
+        After a restart of the agent, and each minute, its description is read again; raises as `connect`. A word of
+        another data item that is not known costs only itself.
         """
         if not self._factors:
             raise ConnectError("not connected", device="nc", hint="connect first")
-        body, settings = await self._get("current"), self._settings
-        try:
-            told = await asyncio.to_thread(latest_values, body)
-        except ValueError as error:
-            raise BadAnswer(f"current: {error}", device="nc") from error
+        settings, told = self._settings, (await self._observed()).values
         if missing := [axis for axis in AXES if settings.positions[axis] not in told]:
             raise BadAnswer(f"no position of {', '.join(missing)}: the agent says UNAVAILABLE", device="nc")
         positions = {axis: self._value(axis, settings.positions[axis], told) for axis in AXES}
@@ -97,6 +106,26 @@ class MtConnectControl(OnlyRead):
             ready=False if told.get(settings.emergency_stop) == "TRIGGERED" else None,
             cannot_probe=ONLY_READ,
         )
+
+    async def _observed(self) -> Observed:
+        """What the agent observed last, in the units of its description."""
+        if self._clock.monotonic() - self._described_s >= _DESCRIBED_AGAIN_S:
+            await self._learn()
+        found = await self._current()
+        if found.instance != self._instance:
+            await self._learn()
+            restarted, found = found, await self._current()
+            if found.instance != restarted.instance:
+                what = f"current: instance {found.instance or 'none'} after {restarted.instance or 'none'}"
+                raise BadAnswer(what, device="nc", hint="the agent restarts, or two of them answer")
+            self._instance = found.instance
+        return found
+
+    async def _current(self) -> Observed:
+        try:
+            return await asyncio.to_thread(observed, await self._get("current"))
+        except ValueError as error:
+            raise BadAnswer(f"current: {error}", device="nc") from error
 
     def _value(self, name: str, item: str, told: dict[str, str]) -> float:
         text = told[item]

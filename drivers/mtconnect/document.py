@@ -1,6 +1,6 @@
 """MTConnect's documents: data items that an agent describes, and what it last observed of each."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 from xml.parsers import expat
 
@@ -48,7 +48,7 @@ def elements(document: bytes) -> list[Element]:
     def doctype(*_: object) -> None:
         raise ValueError("it has a document type, which is not accepted")
 
-    parser = expat.ParserCreate("utf-8")
+    parser = expat.ParserCreate()  # in the encoding that the document states, else UTF-8
     parser.buffer_text = True
     parser.StartElementHandler = start
     parser.EndElementHandler = lambda _: inside.pop()
@@ -64,12 +64,46 @@ def elements(document: bytes) -> list[Element]:
     return found
 
 
-def data_items(document: bytes) -> dict[str, Mapping[str, str]]:
-    """Id to the attributes of each data item, of an answer to `probe`. Raises ValueError.
+@dataclass(frozen=True, slots=True)
+class Described:
+    """An answer to `probe`."""
+
+    instance: str
+    """Identity of the agent's start and of the machine's description; empty if it states none."""
+    items: Mapping[str, Mapping[str, str]]
+
+
+@dataclass(frozen=True, slots=True)
+class Observed:
+    """An answer to `current`."""
+
+    instance: str
+    """As in `Described`; another one: the data items may be others, in other units."""
+    values: dict[str, str]
+
+
+def described(document: bytes) -> Described:
+    """Raises ValueError."""
+    found = elements(document)
+    return Described(_instance(found), data_items(found))
+
+
+def observed(document: bytes) -> Observed:
+    """Raises ValueError."""
+    found = elements(document)
+    return Observed(_instance(found), latest_values(found))
+
+
+def _instance(found: Iterable[Element]) -> str:
+    header = next((e.attributes for e in found if e.name == "Header"), {})
+    return " ".join(header[name] for name in ("instanceId", "deviceModelChangeTime") if name in header)
+
+
+def data_items(found: Collection[Element]) -> dict[str, Mapping[str, str]]:
+    """Id to the attributes of each data item, of an answer to `probe`.
 
     Agents from version 1.5 on name a coordinate system by its id; here `coordinateSystem` is its type in either case.
     """
-    found = elements(document)
     systems = {e.attributes.get("id", ""): e.attributes.get("type", "") for e in found if e.name == "CoordinateSystem"}
     items = {}
     for attributes in (e.attributes for e in found if e.name == "DataItem" and "id" in e.attributes):
@@ -78,7 +112,7 @@ def data_items(document: bytes) -> dict[str, Mapping[str, str]]:
     return items
 
 
-def latest_values(document: bytes) -> dict[str, str]:
-    """Id to the latest value of each data item that has one, of an answer to `current`. Raises ValueError."""
-    found = {e.attributes["dataItemId"]: e.text for e in elements(document) if "dataItemId" in e.attributes}
-    return {item: text for item, text in found.items() if text != _UNAVAILABLE}
+def latest_values(found: Iterable[Element]) -> dict[str, str]:
+    """Id to the latest value of each data item that has one, of an answer to `current`."""
+    latest = {e.attributes["dataItemId"]: e.text for e in found if "dataItemId" in e.attributes}
+    return {item: text for item, text in latest.items() if text != _UNAVAILABLE}

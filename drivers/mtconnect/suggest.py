@@ -35,7 +35,7 @@ def suggested_items(document: bytes) -> SuggestedItems:
     devices = [e for e in found if e.name == "Device"]
     if not devices:
         raise ValueError("it describes no machine: there is no element Device")
-    described = data_items(document)
+    described = data_items(found)
     items = [_PlacedItem(e, described) for e in found if e.name == "DataItem" and "id" in e.attributes]
     items = [item for item in items if devices[0] in item.around]
     chosen: dict[str, str] = {}

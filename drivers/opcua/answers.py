@@ -10,6 +10,14 @@ from drivers.opcua.nodes import NodeName, NodeValue
 
 SERVER_TIME: Final = NodeId.from_string("i=2258")
 """Server_ServerStatus_CurrentTime, which every server has (Part 5, 6.3.1)."""
+MOST_NODES: Final = NodeId.from_string("i=11705")
+"""Server_ServerCapabilities_OperationLimits_MaxNodesPerRead, which a server may have (Part 5, 6.3.11)."""
+
+
+def count_in(data: DataValue) -> int:
+    """The value of a node that holds a count; 0 if it does not."""
+    value = None if data.Value is None else data.Value.Value
+    return value if isinstance(value, int) and value > 0 else 0
 
 
 def node_id(name: NodeName, namespaces: Sequence[str]) -> NodeId | None:

@@ -32,8 +32,12 @@ class OpcUaBus:
     async def close(self) -> None:
         await self._session.close()
 
+    def by_uri(self, name: NodeName) -> NodeName:
+        """The node named by the URI of its namespace, as the server last numbered them; see `OpcUaSession`."""
+        return self._session.by_uri(name)
+
     async def read(self, device: str, nodes: Sequence[NodeName], *, aged: bool = False) -> list[NodeValue]:
-        """What the server says of these nodes, in one request. The status of a node that it does not have says so.
+        """What the server says of these nodes. The status of a node that it does not have says so.
 
         aged: look up how old the values are
 

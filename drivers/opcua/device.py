@@ -36,7 +36,7 @@ class OpcUaDevice:
                 f"the server has none of the nodes {', '.join(map(str, self._names[:3]))}",
                 bus=self._bus.name,
                 device=self.device,
-                hint="compare ids and namespace with the server's own, case included",
+                hint=values[0].detail or "compare ids and namespace with the server's own, case included",
             )
 
     async def read(self, *, again: bool = False) -> Sequence[Reading]:  # noqa: ARG002

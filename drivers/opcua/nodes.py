@@ -80,6 +80,8 @@ class NodeValue:
     """By the clock of its source; None if the server states none."""
     age_s: float | None = None
     """From the source time to the server's own present time; None if either is not known."""
+    detail: str = ""
+    """What the gateway knows against the value, whatever the server says of it."""
 
     @property
     def data(self) -> bytes | None:
@@ -98,6 +100,8 @@ class NodeValue:
 
     def fault(self) -> Fault | None:
         """What the status says against the value; None if it is good."""
+        if self.detail:
+            return Fault(Quality.COMM_FAULT, self.detail)
         code = self.status & _CODE
         quality = _QUALITIES.get(code)
         if quality is None and not self.status & _SEVERITY:
@@ -112,6 +116,14 @@ class NodeValue:
 
 NO_NAMESPACE: Final = NodeValue(None, 0x8033_0000, "BadNodeIdInvalid")
 """The value of a node in a namespace that the server does not have."""
+
+
+def moved(index: int, known: str, found: str) -> NodeValue:
+    """The value of a node whose namespace index belonged to another namespace at the first connection."""
+    what = f"namespace {index} was {known} and is {found or 'none'} now: name the node by nsu={known} in the profile"
+    return NodeValue(None, NO_NAMESPACE.status, NO_NAMESPACE.status_name, detail=what)
+
+
 _CODE = 0xFFFF_0000
 """Bits of a status: all but its details."""
 _SEVERITY = 0xC000_0000

@@ -18,11 +18,11 @@ from asyncua.ua.uatypes import DataValue, Int16, NodeId, StatusCode, String, Var
 from drivers.base import BadAnswer, ConnectError, DriverError, NoAnswer, Refused, SetupError, WrongDevice
 from drivers.credential_files import secret_in
 from drivers.error_words import in_words
-from drivers.opcua.answers import SERVER_TIME, node_id, node_value, time_in
+from drivers.opcua.answers import MOST_NODES, SERVER_TIME, count_in, node_id, node_value, time_in
 from drivers.opcua.certificates import application_uri, check_key, valid_certificate
-from drivers.opcua.nodes import NO_NAMESPACE, NodeName, NodeValue
+from drivers.opcua.nodes import NO_NAMESPACE, NodeName, NodeValue, moved
 from drivers.opcua.settings import OpcUaServer, with_port
-from drivers.opcua.status_codes import CERTIFICATE, DENIED, LOST, UNKNOWN_NODE
+from drivers.opcua.status_codes import CERTIFICATE, DENIED, LOST, TOO_MANY, UNKNOWN_NODE
 from drivers.opcua.subscription import Subscription
 
 # Our errors report a lost connection; a handler that the service installs still receives the library's messages.
@@ -61,6 +61,10 @@ class OpcUaSession:
         self._asked_s = self._kept_s = kept_s
         self._namespace = 0
         self._namespaces: list[str] = []
+        self._known: dict[int, str] = {}
+        """URI of each namespace index in use, as it was at the first connection."""
+        self._most_nodes = 0
+        """How many nodes the server reads in one request; 0: it states no limit."""
         self._nodes: dict[tuple[str, ...], list[NodeId]] = {}
         self._subscriptions: dict[tuple[str, ...], Subscription | None] = {}
 
@@ -103,6 +107,10 @@ class OpcUaSession:
         self._nodes.clear()
         namespaces = await self._ask(client.get_namespace_array(), "reads the namespaces") or []
         self._namespaces = namespaces
+        self._most_nodes = 0
+        with suppress(BadAnswer, Refused):
+            (limit,) = await self._read([MOST_NODES])
+            self._most_nodes = count_in(limit)
         wanted = self._namespace_uri
         if wanted is None:
             return
@@ -138,30 +146,62 @@ class OpcUaSession:
             await client.disconnect()
 
     async def read(self, paths: tuple[str, ...]) -> list[OpcUaNumber | None]:
-        """Values of several nodes in one request; None where the control has no good value at present.
+        """Values of several nodes, in as few requests as the server allows.
 
-        Raises WrongDevice for a node that does not exist, Refused for a missing right.
+        None where the control has no good value at present. Raises WrongDevice for a node that does not exist, Refused
+        for a missing right.
         """
-        client = self._open()
         async with self._malformed_is_bad("reads"):
-            answer = await self._ask(client.uaclient.read_attributes(self._ids(paths), AttributeIds.Value), "reads")
-            self._expect(len(paths), answer, "values")
+            answer = await self._read(self._ids(paths))
             return [self._value(path, value) for path, value in zip(paths, answer, strict=True)]
 
     async def read_nodes(self, names: tuple[NodeName, ...], *, aged: bool = False) -> list[NodeValue]:
-        """What the server says of these nodes, in one request; for a node that it does not have, too.
+        """What the server says of these nodes, in as few requests as it allows; for a node that it does not have, too,
+        and for one whose namespace index was another namespace's at the first connection.
 
         aged: state how old the values are, by the server's own clock
         """
-        client = self._open()
         async with self._malformed_is_bad("reads"):
-            known = {name: node for name in names if (node := node_id(name, self._namespaces)) is not None}
-            wanted = [*known.values(), *([SERVER_TIME] if aged else [])]
-            answer = await self._ask(client.uaclient.read_attributes(wanted, AttributeIds.Value), "reads")
-            self._expect(len(wanted), answer, "values")
+            strange = {name: value for name in names if (value := self._moved(name)) is not None}
+            asked = [name for name in names if name not in strange]
+            known = {name: node for name in asked if (node := node_id(name, self._namespaces)) is not None}
+            answer = await self._read([*known.values(), *([SERVER_TIME] if aged else [])])
             now = time_in(answer.pop()) if aged else None
-            found = {name: node_value(data, now) for name, data in zip(known, answer, strict=True)}
+            found = strange | {name: node_value(data, now) for name, data in zip(known, answer, strict=True)}
             return [found.get(name, NO_NAMESPACE) for name in names]
+
+    def by_uri(self, name: NodeName) -> NodeName:
+        """The node named by the URI of its namespace, if that has one at this server; the index may change."""
+        uri = self._uri(name.namespace) if isinstance(name.namespace, int) else ""
+        return NodeName(name.identifier, uri) if uri else name
+
+    def _uri(self, index: int) -> str:
+        return self._namespaces[index] or "" if 0 < index < len(self._namespaces) else ""
+
+    def _moved(self, name: NodeName) -> NodeValue | None:
+        index = name.namespace
+        if isinstance(index, str) or not index:
+            return None
+        uri = self._uri(index)
+        known = self._known.setdefault(index, uri) if uri else self._known.get(index, "")
+        return None if known == uri else moved(index, known, uri)
+
+    async def _read(self, nodes: list[NodeId]) -> list[DataValue]:
+        """Their values, in parts if the server limits how many it reads at once, whether it states that or not."""
+        client, found = self._open(), list[DataValue]()
+        while len(found) < len(nodes):
+            most = self._most_nodes or len(nodes)
+            part = nodes[len(found) : len(found) + most]
+            try:
+                answer = await self._ask(client.uaclient.read_attributes(part, AttributeIds.Value), "reads")
+            except BadAnswer as error:
+                if len(part) == 1 or getattr(error.__cause__, "code", None) != TOO_MANY:
+                    raise
+                self._most_nodes = (len(part) + 1) // 2
+                continue
+            self._expect(len(part), answer, "values")
+            found += answer
+        return found
 
     async def subscribe(self, paths: tuple[str, ...], interval_s: float) -> bool:
         """Subscribe to changes of these nodes until the session ends; False when the server refuses."""

@@ -11,6 +11,7 @@ DENIED = frozenset(
         StatusCodes.BadIdentityTokenRejected,
     }
 )
+TOO_MANY = StatusCodes.BadTooManyOperations
 UNKNOWN_NODE = frozenset(
     {
         StatusCodes.BadNodeIdUnknown,

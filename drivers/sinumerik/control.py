@@ -319,8 +319,17 @@ class Sinumerik:
         check_number(number, "request number")
         if self._unproven == number:
             self._unproven = None  # the control does not know of it
-        else:
+        elif not await self._would_count_again(number):
             await self._session.write({self._settings.r(self._settings.handshake.withdraw): float(number)})
+
+    async def _would_count_again(self, number: int) -> bool:
+        """Whether another request waits that is withdrawn: there is one number for that, and without its own the
+        control would obey it. Only the cycle that runs is more urgent."""
+        found = await self._session.read(self._request)
+        request, answers, state, _, taken_back = map(code_of, found)
+        if request in (number, answers) or request != taken_back:
+            return False
+        return not (answers == number and PROBING_STATES.get(state) in UNDER_WAY)
 
     async def write_compensation(self, offsets_um: tuple[float, float, float]) -> None:
         """Raises NotSendable, before anything is sent, for a number that is not finite or beyond `largest_um`.

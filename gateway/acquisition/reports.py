@@ -18,6 +18,7 @@ class LineReports:
         self._shared = line.bus if isinstance(line.bus, SharedLine) else None
         self._pace = Pace(line.period_s)
         self._period, self._wire = (Text(code, name=self._bus) for code in (NoticeCode.BUS_PERIOD, NoticeCode.BUS_LINE))
+        self._channels: dict[str, Text] = {}
 
     def failed(self, subject: Text, error: Exception, kind: str = "") -> str:
         """A bus could not be opened, or a device could not be read; returns why, in words.
@@ -40,27 +41,30 @@ class LineReports:
 
     def opened(self, subject: Text) -> None:
         """The bus is open."""
-        self._problems.clear(subject, Text(NoticeCode.OPENED_AGAIN, subject=subject))
+        self._problems.clear(subject, NoticeCode.OPENED_AGAIN, subject=subject)
 
     def answered(self, subject: Text, readings: Sequence[Reading]) -> None:
         """A device answered; some of its channels may still be bad."""
-        if self._problems.none_lately and all(reading.quality.usable for reading in readings):
-            return  # as almost always
-        self._problems.clear(subject, Text(NoticeCode.ANSWERS_AGAIN, subject=subject))
+        self._problems.clear(subject, NoticeCode.ANSWERS_AGAIN, subject=subject)
         for reading in readings:
-            channel = Text(NoticeCode.CHANNEL, name=reading.channel)
+            channel = self._channel(reading.channel)
             if reading.quality.usable:
-                self._problems.clear(channel, Text(NoticeCode.CHANNEL_GOOD_AGAIN, channel=reading.channel))
+                self._problems.clear(channel, NoticeCode.CHANNEL_GOOD_AGAIN, channel=reading.channel)
             else:
                 self._problems.report(channel, channel_bad(reading), reading.quality.value)
+
+    def _channel(self, name: str) -> Text:
+        if name not in self._channels:
+            self._channels[name] = Text(NoticeCode.CHANNEL, name=name)
+        return self._channels[name]
 
     def polled(self, answered_s: Mapping[str, float], missed: int) -> None:
         """A period has passed: how long each answering device took, s, and how many periods were missed meanwhile."""
         self._pace.polled(answered_s, missed)
         if self._pace.slow:
             self._problems.report(self._period, self._pace.text(self._bus))
-        elif not self._problems.none_lately:
-            self._problems.clear(self._period, Text(NoticeCode.BUS_IN_TIME, bus=self._bus))
+        else:
+            self._problems.clear(self._period, NoticeCode.BUS_IN_TIME, bus=self._bus)
         if self._shared is not None:
             self._shared_by(self._shared)
 
@@ -74,8 +78,8 @@ class LineReports:
             return
         if evidence:
             self._problems.report(self._wire, Text(NoticeCode.OTHER_MASTER, bus=self._bus, evidence=evidence))
-        elif not self._problems.none_lately:
-            self._problems.clear(self._wire, Text(NoticeCode.NO_OTHER_MASTER, bus=self._bus))
+        else:
+            self._problems.clear(self._wire, NoticeCode.NO_OTHER_MASTER, bus=self._bus)
 
 
 def channel_bad(reading: Reading) -> Text:

@@ -35,6 +35,8 @@ from gateway.runtime.extras import need_extra
 @click.option(
     "--time-zone", type=ZoneName, metavar="ZONE", help="Time zone of times without one, such as Europe/Zurich."
 )
+@click.option("--runs", metavar="COLUMN", default="",
+              help="Column that differs between runs, if the time of each starts again.")  # fmt: skip
 @click.option("--error", "errors", multiple=True, metavar="NAME=COLUMN",
               help="Column of a thermal error; NAME may be any name.")  # fmt: skip
 @click.option("--unit", "units", multiple=True, metavar="NAME=UNIT", help="Unit of an error's column, such as mm.")
@@ -65,6 +67,7 @@ def replay(
     time_unit: str,
     time_format: str,
     time_zone: ZoneInfo | None,
+    runs: str,
     errors: tuple[str, ...],
     units: tuple[str, ...],
     inputs: tuple[str, ...],
@@ -93,7 +96,7 @@ def replay(
     if is_database(file):
         from gateway.control.replay.run import show
 
-        sys.exit(0 if show(file) else EXIT_DIFFERENT)
+        sys.exit(0 if show(file, language) else EXIT_DIFFERENT)
     need_extra("report")
     from gateway.control.replay.run import Request, run_recording
 
@@ -102,7 +105,7 @@ def replay(
     layout = TextLayout(parsed("--skip", line_ranges, skip), missing)
     named = parsed("--error", options.named_errors, errors)
     error_units = parsed("--unit", options.named_units, units)
-    columns = Columns(time_column, named, ignore, inputs, error_units, clock, time_of_day, layout)
+    columns = Columns(time_column, named, ignore, inputs, error_units, clock, time_of_day, runs, layout)
     page = page_path(output, file, config)
     if out is not None and out.suffix not in (".csv", ".parquet"):
         raise click.BadParameter(f"{str(out)!r}: expected a name that ends in .csv or .parquet", param_hint="--out")

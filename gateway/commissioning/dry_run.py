@@ -2,6 +2,7 @@
 
 import asyncio
 import math
+import os
 import signal
 from collections.abc import Callable, Coroutine, Iterator
 from contextlib import ExitStack, contextmanager, suppress
@@ -14,6 +15,7 @@ from drivers.nc import MarksPath, ProbingState, RunsDry
 from gateway.config.controls import Nc
 from gateway.config.model import GatewayConfig
 from gateway.model.events import EventReported, ProbingRequested
+from gateway.model.text import Language, language_wanted
 from gateway.model.wording import event_of
 from gateway.nc.boundary import contained_control
 from gateway.nc.build import control_of
@@ -26,42 +28,36 @@ from gateway.storage.store import Store, boot_id
 from talc.frame import EventKind
 
 _POLL_S = 0.2
-_STATES = {
-    ProbingState.REQUESTED: "requested: the control begins at its next safe point (SINUMERIK: run TALC_SAFE_POINT "
-    "twice: the first call shows which program it is)",
-    ProbingState.ACCEPTED: "accepted: the probe is fetched, then the axes go over the sphere",
-    ProbingState.RUNNING: "running",
-    ProbingState.DONE: "done",
-}
 
 
 def run(config: GatewayConfig, height_mm: float, output: Path | None) -> None:
     """Do one on the control of a configuration, print it and write the report. Raises DriverError, StoreError."""
     _, geometry = _asked(config)
-    click.echo(
-        f"{geometry.control} is asked to go through its {len(geometry.poses_deg)} poses {height_mm:g} mm above the "
-        "sphere. Stand at the feed override; Ctrl-C withdraws the request"
-    )
-    clock = RealClock()
+    clock, said = RealClock(), Language(language_wanted(os.environ))
+    click.echo(said("dry_run.asked", control=geometry.control, poses=len(geometry.poses_deg), mm=height_mm))
     began = clock.utc()
-    done = asyncio.run(_until_signal(dry_run(config, clock, height_mm, _POLL_S, click.echo)))
+
+    def told(state: ProbingState) -> None:
+        click.echo(said.word("dry_run_state", state))
+
+    done = asyncio.run(until_signal(dry_run(config, clock, height_mm, _POLL_S, told)))
     lines = list(report(done, geometry))
     for line in lines:
         click.echo(line)
     path = output or config.storage.path.with_suffix(".dry-run.txt")
     head = f"dry run of {config.machine.name}, {geometry.control}, {began:%Y-%m-%d %H:%M} UTC"
     path.write_text("\n".join((head, *lines)) + "\n", encoding="utf-8")
-    click.echo(f"written: {path}")
+    click.echo(said("dry_run.written", path=str(path)))
     if done.wrong:
         raise Refused("this dry run does not show that the cycle is free", device="nc", hint="; ".join(done.wrong))
     if not config.probing.armed:
-        click.echo("cycles may be requested now: [probing] armed = true, and a restart")
+        click.echo(said("dry_run.free"))
 
 
 async def dry_run(
-    config: GatewayConfig, clock: ServiceClock, height_mm: float, poll_s: float, said: Callable[[str], None]
+    config: GatewayConfig, clock: ServiceClock, height_mm: float, poll_s: float, told: Callable[[ProbingState], None]
 ) -> DryRun:
-    """Do one, and record it in the database if it went well. said: gets each state in words.
+    """Do one, and record it in the database if it went well. told: gets each state.
 
     Raises SetupError without a control that probes, StoreError while a gateway runs, DriverError.
     """
@@ -94,7 +90,7 @@ async def dry_run(
                 height_mm=height_mm,
                 poll_s=poll_s,
                 timeout_s=config.probing.timeout_s,
-                told=lambda state: said(_STATES.get(state, state.value)),
+                told=told,
             )
         except (NotBegun, Rejected) as error:
             raise Refused(str(error), device="nc") from error
@@ -137,12 +133,17 @@ def report(run: DryRun, geometry: Geometry) -> Iterator[str]:
     yield from run.wrong
 
 
-async def _until_signal(work: Coroutine[object, object, DryRun]) -> DryRun:
-    """SIGTERM ends it as Ctrl-C does: the request is withdrawn."""
+async def until_signal(work: Coroutine[object, object, DryRun]) -> DryRun:
+    """SIGTERM, and the end of the terminal or of its connection, end it as Ctrl-C does: the request is withdrawn."""
     task = asyncio.create_task(work)
+
+    def end() -> None:
+        if not task.cancelling():  # a second one would end the withdrawal
+            task.cancel()
+
     loop = asyncio.get_running_loop()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        loop.add_signal_handler(number, task.cancel)
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        loop.add_signal_handler(number, end)
     try:
         return await task
     except asyncio.CancelledError:

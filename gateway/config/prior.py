@@ -7,6 +7,8 @@ from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from gateway.model.codes import NoticeCode
+from gateway.model.text import Text
 from talc.settings import TalcSettings
 
 if TYPE_CHECKING:
@@ -64,12 +66,10 @@ def parse_prior(text: str) -> PriorFile:
     return PriorFile(text, Prior.from_dict(plain))
 
 
-def described(found: PriorFile, names: Sequence[str]) -> str:
-    """How much of a prior a machine with these inputs can use, for people."""
+def described(found: PriorFile, names: Sequence[str]) -> Text:
+    """How much of a prior a machine with these inputs can use."""
     known = len(found.prior.known(names))
     machines = int(found.prior.machines.max())
     errors = int((found.prior.machines > 0).sum())
-    return (
-        f"prior of {machines} machine{'s' if machines != 1 else ''}, {errors} thermal errors; it contains {known} of "
-        f"the {len(names)} inputs here; {len(found.prior.inputs) - known} of its inputs do not exist here"
-    )
+    other = len(found.prior.inputs) - known
+    return Text(NoticeCode.PRIOR_IS, machines=machines, errors=errors, known=known, inputs=len(names), other=other)

@@ -94,7 +94,7 @@ class PlannedLoads:
         except Exception as error:  # noqa: BLE001 - advice must not endanger the gateway
             self._problems.report(_SUBJECT, Text(NoticeCode.LOADS_NOT_LEARNT), type(error).__name__, bug=error)
         else:
-            self._problems.clear(_SUBJECT, Text(NoticeCode.LOADS_LEARNT))
+            self._problems.clear(_SUBJECT, NoticeCode.LOADS_LEARNT)
 
     def changes(self, steps: int) -> dict[str, FloatArray | None]:
         """By planned load, (steps, n) by how much the inputs will differ from the last frame's at each later step.

@@ -154,7 +154,7 @@ class SensorWatch:
     async def _attempt(self, failing: NoticeCode, works: NoticeCode, part: Callable[[], Awaitable[bool]]) -> None:
         try:
             if await part():
-                self._problems.clear(failing, Text(works))
+                self._problems.clear(failing, works)
         except WorkError as error:
             self._problems.report(failing, Text(failing, why=failure(error)), str(error))
         except Exception as error:  # noqa: BLE001 - reported with its traceback

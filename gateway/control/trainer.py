@@ -6,13 +6,13 @@ from collections.abc import Awaitable, Callable
 
 from gateway.model.codes import NoticeCode
 from gateway.model.events import EventReported, ModelsAdopted, Sink
-from gateway.model.text import Text, failure
+from gateway.model.text import failure
 from gateway.model.wording import worded
 from gateway.runtime.clocks import ServiceClock
 from gateway.runtime.workers.process import in_process
 from talc.control import Controller
 from talc.frame import TrainingJob
-from talc.models import ModelSet
+from talc.models import ModelSet, TrainingNote
 from talc.names import THERMAL_ERRORS
 from talc.papers.training import train
 
@@ -26,7 +26,7 @@ async def train_apart(job: TrainingJob) -> ModelSet:
 
 def models_of_failure(job: TrainingJob, error: Exception) -> ModelSet:
     """An empty model set, adopted instead of a failed training's models: the former ones stay."""
-    note = Text(NoticeCode.TRAINING_FAILED, error=failure(error))
+    note = TrainingNote(NoticeCode.TRAINING_FAILED, {"error": failure(error)})
     nothing = (None,) * len(THERMAL_ERRORS)
     return ModelSet(k=job.k, why=job.why.value, input_names=job.input_names, models=nothing, notes=(note,), failed=True)
 

@@ -11,9 +11,10 @@ from gateway.commissioning.dry_run import dry_run
 from gateway.demo.demo_machine import STEPS_PER_HOUR, Demo, on_emulated_machine
 from gateway.demo.demo_page import PAGE_LOG, demo_page
 from gateway.listeners.watch.view import LiveView, ViewState, feeding
-from gateway.model.text import language_wanted
+from gateway.model.text import Language, language_wanted
 from gateway.runtime.signals import stop_on_signals
 from gateway.runtime.terminal import terminal
+from gateway.service.report_data import Reader
 from gateway.service.report_file import write
 from gateway.service.serving import serve
 from simulators.clock import SharedClock
@@ -45,23 +46,28 @@ def run_demo(demo: Demo) -> None:
     demo.folder.mkdir(parents=True, exist_ok=True)
     for name in _LEAVINGS:
         (demo.folder / name).unlink(missing_ok=True)
-    console = terminal()
-    asyncio.run(_run(demo, console))
+    console, said = terminal(), Language(language_wanted(os.environ))
+    asyncio.run(_run(demo, console, said))
     console.print()
-    write(demo.folder / "gateway.sqlite", demo.folder / "report.html", truth=demo.folder / "truth.csv")
-    console.print(f"replay: talc-gateway replay {demo.folder / 'gateway.sqlite'}")
+    reader = Reader(language=said.code)
+    write(demo.folder / "gateway.sqlite", demo.folder / "report.html", demo.folder / "truth.csv", reader)
+    console.print(said("demo.replay", file=str(demo.folder / "gateway.sqlite")))
 
 
-async def _run(demo: Demo, console: Console) -> None:
+async def _run(demo: Demo, console: Console, said: Language) -> None:
     async with (
         demo_page(demo.folder, demo.zenoh_port, _USE) as page,
         on_emulated_machine(demo) as (config, clock),
     ):
-        said = "its page: not installed; pip install 'talc-gateway[web]'" if page is None else await page.line()
-        console.print(said, highlight=False, soft_wrap=True)
+        line = said("demo.page_absent") if page is None else await page.line(said)
+        console.print(line, highlight=False, soft_wrap=True)
         clock.start()
         await dry_run(
-            config, clock, _HEIGHT_MM, _POLL_S, lambda line: console.print(f"dry run {line}", highlight=False)
+            config,
+            clock,
+            _HEIGHT_MM,
+            _POLL_S,
+            lambda state: console.print(said("demo.dry_run", line=said.word("dry_run_state", state)), highlight=False),
         )
         clock.stop()
         stop = asyncio.Event()
@@ -69,7 +75,7 @@ async def _run(demo: Demo, console: Console) -> None:
         state = ViewState(machine=config.machine.name)
         state.progress_until_s = demo.hours * 3600.0
         view = feeding(state, config.input_names, clock, simulated=True)
-        with LiveView(state, plain=demo.plain, language=language_wanted(os.environ)):
+        with LiveView(state, plain=demo.plain, language=said.code):
             ender = asyncio.create_task(_end_at(clock, demo.hours * 3600.0, stop))
             try:
                 await serve(config, clock, stop, simulated=True, more=[view], started=lambda _: clock.start())

@@ -5,6 +5,7 @@ Runs in real time, because LinuxCNC cannot be accelerated. The machine's thermal
 
 import asyncio
 import math
+import os
 import secrets
 import shutil
 import socket
@@ -23,6 +24,7 @@ from drivers.linuxcnc.settings import LinuxCncSettings
 from gateway.config.extended import validate
 from gateway.config.model import GatewayConfig
 from gateway.model.probing import End, Outcome
+from gateway.model.text import Language, language_wanted
 from gateway.nc.link import NcLink
 from gateway.nc.probing.cycle import NotBegun, Rejected
 from gateway.nc.probing.dry_run import run_dry
@@ -86,18 +88,20 @@ class Shown:
 
 def run_linuxcnc_demo(folder: Path) -> None:
     """Run it and print the result. Raises DriverError when LinuxCNC is not available here."""
-    console = terminal()
-    shown = asyncio.run(show(folder, lambda line: console.print(line, highlight=False)))
-    table = Table("error", "unit", "true", "measured", "difference", title="nine errors after the machine's work")
+    console, said = terminal(), Language(language_wanted(os.environ))
+    shown = asyncio.run(show(folder, lambda line: console.print(line, highlight=False), said))
+    heads = (said(f"demo.{name}") for name in ("error", "unit", "true", "measured", "difference"))
+    table = Table(*heads, title=said("demo.errors"))
     for name, true, found in zip(THERMAL_ERRORS, shown.true, shown.measured.errors, strict=True):
         table.add_row(name, ERROR_UNITS[name], f"{true:.2f}", f"{found:.2f}", f"{found - true:+.2f}")
     console.print(table)
-    table = Table("pose", "without", "with compensation", title="deviation of the sphere, µm (X, Y, Z)")
+    heads = (said(f"demo.{name}") for name in ("pose", "pose_without", "pose_with"))
+    table = Table(*heads, title=said("demo.sphere"))
     for pose, (before, after) in enumerate(zip(shown.before_um, shown.after_um, strict=True)):
         table.add_row(str(pose + 1), *("  ".join(f"{v:7.2f}" for v in row) for row in (before, after)))
     console.print(table)
     held, zero = silence(shown.silent_um)
-    console.print(f"silent gateway: offsets held for {held:.1f} s, at zero after {zero:.1f} s", highlight=False)
+    console.print(said("demo.held", held=held, zero=zero), highlight=False)
 
 
 def silence(silent_um: FloatArray) -> tuple[float, float]:
@@ -108,7 +112,7 @@ def silence(silent_um: FloatArray) -> tuple[float, float]:
     return float(times[~moved][-1]), float(times[zero][0]) if zero.any() else math.inf
 
 
-async def show(folder: Path, say: Announce) -> Shown:
+async def show(folder: Path, say: Announce, said: Language) -> Shown:
     """The whole scene. folder: emptied. Raises DriverError when LinuxCNC is not available here or a cycle fails."""
     if (problem := missing()) is not None:
         raise DriverError(problem)
@@ -117,41 +121,41 @@ async def show(folder: Path, say: Announce) -> Shown:
     key = secrets.token_hex(32)
     (folder / "talc.key").write_text(key, encoding="ascii")
     with socket.create_server(("127.0.0.1", 0)) as listener:
-        say("starting LinuxCNC, headless, in separate namespaces")
+        say(said("demo.starting"))
         async with machine(folder / "machine", listener, key, sphere=True, settings=_MACHINE, tools=_TOOLS) as operator:
             await operator.ask("switch_on")
             await operator.ask("home")
             await operator.ask("hal", "setp", "talc.may-start", "1")
-            return await _scene(operator, folder / "talc.key", listener.getsockname()[1], say)
+            return await _scene(operator, folder / "talc.key", listener.getsockname()[1], say, said)
 
 
-async def _scene(operator: LinuxCncMachine, key_file: Path, port: int, say: Announce) -> Shown:
+async def _scene(operator: LinuxCncMachine, key_file: Path, port: int, say: Announce, said: Language) -> Shown:
     clock = RealClock()
     nc = AgentControl(LinuxCncSettings(key_file=key_file, port=port, timeout_s=5.0), clock)
     config = _config(key_file, port)
     probing = config.probing
-    told = Listeners(notify=lambda notice: say(notice.text))
+    told = Listeners(notify=lambda notice: say(said.of(notice.text)))
     try:
         await nc.connect()
-        say(f"dry run: the path of a cycle, {_DRY_RUN_MM:g} mm above the sphere")
+        say(said("demo.dry", mm=_DRY_RUN_MM))
         await _run_dry(nc, config, clock)
         earlier = Earlier(first_number=_DRY_RUN + 1, paths=frozenset({nc.path_mark}))
         link = NcLink(nc, clock, LinkSettings.of(config, Identity()), earlier, told)
         async with _running(link):
-            say("cycle 1, the reference: A and C to six poses, nine to eleven touches at each")
+            say(said("demo.reference"))
             reference = (await _measured(link)).centres_mm
-            say(f"the machine works for {HOURS:g} hours")
+            say(said("demo.work", hours=HOURS))
             true = await asyncio.to_thread(_work)  # meanwhile the link has to send its heartbeats
             await operator.ask("deform", true.tolist())
-            say("cycle 2, without compensation")
+            say(said("demo.without"))
             outcome = await _measured(link)
             if reference is None or outcome.centres_mm is None or outcome.measurement is None:
                 raise DriverError("the cycle returned no centres")
             link.follow(_decision(outcome.measurement.errors))
             # During its own cycle the gateway holds the offsets still.
-            say("the same poses in a part program, while the compensation follows the axes")
+            say(said("demo.again"))
             again = await _looked(operator, len(probing.poses_deg))
-        say("the gateway falls silent")
+        say(said("demo.silent"))
         silent = await _silent(operator)
     finally:
         await nc.close()

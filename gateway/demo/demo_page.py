@@ -10,6 +10,7 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
 
+from gateway.model.text import Language
 from gateway.runtime.extras import missing_of
 
 PAGE_LOG = "page.log"
@@ -27,7 +28,7 @@ class DemoPage:
     def __init__(self, process: Process, log: Path) -> None:
         self._process, self._log = process, log
 
-    async def line(self) -> str:
+    async def line(self, language: Language) -> str:
         """Its address, in words; or why there is none, which does not stop the demo."""
         if self._process.stdout is None:
             raise RuntimeError("the page's process has no pipe")
@@ -36,7 +37,7 @@ class DemoPage:
         except TimeoutError:
             said = b""
         address = said.decode().strip()
-        return f"its page: {address}" if address else f"its page did not start; {self._log} says why"
+        return language("demo.page_at" if address else "demo.page_failed", address=address, log=str(self._log))
 
 
 @asynccontextmanager

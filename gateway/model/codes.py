@@ -44,6 +44,8 @@ class NoticeCode(StrEnum):
     NC_WATCHDOG_HEARD = "nc_watchdog_heard"
     NC_ONE_SHIFT = "nc_one_shift"
     NC_FOLLOWS_AGAIN = "nc_follows_again"
+    NC_PROBES_ON = "nc_probes_on"
+    NC_PROBES_NO_MORE = "nc_probes_no_more"
     NC_SLOW = "nc_slow"
     NC_IN_TIME = "nc_in_time"
     NC_NOT_SENDABLE = "nc_not_sendable"
@@ -204,10 +206,18 @@ class NoticeCode(StrEnum):
 
     # what differs from the latest run
     METHOD_CONTINUES = "method_continues"
+    PRIOR_IS = "prior_is"
     PRIOR_GONE = "prior_gone"
     PRIOR_DIFFERS = "prior_differs"
     SETTINGS_LEARNT_AGAIN = "settings_learnt_again"
     SETTINGS_MODELS_KEPT = "settings_models_kept"
+
+    # recordings of users
+    READ_AS_WINDOWS_1252 = "read_as_windows_1252"
+    TIMES_IN_UNIT = "times_in_unit"
+    ROWS_REPEATED = "rows_repeated"
+    ROWS_OF_ONE_TIME = "rows_of_one_time"
+    RUNS_ONE_AFTER_ANOTHER = "runs_one_after_another"
 
     # trainings
     TRAINING_FAILED = "training_failed"
@@ -216,6 +226,8 @@ class NoticeCode(StrEnum):
     NOT_PUBLISHED = "not_published"
     PUBLISHED_AGAIN = "published_again"
     NO_SUCH_TABLE = "no_such_table"
+    PARAMETER_UNKNOWN = "parameter_unknown"
+    QUERY_REFUSED = "query_refused"
     NOT_COLLECTED = "not_collected"
     COLLECTED_AGAIN = "collected_again"
     COLLECTING_AGAIN = "collecting_again"
@@ -305,6 +317,7 @@ MUST_ACT: Final = frozenset(
         NoticeCode.NC_NOT_SENDABLE,
         NoticeCode.NC_OTHER_MODE,
         NoticeCode.NC_OTHER_OFFSETS,
+        NoticeCode.NC_PROBES_ON,
         NoticeCode.NC_VALUES_UNKNOWN,
         NoticeCode.NC_WATCHDOG_SILENT,
         NoticeCode.NC_WATCHDOG_UNHEARD,
@@ -385,6 +398,7 @@ _INFORMATION: Final = frozenset(
         NoticeCode.NC_CONNECTED_AGAIN,
         NoticeCode.NC_FOLLOWS_AGAIN,
         NoticeCode.NC_IN_TIME,
+        NoticeCode.NC_PROBES_NO_MORE,
         NoticeCode.NC_VALUES_KNOWN,
         NoticeCode.NC_WATCHDOG_HEARD,
         NoticeCode.NO_OTHER_MASTER,

@@ -19,6 +19,10 @@ _LEVEL: Final = 1
 _TYPES: Final = ("<f8", "<u2", "<f8", "u1")
 
 
+class DamagedBlock(ValueError):
+    """A block whose columns cannot be unpacked; the message names the column."""
+
+
 class ReadingBlock(NamedTuple):
     """Readings in their order, as compressed columns."""
 
@@ -63,7 +67,7 @@ def pack_columns(columns: BlockColumns) -> ReadingBlock:
 
 
 def unpack(block: ReadingBlock) -> BlockColumns:
-    """The columns of a block. Raises ValueError naming the column that is damaged."""
+    """The columns of a block. Raises DamagedBlock."""
     columns = (_column(block, name, kind) for name, kind in zip(BlockColumns._fields, _TYPES, strict=True))
     return BlockColumns(*columns)
 
@@ -74,7 +78,7 @@ def _column(block: ReadingBlock, name: str, kind: str) -> NDArray[Any]:
         inflate = zlib.decompressobj()
         data = inflate.decompress(getattr(block, name), max(1, bytes_wanted))  # never more than was promised
         if len(data) != bytes_wanted or inflate.decompress(inflate.unconsumed_tail) or not inflate.eof:
-            raise ValueError(f"block of readings: {name}: expected {block.rows} numbers")
+            raise DamagedBlock(f"block of readings: {name}: expected {block.rows} numbers")
     except zlib.error as error:
-        raise ValueError(f"block of readings: {name}: {error}") from error
+        raise DamagedBlock(f"block of readings: {name}: {error}") from error
     return np.frombuffer(data, kind)

@@ -84,7 +84,7 @@ class Lease:
         self._beat_s = self._before_s = began  # not now: this process may have been suspended since the control got it
         self._right = after(RIGHTS, self._right, Reply.HEARD if heard else Reply.UNHEARD)
         if heard:
-            self._problems.clear(_WATCHDOG, Text(NoticeCode.NC_WATCHDOG_HEARD))
+            self._problems.clear(_WATCHDOG, NoticeCode.NC_WATCHDOG_HEARD)
         elif self._heard_before is not None:  # the first may be too early
             code = NoticeCode.NC_WATCHDOG_UNHEARD if self._heard_before else NoticeCode.NC_WATCHDOG_SILENT
             self._problems.report(_WATCHDOG, Text(code), "unheard")

@@ -41,6 +41,7 @@ from talc.names import THERMAL_ERRORS
 log = logging.getLogger(__name__)
 
 _FORM = "form of NC"
+_CYCLE = "cycle of NC"
 
 
 class NcLink:
@@ -94,6 +95,8 @@ class NcLink:
         self._nc, self._proven, self._paths = nc, earlier.proven, earlier.paths
         self._same_path = True
         self._runs_dry: bool | None = None
+        self._probes_since_s: float | None = None
+        """Since when the control has reported a cycle that this gateway does not wait for."""
         self._prober = Prober(
             nc,
             settings.probing,
@@ -224,6 +227,7 @@ class NcLink:
             if not self._hold.on or self.disarmed is not None:
                 await self._prober.settle()
             await self._prober.look(snapshot)
+            self._tell_cycle(snapshot)
             if snapshot.quality is Quality.GOOD:
                 self._listeners.states(snapshot.states, snapshot.monotonic_s)
             await self._compensate(snapshot)
@@ -280,7 +284,20 @@ class NcLink:
         if nc.error_reach_mm is None and nc.slopes is None:
             self._problems.report(_FORM, Text(NoticeCode.NC_ONE_SHIFT))
         else:
-            self._problems.clear(_FORM, Text(NoticeCode.NC_FOLLOWS_AGAIN))
+            self._problems.clear(_FORM, NoticeCode.NC_FOLLOWS_AGAIN)
+
+    def _tell_cycle(self, snapshot: NcSnapshot) -> None:
+        """A control that does not say any more when a cycle is over keeps the offsets where they are."""
+        if not snapshot.probing:
+            self._probes_since_s = None
+            self._problems.clear(_CYCLE, NoticeCode.NC_PROBES_NO_MORE)
+        if self._hold.on or not snapshot.probing:
+            return
+        now_s = self._clock.monotonic()
+        since_s = self._probes_since_s = now_s if self._probes_since_s is None else self._probes_since_s
+        if now_s - since_s > self._probing.timeout_s:
+            minutes = self._probing.timeout_s / 60
+            self._problems.report(_CYCLE, Text(NoticeCode.NC_PROBES_ON, minutes=minutes))
 
     async def _beat(self) -> bool:
         """Whether offsets may be written."""

@@ -25,4 +25,4 @@ class NcPace:
         if self._slow >= _IN_A_ROW:
             self._problems.report(_SUBJECT, Text(NoticeCode.NC_SLOW, period_s=self._period))
         elif self._fast >= _IN_A_ROW:
-            self._problems.clear(_SUBJECT, Text(NoticeCode.NC_IN_TIME))
+            self._problems.clear(_SUBJECT, NoticeCode.NC_IN_TIME)

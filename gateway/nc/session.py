@@ -83,7 +83,7 @@ class Session:
         """A whole period passed without an error. A connection alone proves nothing: a request that is refused after
         each connection would otherwise be repeated every period."""
         self._breaker.succeeded()
-        self._problems.clear(_SUBJECT, Text(NoticeCode.NC_CONNECTED_AGAIN))
+        self._problems.clear(_SUBJECT, NoticeCode.NC_CONNECTED_AGAIN)
 
     async def close(self) -> None:
         """Never raises DriverError."""
@@ -98,7 +98,7 @@ class Session:
         if frozen:
             self._problems.report(_AXES, Text(NoticeCode.NC_AXES_FROZEN, axes=tuple(frozen)))
         else:
-            self._problems.clear(_AXES, Text(NoticeCode.NC_AXES_MOVE))
+            self._problems.clear(_AXES, NoticeCode.NC_AXES_MOVE)
         return replace(snapshot, quality=Quality.STALE) if frozen else snapshot
 
     def _tell_not_known(self, snapshot: NcSnapshot) -> None:
@@ -107,7 +107,7 @@ class Session:
             listed = tuple(f"{name} = {text}" for name, text in found.items())
             self._problems.report(_VALUES, Text(NoticeCode.NC_VALUES_UNKNOWN, values=listed), ", ".join(found))
         else:
-            self._problems.clear(_VALUES, Text(NoticeCode.NC_VALUES_KNOWN))
+            self._problems.clear(_VALUES, NoticeCode.NC_VALUES_KNOWN)
 
 
 def _root(error: DriverError) -> BaseException:

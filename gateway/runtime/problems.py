@@ -8,7 +8,7 @@ from typing import Protocol
 
 from gateway.model.codes import NoticeCode
 from gateway.model.notice import Notice, Notify
-from gateway.model.text import Text
+from gateway.model.text import Text, Value
 
 _STEADY_S = 60.0
 """A problem unchanged for this long is steady; one that begins often within it is intermittent."""
@@ -82,11 +82,6 @@ class Problems:
         """Where the unexpected exceptions arose whose traceback is in the log."""
 
     @property
-    def none_lately(self) -> bool:
-        """Whether no subject has a problem, nor had one lately."""
-        return not self._subjects
-
-    @property
     def window_s(self) -> float:
         """How long a subject must be unchanged to be steady, s."""
         return self._window_s
@@ -139,8 +134,11 @@ class Problems:
         self._traced.add(place)
         return bug
 
-    def clear(self, subject: str, text: Text) -> None:
-        """The subject has no problem. Call it whenever that is seen: the end of a reported problem is reported."""
+    def clear(self, subject: str, code: NoticeCode, /, **values: Value) -> None:
+        """The subject has no problem. Call it whenever that is seen: the end of a reported problem is reported.
+
+        code, values: what is said then; nothing is written of an end that is not reported
+        """
         history = self._subjects.get(subject)
         if history is None:
             return
@@ -154,6 +152,7 @@ class Problems:
             del self._subjects[subject]
             ended = history.muted
         if ended:
+            text = Text(code, **values)
             if not self._quiet:
                 self._log.warning("%s", text)
             self._notify(Notice(subject, text, ended=True, at_s=now_s))

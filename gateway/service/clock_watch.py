@@ -52,9 +52,10 @@ class ClockWatch:
         self._waiting = False
         self._known()
         pause_s = self._ages.pause_s
-        right = math.isinf(pause_s)
-        after = Text(NoticeCode.CLOCK_RIGHT) if right else Text(NoticeCode.CLOCK_RIGHT_AFTER, pause_s=pause_s)
-        self._problems.clear(_CLOCK, after)
+        if math.isinf(pause_s):
+            self._problems.clear(_CLOCK, NoticeCode.CLOCK_RIGHT)
+        else:
+            self._problems.clear(_CLOCK, NoticeCode.CLOCK_RIGHT_AFTER, pause_s=pause_s)
 
     def _unknown_text(self) -> Text:
         if math.isinf(self._ages.pause_s):

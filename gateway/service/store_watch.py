@@ -58,7 +58,7 @@ class StoreWatch:
             text = Text(NoticeCode.STORE_FAILS, path=path, problem=health.problem)
             self._problems.report(_STORE, text, health.problem)
         else:
-            self._problems.clear(_STORE, Text(NoticeCode.STORE_WORKS, path=path))
+            self._problems.clear(_STORE, NoticeCode.STORE_WORKS, path=path)
         if health.mended != self._mended:
             self._mended = health.mended
             log.error("%s", health.mended)
@@ -70,7 +70,7 @@ class StoreWatch:
                 text = Text(NoticeCode.DISK_LOW, free_mb=health.free_mb, path=path, limit_mb=limit_mb)
                 self._problems.report(_DISK, text)
             else:
-                self._problems.clear(_DISK, Text(NoticeCode.DISK_FREE, free_mb=health.free_mb, path=path))
+                self._problems.clear(_DISK, NoticeCode.DISK_FREE, free_mb=health.free_mb, path=path)
         now = health.problem, self._low
         if now != self._told or health.problem:
             self._told = now

@@ -28,7 +28,8 @@ _VERSION = 1
 _LARGEST_BYTES = 2**30
 _LONGEST_STEP_S = 1e6
 _SHAPES = {
-    "held": "j", "trusted": "j", "learner.doubt": "j", "learner.level": "il", "learner.covariance": "ii",
+    "held": "j", "trusted": "j", "learner.doubt": "j", "learner.covariance": "ii",
+    "learner.level": "il", "learner.origin": "il",
     **{f"learner.{name}": "i" for name in ("span", "wide", "reference", "known", "last", "away", "mean")},
     **{f"mixture.{name}": "r" for name in ("time", "weight")}, "mixture.x": "rp",
     **{f"mixture.{name}": "rj" for name in ("jolt", "y", "noise")},
@@ -36,6 +37,8 @@ _SHAPES = {
     **{f"mixture.{name}": "j" for name in ("reference", "jolted", "elapsed", "count", "suspect", "off", "last")},
 }  # fmt: skip
 """j: the errors, i: the inputs, l: the lags, p: the features, r: the rows, e: the processes, w: the experts."""
+_ADDED = frozenset({"learner.origin"})
+"""Not in the files of earlier programs."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -158,7 +161,7 @@ def _arrays(plain: object, inputs: int) -> dict[str, NDArray[Any]]:
     known = {"j": len(THERMAL_ERRORS), "i": inputs, "4": 4}
     for name, shape in _SHAPES.items():
         if name not in arrays:
-            if "mixture.x" in arrays or name == "held":
+            if ("mixture.x" in arrays and name not in _ADDED) or name == "held":
                 raise ValueError(f"arrays.{name}: is missing")
             continue
         found = arrays[name].shape

@@ -186,7 +186,9 @@ def step_of(row: Sequence[Any], adopted: Sequence[ModelSet]) -> StoredStep:
     )  # fmt: skip
     if trusted is not None:
         decision = replace(decision, trusted=_mask(trusted, len(THERMAL_ERRORS)))
-    frame = Frame(k, inputs, _mask(valid, inputs.size), measurement)
+    # A frame with a new reference is told by what was decided of it: every strategy reports one.
+    anew = any(event.kind is EventKind.NEW_REFERENCE for event in decision.events)
+    frame = Frame(k, inputs, _mask(valid, inputs.size), measurement, new_reference=anew)
     return StoredStep(frame, decision, training, tuple(adopted), trusted is not None)
 
 

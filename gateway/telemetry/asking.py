@@ -7,7 +7,9 @@ from typing import Final, TypeVar
 import zenoh
 from msgspec import Struct
 
+from gateway.model.codes import NoticeCode
 from gateway.model.commands import CommandName
+from gateway.model.text import text_of
 from gateway.telemetry import keys
 from gateway.telemetry.answers import CommandAnswer, CommandTerms
 from gateway.telemetry.codec import decode_answer, decode_refusal
@@ -30,6 +32,18 @@ class SeveralAnswer(OSError):
 
 class QueryRefusal(OSError):
     """The gateway has answered that it does not answer this, and why."""
+
+    def lacks(self, parameter: str) -> bool:
+        """Whether its program may be too old for this parameter of a query: it says so, or has no codes yet."""
+        said = text_of(self)
+        return not said.code or (said.says(NoticeCode.PARAMETER_UNKNOWN) and said.value_of("name") == parameter)
+
+
+class Unanswered(OSError):
+    """Nobody has answered in time."""
+
+    def __init__(self, limit_s: float) -> None:
+        super().__init__(f"no answer within {limit_s:g} s")
 
 
 def running(session: zenoh.Session, prefix: str, limit_s: float) -> list[str]:
@@ -69,7 +83,7 @@ def ask_only(session: zenoh.Session, selector: str, answer: type[_Answer], limit
         return decode_answer(answer, sample.payload.to_bytes())
     if last is not None and last.err is not None:
         raise QueryRefusal(decode_refusal(last.err.payload.to_bytes()))
-    raise OSError(f"no answer within {limit_s:g} s")
+    raise Unanswered(limit_s)
 
 
 def command(session: zenoh.Session, root: str, by: CommandSigner, name: CommandName, limit_s: float) -> CommandAnswer:
@@ -93,4 +107,4 @@ def _first(
             return reply.ok
         if reply.err is not None:
             raise QueryRefusal(decode_refusal(reply.err.payload.to_bytes()))
-    raise OSError(f"no answer within {limit_s:g} s")
+    raise Unanswered(limit_s)

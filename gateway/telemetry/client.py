@@ -12,9 +12,18 @@ import zenoh
 
 from gateway.config.fields import DEFAULT_PREFIX, key_prefix, machine_name
 from gateway.model.commands import CommandName
+from gateway.model.reading_blocks import DamagedBlock
 from gateway.telemetry import keys
 from gateway.telemetry.answers import CommandAnswer, HistoryPage
-from gateway.telemetry.asking import COMMAND_LIMIT_S, SeveralAnswer, ask_only, command, running
+from gateway.telemetry.asking import (
+    COMMAND_LIMIT_S,
+    QueryRefusal,
+    SeveralAnswer,
+    Unanswered,
+    ask_only,
+    command,
+    running,
+)
 from gateway.telemetry.codec import MESSAGE_TYPES, decode
 from gateway.telemetry.command_signer import CommandSigner
 from gateway.telemetry.history_tables import TimeTable, as_read, asked_s, interval_means
@@ -33,6 +42,11 @@ _ANYONE = Access()
 class MachineError(OSError):
     """A gateway cannot be reached, does not run, shares its name with another one, or refuses the request; the
     message says which."""
+
+
+def _lacks(error: MachineError, parameter: str) -> bool:
+    """Whether the gateway's program may be too old for this parameter of a query."""
+    return isinstance(error.__cause__, QueryRefusal) and error.__cause__.lacks(parameter)
 
 
 class Machine:
@@ -243,7 +257,7 @@ class Machine:
                 else:
                     times, table, names = interval_means(self.pages(begin, end, channels, every_s=whole_s), *span)
             except MachineError as error:
-                if "every: unknown" not in str(error):
+                if not _lacks(error, "every"):
                     raise
                 times, table, names = interval_means(self.pages(begin, end, channels), *span)  # of an earlier program
         index = pd.to_datetime(np.round(times * 1e6).astype(np.int64), unit="us", utc=True)
@@ -260,11 +274,10 @@ class Machine:
         try:
             return table_of(self._pages(begin, end, channels, form="blocks"))
         except MachineError as error:
-            if "form: unknown" not in str(error):
+            if not _lacks(error, "form"):
                 raise
-        except ValueError as error:
-            if "block of readings" not in str(error):
-                raise
+        except DamagedBlock:
+            pass
         return table_of(self.pages(begin, end, channels))
 
     def day(
@@ -319,7 +332,8 @@ class Machine:
         try:
             answer = command(self.session, self.root, self._operator, name, max(self._limit_s, COMMAND_LIMIT_S))
         except (OSError, ValueError) as error:
-            hint = "; does its configuration have [[telemetry.operator]]?" if "no answer" in str(error) else ""
+            absent = isinstance(error, Unanswered)
+            hint = "; does its configuration have [[telemetry.operator]]?" if absent else ""
             raise MachineError(f"{self.name}: {error}{hint}") from error
         if not answer.accepted:
             raise MachineError(f"{self.name}: {name.value} refused: {answer.text}")

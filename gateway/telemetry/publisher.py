@@ -233,7 +233,7 @@ class TelemetryPublisher:
                 except zenoh.ZError as error:
                     self._problems.report(suffix, Text(NoticeCode.NOT_PUBLISHED, key=suffix, error=str(error)))
                 else:
-                    self._problems.clear(suffix, Text(NoticeCode.PUBLISHED_AGAIN, key=suffix))
+                    self._problems.clear(suffix, NoticeCode.PUBLISHED_AGAIN, key=suffix)
 
     def _answer(self, query: zenoh.Query) -> None:
         """Reply with the last value of every requested key, or with schemas; called in one of Zenoh's threads."""

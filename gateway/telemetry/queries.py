@@ -8,11 +8,12 @@ from typing import NamedTuple
 
 import zenoh
 
-from gateway.model.text import text_of
+from gateway.model.codes import NoticeCode
+from gateway.model.text import Text, text_of
 from gateway.telemetry import keys
 from gateway.telemetry.answers import QueryRefused
 from gateway.telemetry.codec import encode
-from gateway.telemetry.fields import Coded, coded
+from gateway.telemetry.fields import coded
 
 log = logging.getLogger(__name__)
 
@@ -99,7 +100,7 @@ class Queries:
             asked = self._asked(query)
             replied = self._source(asked)
         except (ValueError, OSError) as error:
-            self._refuse(query, str(error), coded(text_of(error)))
+            self._refuse(query, text_of(error))
         except Exception as error:
             log.exception("unexpected error while answering %s; please report this", query.selector)
             self._refuse(
@@ -123,8 +124,10 @@ class Queries:
             b"" if attachment is None else attachment.to_bytes(),
         )
 
-    def _refuse(self, query: zenoh.Query, why: str, of: Coded | None = None) -> None:
-        query.reply_err(encode(QueryRefused(f"{self._kind}: {why}", of)), encoding=_JSON)
+    def _refuse(self, query: zenoh.Query, why: str) -> None:
+        """Always with a code: only earlier programs have none."""
+        of = why if isinstance(why, Text) and why.code else Text(NoticeCode.QUERY_REFUSED, kind=self._kind, why=why)
+        query.reply_err(encode(QueryRefused(f"{self._kind}: {why}", coded(of))), encoding=_JSON)
 
 
 def parameters_of(selected: str, known: tuple[str, ...]) -> dict[str, str]:
@@ -133,7 +136,7 @@ def parameters_of(selected: str, known: tuple[str, ...]) -> dict[str, str]:
     parameters = {name: value for name, _, value in parts}
     for name in parameters:
         if name not in known and not name.startswith("_"):  # Zenoh's own begin with _
-            raise ValueError(f"{name}: unknown; expected one of {', '.join(known)}")
+            raise ValueError(Text(NoticeCode.PARAMETER_UNKNOWN, name=name, known=known))
     return parameters
 
 

@@ -22,6 +22,10 @@ class MeController:
         self.server = LoopbackServer(Connection)
         self._timer: asyncio.TimerHandle | None = None
         self._counter = 0
+        self.serial = _SERIAL
+        self.frozen = False
+        """Whether it sends its last block again and again."""
+        self._last: list[int] = []
         self.faults = Faults()
         self.spoil: Spoil | None = None
         """What happens to blocks on the wire; the sender is 1."""
@@ -39,9 +43,11 @@ class MeController:
 
     def _tick(self) -> None:
         self._timer = asyncio.get_running_loop().call_later(self._interval_s, self._tick)
-        self._counter = (self._counter + 1) & 0xFFFFFFFF
+        if not (self.frozen and self._last):
+            self._counter = (self._counter + 1) & 0xFFFFFFFF
+            self._last = [self._raw(i, value) for i, value in enumerate(self._source())]
         if self.server.connections and not self.faults.silent:
-            frame = block([[self._raw(i, value) for i, value in enumerate(self._source())]], self._counter)
+            frame = block([self._last], self._counter, serial=self.serial)
             for client in self.server.connections:
                 if client.transport is not None and not client.forgotten:
                     send(client.transport.write, self.spoil, 1, frame)
@@ -49,16 +55,16 @@ class MeController:
     def _raw(self, channel: int, distance_um: float) -> int:
         match self.faults.by_channel.get(channel):
             case SensorFault.OPEN | SensorFault.OVER:
-                return _FULL_SCALE + 1000
+                return _FULL_SCALE
             case SensorFault.SHORT | SensorFault.UNDER:
-                return -1000
+                return 0
             case None:
                 return round(distance_um / self._range_um * _FULL_SCALE)
 
 
-def block(frames: list[list[int]], counter: int, *, skip: int = 0) -> bytes:
+def block(frames: list[list[int]], counter: int, *, skip: int = 0, serial: int = _SERIAL) -> bytes:
     """One block of frames with equally many values; the first `skip` channels are not fitted."""
     channels = len(frames[0])
     field = sum(1 << 2 * (skip + i) for i in range(channels))
-    header = struct.pack("<4sIIQIHHI", b"MEAS", _ORDER, _SERIAL, field, 0, len(frames), 4 * channels, counter)
+    header = struct.pack("<4sIIQIHHI", b"MEAS", _ORDER, serial, field, 0, len(frames), 4 * channels, counter)
     return header + b"".join(struct.pack(f"<{channels}i", *frame) for frame in frames)

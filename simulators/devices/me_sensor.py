@@ -29,6 +29,9 @@ class MeSensor:
         self._source, self._range_um, self.address = source, range_um, address
         self._payload, self._counter = payload, 0
         self._line: MeLine | None = None
+        self.frozen = False
+        """Whether it answers with its last values again and again; payload `counted` only."""
+        self._last: list[int] = []
         self.faults = Faults()
 
     async def start(self) -> str:
@@ -43,8 +46,10 @@ class MeSensor:
         """The answer to a request, at this moment."""
         if self._payload == "float":
             return answer_frame(self.address, self._unscaled(), 0.0)
-        self._counter = (self._counter + 1) & 0xFFFF
-        return counted_frame(self.address, self._counter, [self._counts()])
+        if not (self.frozen and self._last):
+            self._counter = (self._counter + 1) & 0xFFFF
+            self._last = [self._counts()]
+        return counted_frame(self.address, self._counter, self._last)
 
     def _counts(self) -> int:
         """0 to F00000 hex over the measuring range; a missing probe has no code: it reads beyond the end."""

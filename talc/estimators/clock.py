@@ -4,14 +4,12 @@ from copy import copy
 
 import numpy as np
 
-from talc.estimators.rows import Inputs, more_than_zero
+from talc.estimators.rows import Inputs, more_than_zero, refuse_unsure_seconds
 from talc.frame import IntArray
 from talc.steps import StepCounter
 
 _STEP_S = 300.0
 """Step of rows without times, if none is given: the gateway's."""
-_SHORTEST_S = 1.0
-"""Median spacings below this are times in minutes, hours or days that were given as seconds."""
 
 
 class RowClock:
@@ -28,14 +26,12 @@ class RowClock:
             more_than_zero("step_s", step_s)
         self._counter: StepCounter | None = None
         self._last = -1
+        self._zoned = first.zoned
         self.step_s = step_s or _STEP_S
         if first.time_s is not None:
             if step_s is None and len(first.time_s) > 1:
                 self.step_s = float(np.median(np.diff(first.time_s)))
-                if self.step_s < _SHORTEST_S:
-                    raise ValueError(
-                        f"times: rows are {self.step_s:.2g} s apart; are the times in seconds? If so, give step_s"
-                    )
+                refuse_unsure_seconds(first, self.step_s)
             self._counter = StepCounter(self.step_s, float(first.time_s[0]), 0)
 
     def take(self, rows: Inputs) -> IntArray:
@@ -46,6 +42,12 @@ class RowClock:
                 ("rows with times", "these have none") if self._counter else ("rows without times", "these have")
             )
             raise ValueError(f"it was fitted to {given}; {lack}: give times for all rows, or for none")
+        if has_times and rows.zoned is not self._zoned:
+            kinds = {None: "seconds", True: "dates with a time zone", False: "dates without a time zone, read as UTC"}
+            raise ValueError(
+                f"it was fitted to {kinds[self._zoned]}; these times are {kinds[rows.zoned]}: give both in the same "
+                "way, such as with tz_localize or tz_convert of pandas"
+            )
         if self._counter is None or rows.time_s is None:
             index = self._last + 1 + np.arange(len(rows.values))
         else:

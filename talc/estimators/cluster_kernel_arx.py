@@ -6,11 +6,11 @@ from talc.estimators.trained import TrainedModels
 
 
 class ClusterKernelARX(TrainedModels):
-    """ARX models whose inputs the Time Series Cluster Kernel chooses one by one (Zimmermann et al. 2022, §3).
+    """ARX models whose inputs the Time Series Cluster Kernel chooses one by one (Zimmermann et al. 2022, §2).
 
     Parameters
     ----------
-    max_na, max_nb, max_inputs, estimator, seed, step_s
+    max_na, max_nb, max_inputs, estimator, seed, step_s, unit_um
         As of `GroupLassoARX`; the seed is of the kernel's ensemble.
 
     Attributes
@@ -30,6 +30,7 @@ class ClusterKernelARX(TrainedModels):
         estimator: Literal["least_squares", "guarded", "refined"] = "guarded",
         seed: int = 0,
         step_s: float | None = None,
+        unit_um: float = 1.0,
     ) -> None:
         self.max_na, self.max_nb, self.max_inputs = max_na, max_nb, max_inputs
-        self.estimator, self.seed, self.step_s = estimator, seed, step_s
+        self.estimator, self.seed, self.step_s, self.unit_um = estimator, seed, step_s, unit_um

@@ -6,7 +6,7 @@ from talc.estimators.trained import TrainedModels
 
 
 class GroupLassoARX(TrainedModels):
-    """ARX models whose inputs and orders a particle swarm chooses over the Group-LASSO (Zimmermann et al. 2022, §3).
+    """ARX models whose inputs and orders a particle swarm chooses over the Group-LASSO (Zimmermann et al. 2022, §4).
 
     Parameters
     ----------
@@ -16,14 +16,19 @@ class GroupLassoARX(TrainedModels):
         Largest number of inputs in a model.
     criterion : {'adapted_bic', 'bic', 'aic', 'mdl'}
         What the swarm minimises, of the free run's residuals (eq. 9).
-    tolerance, safety : float
-        T and ST of the adapted BIC; T in the unit of y.
+    tolerance : float or None
+        T of the adapted BIC, in the unit of y. None: 5 µm.
+    safety : float
+        ST of the adapted BIC.
     estimator : {'guarded', 'least_squares', 'refined'}
         The fit of the choice: under constraints on poles and gains; plain (eq. 5); or of the free run.
     seed : int
         Of the swarm.
     step_s : float or None
         Grid step, s. None: the median spacing of the rows' times, or 300 s where they have none.
+    unit_um : float
+        Size of the unit of y, µm (µm/m): 1000 for errors in mm. The adapted BIC is not free of a scale: with another
+        one it chooses other inputs.
 
     Attributes
     ----------
@@ -56,12 +61,13 @@ class GroupLassoARX(TrainedModels):
         max_nb: int = 5,
         max_inputs: int = 8,
         criterion: Literal["adapted_bic", "bic", "aic", "mdl"] = "adapted_bic",
-        tolerance: float = 5.0,
+        tolerance: float | None = None,
         safety: float = 0.75,
         estimator: Literal["least_squares", "guarded", "refined"] = "guarded",
         seed: int = 0,
         step_s: float | None = None,
+        unit_um: float = 1.0,
     ) -> None:
         self.max_na, self.max_nb, self.max_inputs = max_na, max_nb, max_inputs
         self.criterion, self.tolerance, self.safety = criterion, tolerance, safety
-        self.estimator, self.seed, self.step_s = estimator, seed, step_s
+        self.estimator, self.seed, self.step_s, self.unit_um = estimator, seed, step_s, unit_um

@@ -1,6 +1,6 @@
 """The gateway's learner with scikit-learn's conventions, for any number of errors."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from copy import deepcopy
 from typing import Any, Self
 
@@ -34,8 +34,9 @@ class Learner(Conventions):
     ----------
     step_s : float or None
         Grid step, s. None: the median spacing of the rows' times, or 300 s where they have none.
-    noise : float, sequence of float or None
-        Standard uncertainty of a measurement, of all errors or of each, in the unit of y. None: 1 µm.
+    noise : float, sequence of float, mapping or None
+        Standard uncertainty of a measurement, of all errors or of each, in the unit of y. A mapping from names of y's
+        columns holds some or all; the others, and None: 1 µm.
     unit_um : float
         Size of the unit of y, µm: 1000 for errors in mm.
 
@@ -72,7 +73,7 @@ class Learner(Conventions):
         self,
         *,
         step_s: float | None = None,
-        noise: float | Sequence[float] | None = None,
+        noise: float | Sequence[float] | Mapping[str, float] | None = None,
         unit_um: float = 1.0,
     ) -> None:
         self.step_s = step_s
@@ -93,7 +94,7 @@ class Learner(Conventions):
         warn_if_tiny(measured * self.unit_um, "y")
         begun = self._begin(input_rows(X, times), measured, names, flat)
         if self.noise is not None:
-            warn_if_within(measured, np.asarray(self.noise, dtype=np.float64))
+            warn_if_within(measured, np.asarray(self._noise(self.error_names_), dtype=np.float64))
         return begun
 
     def partial_fit(self, X: object, y: object, times: object = None) -> Self:
@@ -108,6 +109,16 @@ class Learner(Conventions):
             found = ", ".join(names) if names else f"{measured.shape[1]} columns"
             raise ValueError(f"y has {found}: expected {', '.join(self.error_names_)}")
         return self._go_on(rows, measured)
+
+    def new_reference(self) -> Self:
+        """Errors count from the latest row, in which they are zero: the part was clamped again, or a run has ended.
+
+        What was learnt of the inputs stays. The rows that follow go to `partial_fit` or `predict`.
+        """
+        if not hasattr(self, "_learner"):
+            raise not_fitted(self)
+        self._learner.new_reference()
+        return self
 
     def predict(self, X: object, return_std: bool = False, times: object = None) -> Any:
         """What the errors are in the rows that follow the fitted ones: (T,) or (T, m), in the unit of y.
@@ -132,8 +143,10 @@ class Learner(Conventions):
 
     def _begin(self, rows: Inputs, measured: FloatArray, names: tuple[str, ...] | None, flat: bool) -> Self:
         m, n = measured.shape[1], rows.values.shape[1]
+        error_names = names_or_numbers(names, m, "y")
+        wanted = self._noise(error_names)
         try:
-            given = np.asarray(1.0 / self.unit_um if self.noise is None else self.noise, dtype=np.float64)
+            given = np.asarray(wanted, dtype=np.float64)
         except (TypeError, ValueError):
             raise TypeError(f"noise = {self.noise!r}: expected a number, or one for each column of y") from None
         if given.shape not in ((), (1,), (m,)):
@@ -146,8 +159,18 @@ class Learner(Conventions):
         self._k = -1
         self._know(rows)
         self.step_s_ = clock.step_s
-        self.error_names_ = names_or_numbers(names, m, "y")
+        self.error_names_ = error_names
         return self._go_on(rows, measured)
+
+    def _noise(self, error_names: Sequence[str]) -> float | Sequence[float]:
+        """In the unit of y, of all errors or of each. ValueError: it names another column."""
+        usual = 1.0 / self.unit_um
+        if not isinstance(self.noise, Mapping):
+            return usual if self.noise is None else self.noise
+        for name in self.noise:
+            if name not in error_names:
+                raise ValueError(f"noise names {name!r}: y has {', '.join(error_names)}")
+        return [self.noise.get(name, usual) for name in error_names]
 
     def _ahead(self, X: object, times: object) -> Iterator[RowLearner]:
         """A copy of what is known, at each of the rows that follow."""

@@ -6,7 +6,14 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from talc.estimators.rows import input_rows, more_than_zero, refuse_other_units, warn_if_tiny
+from talc.estimators.rows import (
+    Inputs,
+    input_rows,
+    more_than_zero,
+    refuse_other_units,
+    refuse_unsure_seconds,
+    warn_if_tiny,
+)
 from talc.frame import LARGEST_ERROR, Decision, FloatArray, Frame, IntArray
 from talc.learner import LearningCourse
 from talc.names import called_an_error, like_an_error, resembles_error
@@ -21,6 +28,7 @@ Policy = Literal["uncertainty", "fixed", "every"]
 _OF_A_DECISION = ("predicted", "corrected", "sigma")
 """Columns of the result for each error, from the decisions."""
 _OF_A_STEP = ("phase", "measured", "wanted")
+_STEP_S = 300.0
 _FEW_STEPS = 12
 """A table of as many rows that fills fewer steps has times in another unit."""
 
@@ -34,7 +42,7 @@ def rehearse(
     inputs: Sequence[str] | None = None,
     times: object = None,
     policy: Policy = "uncertainty",
-    step_s: float = 300.0,
+    step_s: float | None = None,
     settings: LearnerSettings | None = None,
     unit_um: float = 1.0,
 ) -> "pandas.DataFrame":
@@ -56,8 +64,8 @@ def rehearse(
         `step_s` apart.
     policy : {'uncertainty', 'fixed', 'every'}
         When it measures: when it is unsure; at the settings' `measurement_interval_steps`; or at every recorded error.
-    step_s : float
-        Grid step, s. Denser rows are averaged; rows that are further apart keep their own spacing.
+    step_s : float or None
+        Grid step, s; None: 300. Denser rows are averaged; rows that are further apart keep their own spacing.
     settings : LearnerSettings or None
         Limits, intervals and noise, in µm and µm/m; `policy` takes the place of theirs.
     unit_um : float
@@ -101,7 +109,6 @@ def rehearse(
         raise TypeError(f"df is of type {type(df).__name__}: expected a pandas DataFrame")
     if not isinstance(settings, LearnerSettings | None):
         raise TypeError(f"settings is of type {type(settings).__name__}: expected a talc.settings.LearnerSettings")
-    more_than_zero("step_s", step_s)
     if isinstance(times, str):
         _present_once("times", [times], list(df.columns))
         df, times = df.drop(columns=times), df[times]
@@ -116,14 +123,13 @@ def rehearse(
     rows = input_rows(df[inputs], times)
     for i, e in () if chosen_inputs else measured_together(rows.values, measured).items():
         raise ValueError(f"column {inputs[i]!r} has values only where {errors[e]!r} has them: {_ROLE_NEEDED}")
-    time_s = step_s * np.arange(1.0, len(df) + 1) if rows.time_s is None else rows.time_s
-    step_s, _, index = on_grid(time_s, step_s)
+    grid_s, index = _steps_of(rows, step_s)
     k, on_steps, recorded = means_and_lasts(index, rows.values, measured)
-    _refuse_few_steps(len(df), len(k), step_s)
+    _refuse_few_steps(len(df), len(k), grid_s)
     chosen = settings or LearnerSettings()
     found: dict[str, Any] = {name: [] for name in _OF_A_STEP}
     used, steps = np.full(recorded.shape, np.nan), []
-    for row, (decision, taken) in enumerate(_course(k, on_steps, recorded, inputs, errors, chosen, policy, step_s)):
+    for row, (decision, taken) in enumerate(_course(k, on_steps, recorded, inputs, errors, chosen, policy, grid_s)):
         used[row] = recorded[row] if taken else np.nan
         steps.append(decision)
         found["phase"].append(decision.phase.value)
@@ -138,6 +144,17 @@ def rehearse(
         table[f"{error}_trusted"] = [bool(d.trusted[j]) for d in steps]
     last = np.searchsorted(index, k, side="right") - 1
     return pd.DataFrame(table | found, index=df.index[last])
+
+
+def _steps_of(rows: Inputs, given_s: float | None) -> tuple[float, IntArray]:
+    """The grid's step, s, and (rows,) the step of each row. ValueError: the times may be no seconds."""
+    step_s = _STEP_S if given_s is None else given_s
+    more_than_zero("step_s", step_s)
+    if given_s is None:
+        refuse_unsure_seconds(rows, step_s)
+    time_s = step_s * np.arange(1.0, len(rows.values) + 1) if rows.time_s is None else rows.time_s
+    step_s, _, index = on_grid(time_s, step_s)
+    return step_s, index
 
 
 def _course(

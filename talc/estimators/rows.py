@@ -17,6 +17,8 @@ _TIMES = ("M", "m")
 """NumPy's letters of moments, and of times since some beginning."""
 _TEXT = "times: row {row} is the text {time!r}: expected seconds or datetimes; pandas.to_datetime reads text"
 _HOUR_S = 3600.0
+_SHORTEST_S = 60.0
+"""Shorter median spacings of plain numbers may be minutes, hours or days that were given as seconds."""
 _TWICE = '; if summer time ended there, tz_localize(zone, ambiguous="infer") tells the repeated hour from the first'
 
 
@@ -30,6 +32,10 @@ class Inputs:
     """Names of the columns, if they have any."""
     time_s: FloatArray | None
     """(T,) UTC seconds, ascending, if rows have times."""
+    zoned: bool | None = None
+    """Whether the times are dates with a time zone, or dates without one; None: neither, such as seconds."""
+    counted: bool = False
+    """The times are plain numbers, whose unit nothing says."""
 
 
 def warn_if_tiny(measured_um: FloatArray, what: str) -> None:
@@ -69,6 +75,17 @@ def refuse_other_units(columns: Sequence[object], unit_um: float) -> None:
             )
 
 
+def refuse_unsure_seconds(rows: Inputs, step_s: float) -> None:
+    """ValueError: times are plain numbers so dense that they may be minutes; step_s: what to give if they are not."""
+    if rows.counted and rows.time_s is not None and len(rows.time_s) > 1:
+        apart_s = float(np.median(np.diff(rows.time_s)))
+        if apart_s < _SHORTEST_S:
+            raise ValueError(
+                f"times: rows are {apart_s:.3g} s apart if these numbers are seconds; if they are, give "
+                f"step_s={step_s:g}. Otherwise convert them: minutes times 60, or datetimes"
+            )
+
+
 def input_rows(X: object, times: object = None) -> Inputs:
     """The rows of a table or array. ValueError and TypeError say what is wrong with it.
 
@@ -98,7 +115,9 @@ def input_rows(X: object, times: object = None) -> Inputs:
         where = f"column {names[column]!r}" if names else f"column {column}"
         raise ValueError(f"Input X contains infinity, row {row}, {where}; a missing value is NaN")
     times = _index_of(X) if times is None else times
-    return Inputs(values, names, None if times is None else seconds_of(times, len(values)))
+    if times is None:
+        return Inputs(values, names, None)
+    return Inputs(values, names, seconds_of(times, len(values)), zoned_of(times), _counted(times))
 
 
 def outputs_of(y: object, X: object = None) -> tuple[FloatArray, tuple[str, ...] | None, bool]:
@@ -156,6 +175,22 @@ def seconds_of(times: object, rows: int) -> FloatArray:
             + (_TWICE if repeats else "")
         )
     return np.asarray(found, dtype=np.float64)
+
+
+def zoned_of(times: object) -> bool | None:
+    """Whether times are dates with a time zone, or dates without one; None: neither."""
+    if hasattr(getattr(times, "dt", None), "tz"):  # a column of dates
+        times = times.dt  # type: ignore[attr-defined]
+    if hasattr(times, "tz"):
+        return times.tz is not None
+    found = np.asarray(times)
+    if found.dtype.kind == "O" and found.size and hasattr(found.flat[0], "tzinfo"):
+        return found.flat[0].tzinfo is not None
+    return False if found.dtype.kind == "M" else None
+
+
+def _counted(times: object) -> bool:
+    return np.asarray(times).dtype.kind in "iuf"
 
 
 def names_or_numbers(names: Sequence[str] | None, count: int, letter: str) -> tuple[str, ...]:

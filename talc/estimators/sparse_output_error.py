@@ -12,7 +12,7 @@ class SparseOutputError(TrainedModels):
     ----------
     max_na : int
         Largest number of poles, 0 to 3.
-    max_nb, max_inputs, step_s
+    max_nb, max_inputs, step_s, unit_um
         As of `GroupLassoARX`.
     judged_by : {'unseen', 'seen'}
         A BIC of the residuals on rows left out of the fit, or on all rows.
@@ -33,6 +33,7 @@ class SparseOutputError(TrainedModels):
         max_inputs: int = 8,
         judged_by: Literal["unseen", "seen"] = "unseen",
         step_s: float | None = None,
+        unit_um: float = 1.0,
     ) -> None:
         self.max_na, self.max_nb, self.max_inputs = max_na, max_nb, max_inputs
-        self.judged_by, self.step_s = judged_by, step_s
+        self.judged_by, self.step_s, self.unit_um = judged_by, step_s, unit_um

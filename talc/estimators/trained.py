@@ -8,9 +8,16 @@ import numpy as np
 
 from talc.estimators.clock import RowClock
 from talc.estimators.conventions import Conventions, not_fitted
-from talc.estimators.rows import input_rows, names_or_numbers, outputs_of
+from talc.estimators.rows import (
+    input_rows,
+    more_than_zero,
+    names_or_numbers,
+    outputs_of,
+    refuse_other_units,
+    warn_if_tiny,
+)
 from talc.frame import FloatArray, Frame, TrainingJob, Why
-from talc.models import ErrorModel
+from talc.models import ErrorModel, TrainingNote
 from talc.names import ERROR_UNITS, MICROMETRE, THERMAL_ERRORS
 from talc.papers.free_running import FreeRunningModel
 from talc.papers.training import train
@@ -19,8 +26,8 @@ from talc.settings import TrainingSettings
 
 _PLACES = tuple(i for i, name in enumerate(THERMAL_ERRORS) if ERROR_UNITS[name] == MICROMETRE)
 """A training makes nine models; these have one tolerance, the estimator's."""
-_FIELDS = {"tolerance": "tolerance_um"}
-"""Parameters that the settings of a training call otherwise."""
+_NOT_OF_TRAINING = ("step_s", "unit_um", "tolerance")
+"""Parameters that are not, or not in this unit, in the settings of a training."""
 
 
 class TrainedModels(Conventions):
@@ -28,18 +35,25 @@ class TrainedModels(Conventions):
 
     Rows are a time series. `predict` takes the rows that follow the fitted ones, in free run: without measurements.
     Missing inputs keep their last value. An error with fewer than 24 measured rows, or whose model would be unstable,
-    gets the mean of what was measured, and a warning says so.
+    gets the mean of what was measured, and a warning says so. Another warning names an error whose model uses no input.
+
+    The training counts in µm, as the adapted BIC does (eq. 9); `unit_um` converts.
     """
 
     step_s: float | None
+    unit_um: float
     _selector: ClassVar[Literal["search", "pso", "tck"]]
 
     def _settings(self) -> TrainingSettings:
-        """What the parameters mean: those of the training, of errors in the unit of y. ValueError names an invalid
-        one."""
-        given: dict[str, Any] = {_FIELDS.get(name, name): getattr(self, name) for name in self._parameters()}
-        del given["step_s"]
-        return TrainingSettings(selector=self._selector, **given)
+        """What the parameters mean for a training of errors in µm. ValueError names an invalid one."""
+        given: dict[str, Any] = {name: getattr(self, name) for name in self._parameters()}
+        tolerance = given.get("tolerance")
+        if tolerance is not None:
+            more_than_zero("tolerance", tolerance)
+            given["tolerance_um"] = float(tolerance) * self.unit_um
+        return TrainingSettings(
+            selector=self._selector, **{name: given[name] for name in given if name not in _NOT_OF_TRAINING}
+        )
 
     def fit(self, X: object, y: object, times: object = None) -> Self:
         """Find the models.
@@ -49,11 +63,14 @@ class TrainedModels(Conventions):
         ValueError and TypeError say what is wrong with them.
         """
         rows = input_rows(X, times)
-        measured, names, self._flat = outputs_of(y, X)
+        given, names, self._flat = outputs_of(y, X)
+        refuse_other_units(names or (), self.unit_um)
+        measured = given * self.unit_um
         if len(measured) != len(rows.values):
             raise ValueError(f"X has {len(rows.values)} rows, y {len(measured)}: expected the same number")
         if not np.isfinite(measured).any():
             raise ValueError("y holds no measurement: all of it is NaN")
+        warn_if_tiny(measured, "y")
         _check_parameters(self)
         settings, clock = self._settings(), RowClock(rows, self.step_s)
         index = clock.take(rows)
@@ -79,10 +96,14 @@ class TrainedModels(Conventions):
             for j, model in enumerate(self._models)
         ]
         found = {name: model for name, model in zip(self.error_names_, self._models, strict=True) if model is not None}
+        for name, model in found.items():
+            if not model.inputs:
+                warn(f"{name}: the model uses no input, so it predicts hardly more than the mean", stacklevel=2)
         self.inputs_ = {name: model.inputs for name, model in found.items()}
         self.poles_ = {name: model.poles() for name, model in found.items()}
         self.static_gains_ = {
-            name: dict(zip(model.inputs, model.static_gain().tolist(), strict=True)) for name, model in found.items()
+            name: dict(zip(model.inputs, (model.static_gain() / self.unit_um).tolist(), strict=True))
+            for name, model in found.items()
         }
         return self
 
@@ -110,6 +131,7 @@ class TrainedModels(Conventions):
                 last, k_before = np.where(np.isfinite(values), values, last), k
                 estimate = running.step(last, float("nan"))
                 mean[row, j], std[row, j] = estimate.predicted, estimate.sigma
+        mean, std = mean / self.unit_um, std / self.unit_um
         if self._flat:
             mean, std = mean[:, 0], std[:, 0]
         return (mean, std) if return_std else mean
@@ -133,10 +155,10 @@ def _check_parameters(estimator: TrainedModels) -> None:
 
 def _trained(
     record: Record, inputs: tuple[str, ...], measured: FloatArray, settings: TrainingSettings
-) -> tuple[list[ErrorModel | None], list[tuple[int, str]]]:
+) -> tuple[list[ErrorModel | None], list[tuple[int, TrainingNote]]]:
     """A model of each column, or None and why; as many at once as share their regressions."""
     models: list[ErrorModel | None] = []
-    notes: list[tuple[int, str]] = []
+    notes: list[tuple[int, TrainingNote]] = []
     for begin in range(0, measured.shape[1], len(_PLACES)):
         some = measured[:, begin : begin + len(_PLACES)]
         nine = np.full((len(measured), len(THERMAL_ERRORS)), np.nan)
@@ -154,8 +176,7 @@ def _trained(
         found = train(job)
         for j, place in enumerate(places):
             models.append(found.models[place])
-            said = f"{THERMAL_ERRORS[place]}: "
-            notes += [(begin + j, n.removeprefix(said)) for n in found.notes if n.startswith(said)]
+            notes += [(begin + j, note) for note in found.notes if note.values.get("error") == THERMAL_ERRORS[place]]
     return models, notes
 
 

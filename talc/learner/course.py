@@ -114,6 +114,9 @@ class LearningCourse(Strategy):
         self._note_inputs(valid, moved, events)
         if gap > self._long_gap:
             self._wanted = Why.NOVELTY
+        if frame.new_reference:
+            self._learner.new_reference()
+            events.append(Event(EventKind.NEW_REFERENCE, code=EventCode.NEW_REFERENCE))
         self._last_k = frame.k
         before = self._learner.estimate()
         after, surprise = before, None

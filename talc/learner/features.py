@@ -36,10 +36,12 @@ class LagBank:
         """(n,) whether an input is not a temperature: its span grows."""
         self.level = np.zeros((inputs, self.lags))
         """(n, L) outputs of the lags, in spans; the first one has no lag."""
+        self.origin = np.zeros((inputs, self.lags))
+        """(n, L) those at the latest reference, from which features count."""
 
     def features(self) -> FloatArray:
         """(n L,) input by input."""
-        return self.level.ravel().copy()
+        return np.asarray(self.level - self.origin).ravel()
 
     def ahead(self, steps: int) -> FloatArray:
         """The features this many steps ahead, if the inputs stay as they are."""
@@ -48,7 +50,8 @@ class LagBank:
     def towards(self, steps: float, deviation: FloatArray) -> FloatArray:
         """The features this many steps ahead, > 0, if the inputs have these (n,) deviations from now on."""
         kept = self._kept**steps
-        return np.asarray((kept * self.level + (1.0 - kept) * (deviation / self.span)[:, None]).ravel())
+        later = kept * self.level + (1.0 - kept) * (deviation / self.span)[:, None]
+        return np.asarray(later - self.origin).ravel()
 
     def along(self, deviations: FloatArray, steps: Sequence[int]) -> FloatArray:
         """(S, n L) the features these many steps ahead, if the inputs have these deviations (T, n) meanwhile."""
@@ -56,7 +59,7 @@ class LagBank:
         for step, deviation in enumerate(deviations, start=1):
             level = self._kept * level + (1.0 - self._kept) * (deviation / self.span)[:, None]
             if step in steps:
-                found[step] = level.ravel()
+                found[step] = np.asarray(level - self.origin).ravel()
         return np.stack([found[step] for step in steps])
 
     def widen(self, deviation: FloatArray) -> FloatArray:
@@ -68,7 +71,7 @@ class LagBank:
         if beyond.any():
             factor[beyond] = np.exp2(np.ceil(np.log2(size[beyond] / self.span[beyond])))
             self.span = self.span * factor
-            self.level = self.level / factor[:, None]
+            self.level, self.origin = self.level / factor[:, None], self.origin / factor[:, None]
         return factor
 
     def beyond(self, deviation: FloatArray) -> BoolArray:
@@ -89,6 +92,10 @@ class LagBank:
         """Advance this many steps, along a straight line from the last deviations to these."""
         for i in range(1, steps + 1):
             self.advance(before + (now - before) * (i / steps))
+
+    def count_from_here(self) -> None:
+        """The present features become 0."""
+        self.origin = self.level.copy()
 
     def restart(self, deviation: FloatArray) -> None:
         """As if the inputs had had these values for a long time."""

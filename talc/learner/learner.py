@@ -50,6 +50,7 @@ class LearnerState:
 
     mixture: MixtureState
     level: FloatArray
+    origin: FloatArray
     span: FloatArray
     wide: BoolArray
     reference: FloatArray
@@ -124,6 +125,12 @@ class RowLearner:
             gains = mixture.weights().reshape(self._errors, len(values), -1).sum(axis=2) / bank.span
             self._doubt = np.maximum(np.einsum("ji,ik,jk->j", gains, missing, gains), 0.0)
         return moved
+
+    def new_reference(self) -> None:
+        """Errors count from the present row, in which they are zero: of what was learnt only the level ends."""
+        if self._anchored:
+            self._bank.count_from_here()
+            self._mixture.new_reference()
 
     def estimate(self, ahead: int = 0) -> Estimate:
         """The estimates of the present row, or of this many steps ahead if the inputs stay as they are."""
@@ -211,7 +218,7 @@ class RowLearner:
         return Weights(
             inputs=mixture.weights().reshape(shape) / span,
             inputs_sigma=self._scale * np.sqrt(mixture.variances()).reshape(shape) / span,
-            level=level,
+            level=level - mixture.weights() @ bank.origin.ravel(),
             level_sigma=self._scale * np.sqrt(level_variance),
             smooth=mixture.predict(x)[0] - level - mixture.weights() @ x,
             share=np.where(mixture.believed > _TRUSTED, 1.0, 0.0),
@@ -225,6 +232,7 @@ class RowLearner:
         return LearnerState(
             mixture=self._mixture.state(),
             level=self._bank.level.copy(),
+            origin=self._bank.origin.copy(),
             span=self._bank.span.copy(),
             wide=self._bank.wide.copy(),
             reference=m.reference.copy(),
@@ -243,7 +251,7 @@ class RowLearner:
         """Continue from a state. ValueError: it has other inputs."""
         self._mixture.restore(state.mixture)
         self._bank.level, self._bank.span = state.level.copy(), state.span.copy()
-        self._bank.wide = state.wide.copy()
+        self._bank.wide, self._bank.origin = state.wide.copy(), state.origin.copy()
         m = self._memory
         m.reference, m.known, m.last = state.reference.copy(), state.known.copy(), state.last.copy()
         m.away, m.mean, m.covariance = state.away.astype(np.int64), state.mean.copy(), state.covariance.copy()

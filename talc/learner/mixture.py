@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from talc.frame import FloatArray
 from talc.learner.experts import EXPERTS, OTHERS_EXPERTS, UNIT, Expert
-from talc.learner.process import OtherMachines, Process, Rows
+from talc.learner.process import OTHER_REFERENCE, OtherMachines, Process, Rows
 from talc.names import THERMAL_ERRORS
 
 _ERRORS = len(THERMAL_ERRORS)
@@ -83,6 +83,8 @@ class MixtureState:
     """(9,) the last measurement that was not an outlier; NaN before the first."""
     cursor: int
     """The next error whose prior variances are renewed."""
+    references: int = 0
+    """Times that errors have begun to count anew."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -145,6 +147,7 @@ class Mixture:
         self._count, self._cursor = np.zeros(errors, dtype=np.int64), 0
         self._suspect, self._off = np.zeros((2, errors))
         self._last = np.full(errors, np.nan)
+        self._reference, self._references = np.zeros(errors), 0
         self._weights: FloatArray | None = None
 
     @property
@@ -193,7 +196,7 @@ class Mixture:
             y=r.y[:n].copy(),
             noise=r.noise[:n].copy(),
             relevance=np.stack([process.relevance for process in self._processes], axis=1),
-            reference=r.reference.copy(),
+            reference=self._reference.copy(),
             evidence=self._evidence.copy(),
             zero=self._zero.copy(),
             now=self._now,
@@ -204,6 +207,7 @@ class Mixture:
             off=self._off.copy(),
             last=self._last.copy(),
             cursor=self._cursor,
+            references=self._references,
         )
 
     def restore(self, state: MixtureState) -> None:
@@ -212,7 +216,8 @@ class Mixture:
         if state.relevance.shape != expected or state.x.shape[1] != self._features:
             raise ValueError(f"relevance {state.relevance.shape}: expected {expected}")
         self._rows.put(state.x, state.time, state.weight, state.jolt, state.y, state.noise)
-        self._rows.reference[:] = state.reference
+        self._reference, self._references = state.reference.copy(), state.references
+        self._rows.reference[:] = 0.0 if self._references else state.reference
         self._evidence, self._zero = state.evidence.copy(), state.zero.copy()
         self._share = self._shares()
         self._now, self._jolted, self._elapsed = state.now, state.jolted.copy(), state.elapsed.copy()
@@ -226,6 +231,26 @@ class Mixture:
         """Let this many steps pass."""
         self._now += steps * self._per_step
         self._elapsed += steps * self._per_step
+
+    def new_reference(self) -> None:
+        """Errors are zero now, with features 0, but for the noise of the reference. Former rows count from the former
+        reference: they still tell of the weights, and no longer of the level."""
+        known, rows = self._count > 0, self._rows
+        # The former reference's noise was part of each row; as a part of the level it tells nothing of the new one's.
+        rows.jolt[: rows.n] += rows.reference
+        self._jolted += rows.reference + np.where(known, OTHER_REFERENCE, 0.0)
+        rows.reference[:], self._references = 0.0, self._references + 1
+        x, nothing = np.zeros(self._features), np.zeros(self._errors)
+        for process in self._processes:
+            process.rebuild()
+            process.look(x, self._now, self._jolted, reference=True)
+        self._append(x, nothing, np.where(known, self._reference, np.inf))
+        # Zero stays as likely as it was, but the reference's noise is another number from now on.
+        self._zero = np.zeros_like(self._zero)
+        self._zero[:, 3] = -2.0 * self._evidence[:, 0]
+        self._last, self._elapsed = np.where(known, 0.0, np.nan), np.zeros(self._errors)
+        self._suspect, self._off = np.zeros((2, self._errors))
+        self._weights = None
 
     def add_level_variance(self, variance: FloatArray) -> None:
         """(9,) variances by which the levels may have changed."""
@@ -244,7 +269,7 @@ class Mixture:
         """(9, E + 1) means and variances of zero and of each process, their misfit included."""
         mean, variance = np.zeros((2, *self._share.shape))
         if reference:
-            first = self._rows.reference
+            first = self._reference
             variance[:, 0] = first / (1.0 + first * self._zero[:, 0])
             mean[:, 0] = variance[:, 0] * self._zero[:, 1]
         now = self._now + ahead * self._per_step
@@ -305,25 +330,33 @@ class Mixture:
         for j in measured:
             ratio[j], outlier[j] = self._weigh(int(j), float(errors[j]), noise, mean[j], variance[j])
         self._share = self._shares()
-        if self._rows.is_full():
-            self._rows.thin()
-            for process in self._processes:
-                process.rebuild()
-                process.look(x, self._now, self._jolted, reference=True)
-        row = x, self._now, self._jolted, np.where(np.isfinite(errors), errors, 0.0), noise
-        for process in self._processes:
-            process.append(*row)
-        self._rows.append(*row)
+        self._append(x, np.where(np.isfinite(errors), errors, 0.0), noise)
         self._count[measured] += 1
         self._elapsed[measured] = 0.0
         self._renew()
         self._weights = None
         return Surprise(ratio, outlier, expected[1])
 
+    def _append(self, x: FloatArray, y: FloatArray, noise: FloatArray) -> None:
+        """One more row, at whose features (p,) the processes have just looked."""
+        if self._rows.is_full():
+            self._rows.thin()
+            for process in self._processes:
+                process.rebuild()
+                process.look(x, self._now, self._jolted, reference=True)
+        row = x, self._now, self._jolted, y, noise
+        for process in self._processes:
+            process.append(*row)
+        self._rows.append(*row)
+
     def _begin(self, j: int, y: float, noise: float) -> None:
         """Errors are deviations from the reference: the level starts at zero, unless the first measurement is so far
         off that the reference is not the present state."""
-        self._rows.reference[j] = _REFERENCE * noise
+        self._reference[j] = _REFERENCE * noise
+        if self._references:
+            self._jolted[j] += self._reference[j]
+        else:
+            self._rows.reference[j] = self._reference[j]
         self._elapsed[j] = 0.0
         if abs(y) > _FIRST_FAR * np.sqrt(noise):
             self._jolted[j] += y * y
@@ -331,7 +364,7 @@ class Mixture:
     def _weigh(self, j: int, y: float, noise: FloatArray, mean: FloatArray, variance: FloatArray) -> tuple[float, bool]:
         """The experts' evidence after a measurement y, which (E + 1,) mean and variance expected; enlarges the (9,)
         noise of an outlier, and the level's variance where the level moves fast."""
-        own, share, reference = float(noise[j]), self._share[j], float(self._rows.reference[j])
+        own, share, reference = float(noise[j]), self._share[j], float(self._reference[j])
         innovation = y - mean
         centre = float(share @ innovation)
         total = float(share @ (variance + (innovation - centre) ** 2)) + own

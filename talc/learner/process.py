@@ -12,6 +12,9 @@ from talc.learner.experts import UNIT, Expert
 MOST_ROWS = 300
 """Rows that are kept. When there are as many, neighbours are merged until _FEWER are left."""
 _FEWER = 200
+OTHER_REFERENCE = 1e5
+"""µm² or (µm/m)²: variance of the level from one reference to the next, so large that neither tells of the other's.
+Rows on either side of as large a change are not merged."""
 _NEWEST = 40
 """Rows that are never merged."""
 _PRIOR_COUNTS = 0.5
@@ -58,7 +61,7 @@ class Rows:
         self.jolt, self.y = np.zeros((2, MOST_ROWS, errors))
         self.noise = np.full((MOST_ROWS, errors), np.inf)
         self.reference = np.zeros(errors)
-        """(m,) variance of the reference's noise, part of every measurement."""
+        """(m,) variance of the reference's noise, part of every measurement; 0: `jolt` has it, as there are several."""
         self.known = np.zeros((errors, MOST_ROWS))
         """(m, rows) 1 where an error was measured."""
 
@@ -95,7 +98,9 @@ class Rows:
         x, time, weight = list(self.x[: self.n]), self.time[: self.n].tolist(), self.weight[: self.n].tolist()
         jolt, y, noise = list(self.jolt[: self.n]), list(self.y[: self.n]), list(self.noise[: self.n])
         while len(x) > _FEWER:
-            i = int(np.argmin(np.diff(time[: len(time) - _NEWEST])))
+            apart = np.diff(time[: len(time) - _NEWEST])
+            apart[np.diff([float(each.max()) for each in jolt[: len(time) - _NEWEST]]) > OTHER_REFERENCE / 2.0] = np.inf
+            i = int(np.argmin(apart))
             a, b = weight[i], weight[i + 1]
             told = a / noise[i], b / noise[i + 1]  # an error that only one measured keeps that one's value and noise
             both = np.maximum(told[0] + told[1], 1e-300)

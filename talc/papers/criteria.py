@@ -18,7 +18,8 @@ def adapted_bic(residual: FloatArray, orders: int, inputs: int, tolerance: float
 
     residual: (n,) free-run residuals over the measured rows, µm or µm/m; orders: na + sum of nb_s; inputs: N;
     tolerance: T; safety: ST. The paper leaves open whether the bracket starts at T, which makes a jump, or at ST T, as
-    here. Below a sum of 1 the logarithm would turn negative and the bracket reward a violation: it is held at 0.
+    here. Below a sum of 1 µm² the logarithm would turn negative and the bracket reward a violation: it is held at 0. So
+    the unit matters: residuals in mm would all count as 0, and no input would be worth its price.
     A residual that is not finite costs 1e9. ValueError: no residuals.
     """
     n = _rows(residual)

@@ -126,7 +126,10 @@ class PhasedModels(Strategy):
                 model.step(inputs, float("nan"))
 
     def step(self, frame: Frame, measured: FloatArray) -> Decision:
-        """Take one frame, which is the record's last row."""
+        """Take one frame, which is the record's last row. ValueError: it has a new reference, and models count from the
+        one of their training."""
+        if frame.new_reference:
+            raise ValueError(f"k = {frame.k}: a new reference; trained models count from one, the learner from several")
         events: list[Event] = []
         if frame.pause_unknown:
             self._last_measured = None
@@ -163,10 +166,7 @@ class PhasedModels(Strategy):
         if models.input_names != self._names:
             raise ValueError("the models were trained on other inputs than this controller has")
         self._learning = False
-        events = [
-            Event(EventKind.MODEL_REJECTED, code=EventCode.TRAINING_NOTE, values={"note": note})
-            for note in models.notes
-        ]
+        events = [Event(EventKind.MODEL_REJECTED, code=note.code, values=note.values) for note in models.notes]
         for i, model in enumerate(models.models):
             if model is None:
                 continue

@@ -1,4 +1,4 @@
-"""The papers' selector: a particle swarm over the Group-LASSO's penalty and all orders (Z22 §3), in one kernel call.
+"""The papers' selector: a particle swarm over the Group-LASSO's penalty and all orders (Z22 §4), in one kernel call.
 
 Every candidate is an ARX Group-LASSO solved to a relative duality gap of 1e-8 on a sub-block of one Gram matrix; its
 free run over the window is judged by a criterion. A looser solver would be exploited: the swarm finds its errors.

@@ -1,4 +1,4 @@
-"""The earlier sequential selector: cluster the sensors, take the most similar one, model, repeat with the residual.
+"""The earlier sequential selector (Z22 §2): cluster the sensors, take the most similar one, model, go on with the rest.
 
 Similarity is the Time Series Cluster Kernel (Mikalsen, Bianchi, Soguero-Ruiz, Jenssen, Pattern Recognition 76 (2018)
 569-581): an ensemble of diagonal Gaussian mixtures with informative priors, fitted by MAP-EM to random segments and

@@ -8,7 +8,8 @@ import numpy as np
 
 from talc.disturbance import Disturbance, disturbance_of
 from talc.frame import LEAST_VALID, BoolArray, FloatArray, TrainingJob
-from talc.models import ErrorModel, ModelSet
+from talc.kinds import EventCode
+from talc.models import ErrorModel, ModelSet, TrainingNote
 from talc.names import THERMAL_ERRORS
 from talc.papers import tck
 from talc.papers.routes import Fitted, Shared, by_arx, by_search
@@ -42,12 +43,19 @@ def train(job: TrainingJob) -> ModelSet:
             models.append(run.model(error))
         except _NoModel as reason:
             models.append(None)
-            notes.append(f"{error}: no model, {reason}")
+            notes.append(reason.note)
     return ModelSet(k=job.k, why=job.why.value, input_names=job.input_names, models=tuple(models), notes=tuple(notes))
 
 
 class _NoModel(Exception):
-    """An error gets no model; the message says why."""
+    """An error gets no model.
+
+    note: says why
+    """
+
+    def __init__(self, code: EventCode, **values: object) -> None:
+        self.note = TrainingNote(code, values)
+        super().__init__(self.note)
 
 
 class _Training:
@@ -65,7 +73,8 @@ class _Training:
         """The model of one thermal error. Raises _NoModel."""
         record, offer = self._records[error], self._offer
         if record.rows.sum() < _LEAST_ROWS or not offer.names:
-            raise _NoModel(f"{int(record.rows.sum())} measured rows and {len(offer.names)} usable inputs")
+            rows, inputs = int(record.rows.sum()), len(offer.names)
+            raise _NoModel(EventCode.TOO_LITTLE_MEASURED, error=error, rows=rows, inputs=inputs)
         fixed = self._kept(error)
         found = self._searched(error, fixed) if self._job.settings.selector == "search" else self._arx(error, fixed)
         return _model(error, record, found, offer)
@@ -96,7 +105,7 @@ class _Training:
             window = Window(self._offer.scaled, record.scaled, record.scaled, record.std)
             return by_arx(window, fixed, error, self._job.settings, self._sensors)
         except (ValueError, RuntimeError) as problem:
-            raise _NoModel(str(problem)) from problem
+            raise _NoModel(EventCode.NOT_FITTED, error=error, why=str(problem)) from problem
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,7 +151,7 @@ def _pole_sets(settings: TrainingSettings) -> list[tuple[float, ...]]:
     return [poles for count in range(settings.max_na + 1) for poles in combinations(allowed, count)]
 
 
-def _offered(job: TrainingJob) -> tuple[_Offer, list[str]]:
+def _offered(job: TrainingJob) -> tuple[_Offer, list[TrainingNote]]:
     columns, notes = [], []
     # If the inputs of all errors are kept, only those cost anything.
     every = job.input_names
@@ -152,9 +161,10 @@ def _offered(job: TrainingJob) -> tuple[_Offer, list[str]]:
             continue
         share = float(job.valid[:, i].mean())
         if share < LEAST_VALID:
-            notes.append(f"{name}: not offered, {share:.1%} of its values are good, fewer than {LEAST_VALID:.0%}")
+            values = {"input": name, "share": share, "least": LEAST_VALID}
+            notes.append(TrainingNote(EventCode.INPUT_SELDOM_GOOD, values))
         elif not np.isfinite(job.inputs[:, i]).all():
-            notes.append(f"{name}: not offered, missing values were not filled")
+            notes.append(TrainingNote(EventCode.INPUT_NOT_FILLED, {"input": name}))
         elif job.inputs[:, i].std() > _LEAST_SPREAD:
             columns.append(i)
     inputs = job.inputs[:, columns]

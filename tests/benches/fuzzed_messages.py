@@ -18,7 +18,7 @@ import msgspec
 from drivers.base import DriverError
 from drivers.faults import Fault
 from drivers.mqtt.profile import MqttTopic
-from drivers.mtconnect.document import data_items, latest_values
+from drivers.mtconnect.document import described, observed
 from drivers.mtconnect.exchange import ask_agent
 from drivers.mtconnect.items import factors, number
 from drivers.mtconnect.settings import MtConnectSettings
@@ -117,9 +117,9 @@ def _mtconnect(draw: random.Random, _: Path) -> None:
     with refused_by(ValueError):
         suggested_items(probe)
     with refused_by(ValueError, DriverError):
-        factors(_items(), data_items(probe))
+        factors(_items(), described(probe).items)
     with refused_by(ValueError):
-        for item, text in latest_values(current).items():
+        for item, text in observed(current).values.items():
             with refused_by(DriverError):
                 assert isfinite(number(item, text, 60.0))
 

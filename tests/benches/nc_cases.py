@@ -281,6 +281,19 @@ def reset_at(texts: Texts, at: int) -> list[str]:
     return ["RESET was not seen"]
 
 
+def _unreported(texts: Texts) -> list[str]:
+    """RESET where no hook tells of it: the next call does, and the next request is obeyed."""
+    wrong = []
+    for state in (1.0, 2.0):
+        cell = Cell(texts=texts)
+        cell.r[64:68] = [7.0, state, 0.0, 0.0]
+        wrong += _not_begun(cell, 5, 7)
+        cell.r[60] = 8.0
+        cell.safe_point()
+        wrong += [] if cell.r[64:68] == [8.0, 3.0, 0.0, 8.0] else [f"R64 to R67 = {cell.r[64:68]}"]
+    return wrong
+
+
 def _reset_later(texts: Texts) -> list[str]:
     """RESET after a cycle leaves its result alone."""
     cell = Cell(texts=texts)
@@ -385,6 +398,7 @@ CASES: dict[str, Callable[[Texts], list[str]]] = {
     "asked while an axis moves": _asked_late,
     "after a failed dry run": _after_a_failure,
     "RESET": _some(reset_at, (0, 40, 300)),
+    "RESET that nobody reports": _unreported,
     "RESET later": _reset_later,
     "moved by hand between moves": _some(jogged_at, (3, 4, 5, 6, 7, 98, 552)),
     "turned by hand": _some(turned_at, (3,)),

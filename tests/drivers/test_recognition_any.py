@@ -267,12 +267,13 @@ BLOCKS = st.builds(
     MeBlock,
     st.integers(0, 2**32 - 1),
     st.integers(0, 2**32 - 1),
+    st.integers(0, 2**32 - 1),
     st.dictionaries(st.integers(0, 31), st.integers(-(2**31), 2**31 - 1), min_size=1, max_size=32),
 )
 
 
 @given(st.one_of(BLOCKS, raised(NoAnswer, BadAnswer, ConnectError)))
-@example(MeBlock(1, 2, {31: 0}))
+@example(MeBlock(1, 2, 3, {31: 0}))
 def test_any_block_of_a_controller(says: MeBlock | DriverError) -> None:
     bus = AnyController(says)
     try:

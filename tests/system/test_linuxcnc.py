@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from gateway.demo.demo_linuxcnc import SILENCE_S, SLEW_UM_PER_S, show, silence
+from gateway.model.text import Language
 
 pytestmark = [pytest.mark.peer, pytest.mark.slow, pytest.mark.waits(140)]
 
@@ -20,7 +21,7 @@ PAUSED = re.compile(r"stands still|takes longer than|within period|heartbeat|no 
 
 async def test_nine_errors_come_back_and_compensation_takes_the_deviation_away(tmp_path: Path) -> None:
     said: list[str] = []
-    shown = await show(tmp_path / "demo", said.append)
+    shown = await show(tmp_path / "demo", said.append, Language())
     # There is something to find: EZ0A, EX0C, EZ0T, ER0T, EA0C.
     assert np.abs(shown.true[[1, 2, 4, 5, 6]]).min() > 5.0
     difference = shown.measured.errors - shown.true

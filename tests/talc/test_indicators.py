@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from talc.indicators import Spread, first_hour_apart, p99, peak_to_peak, productivity, reduction, rms, smape
+from talc.indicators import Spread, first_hour_apart, p99, peak_to_peak, productivity, pv, reduction, rms, smape
 
 NAN = math.nan
 
@@ -31,16 +31,31 @@ def test_the_first_hour_and_the_rest_are_apart() -> None:
     assert math.isnan(early.rms)
 
 
-def test_p99_is_interpolated_between_magnitudes() -> None:
-    # 101 magnitudes 0..100: the 99th percentile is 99; of 0..10 it lies 0.9 of the way from 9 to 10.
-    assert p99(-np.arange(101.0)) == pytest.approx(99.0)
-    assert p99(np.arange(11.0)) == pytest.approx(9.9)
+def test_pv_is_of_the_largest_deviations_and_not_of_ranges() -> None:
+    # Residuals 1, -2, 0 of an error of 10, 20, 5: 2 of 20. Ranges would give 3 of 15.
+    measured = np.array([10.0, 20.0, 5.0, NAN])
+    assert pv(measured, measured - np.array([1.0, -2.0, 0.0, 7.0])) == pytest.approx(10.0)
+    assert pv(-measured, -measured - 2.0) == pytest.approx(10.0)
+    assert pv(measured, np.array([10.0, np.inf, 5.0, 0.0])) == np.inf
+    assert math.isnan(pv(np.zeros(3), np.zeros(3)))
+    assert math.isnan(pv(measured, np.full(4, NAN)))
+    with pytest.raises(ValueError, match="expected the same"):
+        pv(np.zeros(2), np.zeros(3))
+
+
+def test_p99_follows_hazens_rule() -> None:
+    # Of 1..100 the rank is 99.5, half-way from 99 to 100; of 1..57 it is 56.93; of 1..11 it is 11.39, the largest.
+    assert p99(-np.arange(1.0, 101.0)) == pytest.approx(99.5)
+    assert p99(np.arange(57.0, 0.0, -1.0)) == pytest.approx(56.93)
+    assert p99(np.append(np.arange(1.0, 12.0), NAN)) == 11.0
+    assert math.isnan(p99(np.array([NAN])))
 
 
 def test_smape_by_hand() -> None:
     # |2-4|/6 = 1/3, |1+1|/2 = 1, 0/0 counts as 0: mean 4/9.
     measured, predicted = np.array([2.0, 1.0, 0.0, NAN]), np.array([4.0, -1.0, 0.0, 1.0])
     assert smape(measured, predicted) == pytest.approx(400 / 9)
+    assert smape(np.ones(2), np.array([1.0, np.inf])) == 50.0
     with pytest.raises(ValueError, match="expected the same"):
         smape(np.zeros(2), np.zeros(3))
 

@@ -38,7 +38,13 @@ def test_hand_computed() -> None:
 
 @pytest.mark.parametrize(
     ("errors", "positions", "radius"),
-    [(np.zeros(8), np.zeros(5), 0.2), (np.full(9, np.nan), np.zeros(5), 0.2), (np.zeros(9), np.zeros(5), 0.0)],
+    [
+        (np.zeros(8), np.zeros(5), 0.2),
+        (np.full(9, np.nan), np.zeros(5), 0.2),
+        (np.zeros(9), np.zeros(5), 0.0),
+        (np.zeros(9), np.zeros(5), 150.0),
+        (np.zeros(9), np.array([0.0, 0.0, 0.0, 90.0, 0.0]), 0.2),
+    ],
 )
 def test_refuses_impossible_values(errors: FloatArray, positions: FloatArray, radius: float) -> None:
     with pytest.raises(ValueError, match=r"expected|finite"):

@@ -101,3 +101,17 @@ def test_a_report_says_what_poses_determine_and_how_well() -> None:
     ]
     np.testing.assert_allclose(np.std(cycles, axis=0), whole.sigma, rtol=0.06)
     assert report_poses(np.zeros((0, 2)), 0.2, 0.08, 1.0).rank == 0
+
+
+@pytest.mark.parametrize(
+    ("poses", "radius_m", "height_m", "said"),
+    [
+        (np.array([[90.0, 0.0]]), 0.2, 0.08, "90 rad: expected radians"),
+        (SIX, 150.0, 0.08, "radius_m = 150.0: expected metres"),
+        (SIX, 0.15, 80.0, "height_m = 80.0: expected metres"),
+        (SIX, 0.15, math.nan, "height_m = nan"),
+    ],
+)
+def test_degrees_and_millimetres_are_refused(poses: np.ndarray, radius_m: float, height_m: float, said: str) -> None:
+    with pytest.raises(ValueError, match=said):
+        design_matrix(poses, radius_m, height_m)

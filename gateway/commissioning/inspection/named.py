@@ -14,7 +14,7 @@ from drivers.canopen.bus import CanOpenBus
 from drivers.canopen.place import CanObject
 from drivers.number_types import BYTE_FORMATS, ByteNumber
 from drivers.opcua.bus import OpcUaBus
-from drivers.opcua.nodes import NodeName, NodeValue
+from drivers.opcua.nodes import NodeName, NodeValue, node_name
 from gateway.acquisition.text import number_text
 from gateway.commissioning.inspection.registers import now_text, write_draft
 from gateway.commissioning.scan.drafts import BYTE_KINDS, node_draft, object_draft
@@ -85,7 +85,9 @@ def inspect_nodes(
         terminal().print(_bytes_table(name, bytes_held))
     numbers: dict[str, object] = {n: one.value for n, one in good.items() if isinstance(one.value, int | float)}
     if draft is not None:
-        drafted = numbers | (data if kind is not None else {})
+        drafted = {
+            _by_uri(bus, nodes[name]): one for name, one in (numbers | (data if kind is not None else {})).items()
+        }
         if not drafted:
             hint = "; --type says how its bytes hold one" if data else ""
             raise click.UsageError(f"no node holds a good number{hint}: no draft was written")
@@ -139,6 +141,16 @@ def _bytes_table(name: str, data: bytes) -> Table:
         tenth = f"{int(word) * 0.1:.1f}" if word else ""
         table.add_row(str(first), f"{data[first]:02X}", byte, word, tenth, *wider)
     return table
+
+
+def _by_uri(bus: OpcUaBus, name: NodeName) -> str:
+    """The node's name in a profile: an index is another namespace's if the server starts in another order."""
+    text = str(bus.by_uri(name))
+    try:
+        node_name(text)
+    except ValueError:  # a URI that cannot be written so
+        return str(name)
+    return text
 
 
 async def _read_nodes(bus: OpcUaBus, names: Sequence[NodeName]) -> list[NodeValue]:

@@ -104,7 +104,7 @@ async def _words(bus: ModbusBus, unit: int, block: Block) -> _UnitAnswer:
         except ConnectError:  # some hosts close the connection on an unknown id
             return _CLOSED
         except Refused as error:
-            return error.what.partition(" with ")[2]
+            return error.reason
         except NoAnswer:
             why = _SILENT
         except BadAnswer as error:

@@ -77,9 +77,8 @@ async def _divide(bus: ModbusBus, unit: int, block: Block, seen: SeenWords) -> N
         words = await _asked(bus, unit, block)
     except Refused as error:
         if block.count == 1:
-            reason = error.what.partition(" with ")[2]
             meant = as_in_manuals(block.address)
-            seen.refused[block.address] = f"{reason} ({meant})" if meant else reason
+            seen.refused[block.address] = f"{error.reason} ({meant})" if meant else error.reason
             return
         # Even halves: some units refuse to answer half of a 32-bit number.
         first = 1 if block.count == 2 else (block.count // 2 + 1) & ~1

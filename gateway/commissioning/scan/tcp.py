@@ -25,7 +25,6 @@ _MOST_ODD = 3
 """Units with invalid answers before the scan leaves the host."""
 _ANY = (ANY_REGISTER, Block(4, 0, 1), Block(2, 0, 1), Block(1, 0, 1))
 _VALUE = "a value"
-_ONE_DEVICE = "one device"
 
 H = TypeVar("H", bound=HostSettings)
 
@@ -78,15 +77,16 @@ async def scan_hosts(scan: TcpScan, progress: ScanProgress, stopped: Stopped) ->
     modbus: type[ModbusRtuTcpSettings | ModbusTcpSettings] = ModbusRtuTcpSettings if scan.rtu else ModbusTcpSettings
     places = [(_at(scan, modbus, *where), _at(scan, MeEthernetSettings, *where)) for where in scan.hosts]
     for number, ((_, port), (units, controller)) in enumerate(zip(scan.hosts, places, strict=True), start=1):
-        before, remarks = len(report.places), len(report.remarks)
-        await _modbus(scan, units, report, progress, stopped)
-        if stopped():
-            break
-        if port is None or (len(report.places) == before and not scan.rtu):
+        before = len(report.places)
+        doubts = await _modbus(scan, units, report, progress, stopped)
+        ended = stopped()
+        if not ended and (port is None or (len(report.places) == before and not scan.rtu)):
             progress(report.asked, controller.place)
-            await _controller(controller, report)
-        if len(report.places) > before:  # errors of the other protocol need no remark
-            report.remarks = [text for i, text in enumerate(report.remarks) if i < remarks or _ONE_DEVICE in text]
+            doubts += await _controller(controller, report)
+        if len(report.places) == before:  # else errors of the other protocol need no remark
+            report.remarks += doubts
+        if ended:
+            break
         report.asked = number * (len(scan.units) + 2)
     return report
 
@@ -103,7 +103,8 @@ async def _modbus(
     report: ScanReport,
     progress: ScanProgress,
     stopped: Stopped,
-) -> None:
+) -> list[str]:
+    """Adds the units to the report; returns why there may be none."""
     place = settings.place
     bus = (
         ModbusRtuTcpBus("scan", settings)
@@ -112,6 +113,7 @@ async def _modbus(
     )
     found: list[Found] = []
     odd: list[str] = []
+    doubts: list[str] = []
     try:
         async with open_bus(bus):
             unknown = await _answers(bus, next(unit for unit in UNUSUAL_UNITS if unit not in scan.units[:2]), [])
@@ -132,11 +134,12 @@ async def _modbus(
             report.remarks += [f"{place} {remark}"] if remark else []
             if not found and not stopped():
                 nobody = "accepts connections, but none of the units that were asked answers (try --units 1-16)"
-                report.remarks.append(f"Modbus: {odd[0]}" if odd else f"{place} {nobody}")
+                doubts.append(f"Modbus: {odd[0]}" if odd else f"{place} {nobody}")
     except (ConnectError, UnexpectedError) as error:
-        report.remarks.append(f"Modbus: {error.advice}")
+        doubts.append(f"Modbus: {error.advice}")
     if found:
         report.places.append(Place(bus.kind, {"host": settings.host, "port": settings.port}, tuple(found)))
+    return doubts
 
 
 async def _told_apart(
@@ -158,7 +161,7 @@ async def _told_apart(
     elif not answering and as_unknown:
         answering = as_unknown[:1]
         remark = (
-            f"refuses every unit asked as it refuses unknown ones: {_ONE_DEVICE}, shown as unit {answering[0]}, or one "
+            f"refuses every unit asked as it refuses unknown ones: one device, shown as unit {answering[0]}, or one "
             "with an id that was not asked (--units 1-247?)"
         )
     if answering and not remark and not stopped():
@@ -183,7 +186,7 @@ async def _answers(bus: ModbusBus, unit: int, odd: list[str]) -> tuple[str, ...]
                 odd.append(error.advice)
             break
         except Refused as error:
-            told.append(error.what.partition(" with ")[2])
+            told.append(error.reason)
         else:
             told.append(_VALUE)
             break
@@ -200,14 +203,15 @@ async def _look(bus: ModbusBus, unit: int) -> Found:
         return Found(unit, Recognition("", (), f"answers, but cannot be recognised: {error.what}"))
 
 
-async def _controller(settings: MeEthernetSettings, report: ScanReport) -> None:
+async def _controller(settings: MeEthernetSettings, report: ScanReport) -> list[str]:
+    """Adds the controller to the report; returns why there may be none."""
     bus = MeEthernetBus("scan", settings)
     try:
         async with open_bus(bus):
             what = await contained(recognise_me_ethernet(bus), "the recognition")
             reads = await read_inputs(bus, 1, what)
     except (ConnectError, NoAnswer, BadAnswer, UnexpectedError) as error:
-        report.remarks.append(f"displacement controller: {error.what}")
-    else:
-        options = {"host": settings.host, "port": settings.port}
-        report.places.append(Place(settings.bus_kind, options, (Found(1, what, reads),)))
+        return [f"displacement controller: {error.what}"]
+    options = {"host": settings.host, "port": settings.port}
+    report.places.append(Place(settings.bus_kind, options, (Found(1, what, reads),)))
+    return []

@@ -53,7 +53,7 @@ def rehearse_recording(
         if (asked or every_measurement) and np.isfinite(errors).any():
             measurement = Measurement(errors, np.full(_ERRORS, np.nan))
             used[row] = errors
-        decision = controller.step(Frame(k, inputs, np.isfinite(inputs), measurement))
+        decision = controller.step(Frame(k, inputs, np.isfinite(inputs), measurement, k in recording.restarts))
         # The offsets on the control before this step's measurement: an error without a model is held.
         estimate[row] = np.where(np.isfinite(decision.predicted), decision.predicted, in_force)
         held[row] = last

@@ -17,6 +17,7 @@ from gateway.control.replay.stored import replay
 from gateway.model.text import Language
 from gateway.reporting.recordings.columns import Columns
 from gateway.reporting.recordings.grid import Recording, read_recording
+from gateway.reporting.recordings.layout import ranges_text
 from gateway.reporting.recordings.table import write_table
 from gateway.runtime.terminal import terminal
 from gateway.storage.history import History
@@ -27,19 +28,20 @@ _LEAST_CALIBRATION = 12
 """Measurements."""
 
 
-def show(database: Path) -> bool:
+def show(database: Path, language: str = "en") -> bool:
     """Replay with a progress bar and print the result; True if everything was identical."""
-    console = terminal()
+    console, said = terminal(), Language(language)
     with (
         History(database) as history,
         Progress(console=console, transient=True, disable=not console.is_terminal) as bar,
     ):
-        task = bar.add_task("replaying", total=None)
+        task = bar.add_task(said("replay.progress"), total=None)
         result = replay(history, lambda steps: bar.update(task, completed=steps))
-    console.print(f"{result.steps} steps, {result.trainings} trainings, {result.differences} differences")
+    counts = {"steps": result.steps, "trainings": result.trainings, "differences": result.differences}
+    console.print(said("replay.compared", **counts))
     if result.first is not None:
-        console.print(f"first difference at step {result.first.k}: {result.first.what}", style="red")
-    console.print("identical" if result.identical else "NOT identical")
+        console.print(said("replay.first", k=result.first.k, what=result.first.what), style="red")
+    console.print(said("replay.identical" if result.identical else "replay.different"))
     return result.identical
 
 
@@ -57,7 +59,7 @@ class Request:
     calibration_min: float | None = None
     """Time between the measurements of the calibration of trained models."""
     language: str = "en"
-    """Of the page."""
+    """Of the page, and of what is printed."""
 
     @property
     def models_out(self) -> Path | None:
@@ -77,22 +79,16 @@ class Request:
         words += [word for name in self.columns.inputs for word in ("--input", name)]
         words += [word for error, unit in self.columns.units.items() for word in ("--unit", f"{error}={unit}")]
         words += ["--time-of-day", self.columns.time_of_day] if self.columns.time_of_day else []
+        words += ["--runs", self.columns.runs] if self.columns.runs else []
         words += ["--time-unit", self.columns.clock.unit] if self.columns.clock.unit else []
         words += ["--time-format", self.columns.clock.form] if self.columns.clock.form else []
         words += ["--time-zone", self.columns.clock.zone.key] if self.columns.clock.zone else []
-        skipped = ",".join(f"{a}-{b}" if b > a else f"{a}" for a, b in self.columns.layout.skip)
+        skipped = ranges_text(self.columns.layout.skip)
         words += ["--skip", skipped] if skipped else []
         words += [f"--missing={cell}" for cell in self.columns.layout.missing]
         words += [] if self.calibration_min is None else ["--calibration-interval", f"{self.calibration_min:g}"]
         words += ["--every-measurement"] if self.every_measurement else []
         return shlex.join(words)
-
-
-_SAID_OTHERWISE = {
-    "learner": "the learner corrects from the first measurement on",
-    "models": "--calibration-interval is for errors measured less often, and --config with [talc.control] "
-    "calibration_steps for a shorter or longer one",
-}
 
 
 def run_recording(request: Request) -> None:
@@ -110,22 +106,21 @@ def run_recording(request: Request) -> None:
         if twice is not None:
             what = f"two columns would be called {twice!r}; --error NAME=COLUMN gives an error another name"
             raise ConfigError(request.out, [Problem("", what)])
-    console = terminal()
-    console.print(_roles(recording, request.columns), soft_wrap=True, markup=False, highlight=False)
+    console, said = terminal(), Language(request.language)
+    console.print(_roles(recording, request.columns, said), soft_wrap=True, markup=False, highlight=False)
     prior = _prior(sections, recording, request.config)
     if prior is not None:
-        console.print(described(prior, recording.input_names), soft_wrap=True)
-    takes, longer = _calibration(recording, sections)
+        console.print(said.of(described(prior, recording.input_names)), soft_wrap=True)
+    takes, longer = _calibration(recording, sections, said)
     if longer:
-        console.print(f"Calibration takes {takes}, {longer}", soft_wrap=True)
+        console.print(said("replay.calibration_long", takes=takes, why=longer), soft_wrap=True)
     if request.calibration_min is not None:
         min_apart = sections.talc.control.calibration_interval_steps * recording.step_s / 60.0
         if abs(min_apart - request.calibration_min) > 0.01 * request.calibration_min:
-            instead = f"{min_apart:g} min instead of {request.calibration_min:g}"
-            steps = f"whole steps of {recording.step_s:g} s"
-            console.print(f"Calibration is measured every {instead}: in {steps}", soft_wrap=True)
+            values = {"min": min_apart, "wanted": request.calibration_min, "step_s": recording.step_s}
+            console.print(said("replay.calibration_every", **values), soft_wrap=True)
     with Progress(console=console, transient=True, disable=not console.is_terminal) as bar:
-        task = bar.add_task("replaying", total=len(recording.k))
+        task = bar.add_task(said("replay.progress"), total=len(recording.k))
         data = rehearse_recording(
             recording,
             sections.talc,
@@ -136,57 +131,56 @@ def run_recording(request: Request) -> None:
         )
     found = summary(data)
     if found.rows:
-        console.print(table(found, Language(request.language)))
+        console.print(table(found, said))
     else:
-        basis = Language()(f"report_basis.{found.basis}")
-        console.print(
-            f"no figures: {basis}; {data.cycles} of {len(data.k)} steps of {data.step_s:g} s hold a measurement. "
-            f"Calibration takes {takes}; {_SAID_OTHERWISE[sections.talc.method]}",
-            soft_wrap=True,
-        )
+        basis, otherwise = said(f"report_basis.{found.basis}"), said(f"replay.otherwise_{sections.talc.method}")
+        values = {"measured": data.cycles, "steps": len(data.k), "step_s": data.step_s}
+        no_figures = said("replay.no_figures", basis=basis, takes=takes, otherwise=otherwise, **values)
+        console.print(no_figures, soft_wrap=True)
     told = replace(
         data,
         language=request.language,
-        made=_made(request, recording, sections, takes, prior),
+        made=_made(request, recording, sections, takes, prior, said),
         zone=request.columns.clock.zone or UTC,
     )
     request.page.write_text(build(told), encoding="utf-8")
-    console.print(f"report: {request.page}", soft_wrap=True)
+    console.print(said("replay.report", page=str(request.page)), soft_wrap=True)
     if request.out is not None and request.models_out is not None:
         write_table(request.out, columns_of(data))
         write_table(request.models_out, learnt_columns(data))
-        console.print(f"tables: {request.out} (steps), {request.models_out} (models)", soft_wrap=True)
+        tables = said("replay.tables", steps=str(request.out), models=str(request.models_out))
+        console.print(tables, soft_wrap=True)
 
 
-def _roles(recording: Recording, columns: Columns) -> str:
+def _roles(recording: Recording, columns: Columns, said: Language) -> str:
     """Which column was taken as what: a wrong role makes every figure meaningless."""
     errors = [
         (name if name == column else f"{name} = {column}")
         + (f" in {columns.units[name]}" if name in columns.units else "")
         for name, column in recording.error_columns.items()
     ]
-    inputs, left = recording.input_names, [name or "the first" for name in recording.ignored]
-    lines = [f"errors: {', '.join(errors)}", f"inputs ({len(inputs)}): {', '.join(inputs)}"]
+    inputs, left = recording.input_names, [name or said("replay.first_column") for name in recording.ignored]
+    lines = [said("replay.errors", names=errors), said("replay.inputs", n=len(inputs), names=inputs)]
     if left:
-        lines.append(f"left out: {', '.join(left)}")
-    lines += [*recording.notes, *_tiny(recording), *_constant(recording)]
+        lines.append(said("replay.left_out", names=left))
+    lines += [*map(said.of, recording.notes), *_tiny(recording, said), *_constant(recording, said)]
     if recording.origin_s is not None:
-        begin = f"the first row, {recording.origin_s:g} s" if recording.origin_s else "the first row"
-        kind = "seconds" if recording.time_unit == "s" else f"numbers in {recording.time_unit}"
-        lines.append(f"times: {kind} without a date; the report counts hours from {begin}")
+        begin = said("replay.first_row_at" if recording.origin_s else "replay.first_row", origin_s=recording.origin_s)
+        kind = said("replay.seconds" if recording.time_unit == "s" else "replay.numbers", unit=recording.time_unit)
+        lines.append(said("replay.times", kind=kind, begin=begin))
     return "\n".join(lines)
 
 
-def _constant(recording: Recording) -> list[str]:
+def _constant(recording: Recording, said: Language) -> list[str]:
     """Remarks on inputs that can explain nothing."""
     known = np.isfinite(recording.inputs)
     low = np.min(recording.inputs, axis=0, initial=np.inf, where=known)
     high = np.max(recording.inputs, axis=0, initial=-np.inf, where=known)
     names = [name for name, a, b in zip(recording.input_names, low, high, strict=True) if a >= b]
-    return [f"inputs without any change, or without a value: {', '.join(names)}"] if names else []
+    return [said("replay.unchanged", names=names)] if names else []
 
 
-def _tiny(recording: Recording) -> list[str]:
+def _tiny(recording: Recording, said: Language) -> list[str]:
     """Remarks on errors that are hardly in µm: they would be left alone in silence."""
     lines = []
     for name, place, values in zip(recording.labels, THERMAL_ERRORS, recording.errors.T, strict=True):
@@ -194,9 +188,7 @@ def _tiny(recording: Recording) -> list[str]:
             largest = float(np.max(np.abs(values), initial=0.0, where=np.isfinite(values)))
             if 0.0 < largest <= TINY_UM:
                 unit = shlex.quote(f"{name}=mm")
-                lines.append(
-                    f"{name} is at most {largest:.2g} µm, too little to be learnt; if it is in mm: --unit {unit}"
-                )
+                lines.append(said("replay.tiny", name=name, um=largest, unit=unit))
     return lines
 
 
@@ -223,45 +215,49 @@ def _prior(sections: TalcOnly, recording: Recording, config: Path | None) -> Pri
         raise ConfigError(config or Path(), [Problem("[talc] prior", str(error))]) from None
 
 
-def _calibration(recording: Recording, sections: TalcOnly) -> tuple[str, str]:
+def _calibration(recording: Recording, sections: TalcOnly, said: Language) -> tuple[str, str]:
     """How long calibration takes; and the reason, when that is longer than expected."""
     if sections.talc.method == "learner":
-        return "no time", ""
+        return said("replay.no_time"), ""
     control, step_s = sections.talc.control, recording.step_s
     hours, lasts = control.calibration_steps * step_s / 3600, int(np.ptp(recording.k) + 1) * step_s / 3600
     every = control.calibration_interval_steps
-    measured = "measured at every step" if every == 1 else f"measured each {every} steps"
-    takes = f"{control.calibration_steps} steps of {step_s:g} s, {hours:.1f} h, {measured}"
+    measured = said("replay.each_step" if every == 1 else "replay.each_steps", n=every)
+    takes = said("replay.takes", n=control.calibration_steps, step_s=step_s, hours=hours, measured=measured)
     if hours > lasts:
-        return takes, f"longer than the recording, {lasts:.1f} h: there will be no figures"
+        return takes, said("replay.longer", hours=lasts)
     if hours > _DAY_H and step_s > sections.grid.step_s:
-        return (
-            takes,
-            f"as rows {step_s:g} s apart are a step each: calibration_steps = {_DAY_H * 3600 / step_s:.0f} is a day",
-        )
+        return takes, said("replay.row_is_step", step_s=step_s, day=_DAY_H * 3600 / step_s)
     return takes, ""
 
 
 def _made(
-    request: Request, recording: Recording, sections: TalcOnly, calibration: str, prior: PriorFile | None
+    request: Request,
+    recording: Recording,
+    sections: TalcOnly,
+    calibration: str,
+    prior: PriorFile | None,
+    said: Language,
 ) -> tuple[tuple[str, str], ...]:
     """What is needed to make the page again."""
     file, config = request.file, request.config
     errors = (name if name == column else f"{name} = {column}" for name, column in recording.error_columns.items())
-    used = "each one" if request.every_measurement else "those that the controller requested"
+    used = said("replay_made.each_one" if request.every_measurement else "replay_made.requested")
+    left = [name or said("replay.first_column") for name in recording.ignored]
+    fixed = said("replay_made.defaults") if config is None else f"{config.name}, SHA-256 {_sha256(config)}"
     talc = asdict(sections.talc)
     own = {name: value for name, value in talc.items() if not isinstance(value, dict)}
     tables = [("", own), *((f".{name}", value) for name, value in talc.items() if isinstance(value, dict))]
     return (
-        ("file", f"{file.name}, {file.stat().st_size} bytes, SHA-256 {recording.sha256}"),
-        ("command", request.command()),
-        ("errors", ", ".join(errors)),
-        ("columns left out", ", ".join(name or "the first, without a name" for name in recording.ignored) or "none"),
-        *((("reading", "; ".join(recording.notes)),) if recording.notes else ()),
-        ("measurements used", used),
-        ("calibration", calibration),
-        ("settings", "the defaults" if config is None else f"{config.name}, SHA-256 {_sha256(config)}"),
-        *(() if prior is None else (("prior", f"SHA-256 {prior.content_hash}"),)),
+        (said("replay_made.file"), f"{file.name}, {file.stat().st_size} bytes, SHA-256 {recording.sha256}"),
+        (said("replay_made.command"), request.command()),
+        (said("replay_made.errors"), ", ".join(errors)),
+        (said("replay_made.left_out"), ", ".join(left) or said("replay_made.none")),
+        *(((said("replay_made.reading"), "; ".join(map(said.of, recording.notes))),) if recording.notes else ()),
+        (said("replay_made.used"), used),
+        (said("replay_made.calibration"), calibration),
+        (said("replay_made.settings"), fixed),
+        *(() if prior is None else ((said("replay_made.prior"), f"SHA-256 {prior.content_hash}"),)),
         ("[grid]", f"step_s = {sections.grid.step_s:g}"),
         *((f"[talc{part}]", ", ".join(f"{k} = {json.dumps(v)}" for k, v in keys.items())) for part, keys in tables),
     )

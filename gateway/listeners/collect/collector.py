@@ -122,7 +122,7 @@ class Collector:
                 due_s = clock.monotonic() + self._every_s
                 self._problems.report("site", plain(str(error)), str(error))
             else:
-                self._problems.clear("site", Text(NoticeCode.COLLECTING_AGAIN))
+                self._problems.clear("site", NoticeCode.COLLECTING_AGAIN)
             stop.wait(max(0.0, due_s - clock.monotonic()))
 
     def turn(self, now_s: float) -> float:
@@ -133,7 +133,7 @@ class Collector:
         self._kept.ready()
         running = self._gateways.running()
         if running:
-            self._problems.clear("gateways", Text(NoticeCode.GATEWAYS_HEARD))
+            self._problems.clear("gateways", NoticeCode.GATEWAYS_HEARD)
         else:
             self._problems.report("gateways", Text(NoticeCode.NO_GATEWAY_HEARD))
         slots = max(1, int(self._every_s / _APART_S))
@@ -171,7 +171,7 @@ class Collector:
                 name, Text(NoticeCode.NOT_COLLECTED, machine=name, problem=problem), problem, bug=bug
             )
         else:
-            self._of_machines.clear(name, Text(NoticeCode.COLLECTED_AGAIN, machine=name))
+            self._of_machines.clear(name, NoticeCode.COLLECTED_AGAIN, machine=name)
 
     def _tell(self) -> None:
         """Log what began and ended in this turn, in one line for all machines of which the same is said."""

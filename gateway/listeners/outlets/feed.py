@@ -166,7 +166,7 @@ class Feed:
         if self._time.now_s - self._refused_s < self._problems.window_s:
             return  # other messages may be refused again and again, between those that are accepted
         lost = self.unacceptable - self._began.get(self._acceptance, self.unacceptable)
-        self._problems.clear(self._acceptance, Text(NoticeCode.OUTLET_ACCEPTS, outlet=self.name, lost=lost))
+        self._problems.clear(self._acceptance, NoticeCode.OUTLET_ACCEPTS, outlet=self.name, lost=lost)
 
     def _refused(self, messages: int, error: Unacceptable) -> None:
         text = Text(NoticeCode.OUTLET_NOT_ACCEPTED, outlet=self.name, n=messages, error=str(error))
@@ -218,5 +218,4 @@ class Feed:
         self._problem = ""
         self._breaker.succeeded()
         lost = self.dropped - self._began.get(self.name, self.dropped)
-        text = Text(NoticeCode.OUTLET_BACK, outlet=self.name, away_s=self._away_s, lost=lost)
-        self._problems.clear(self.name, text)
+        self._problems.clear(self.name, NoticeCode.OUTLET_BACK, outlet=self.name, away_s=self._away_s, lost=lost)

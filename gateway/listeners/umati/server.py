@@ -127,7 +127,7 @@ class MachineToolServer:
         except (UaError, ValueError, TypeError) as error:
             self._problems.report("values", Text(NoticeCode.VALUES_NOT_SHOWN), type(error).__name__, bug=error)
         else:
-            self._problems.clear("values", Text(NoticeCode.VALUES_SHOWN))
+            self._problems.clear("values", NoticeCode.VALUES_SHOWN)
 
 
 async def _secure(server: Server, security: ServerSecurity | None) -> None:

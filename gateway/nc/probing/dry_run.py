@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from drivers.base import ConnectError, DriverError
+from drivers.base import ConnectError, DriverError, Refused
 from drivers.nc import AXES, NcSnapshot, NumericalControl, ProbingState, RequestStatus, Triple
 from gateway.model.codes import NoticeCode
 from gateway.model.text import Text
@@ -90,10 +90,14 @@ async def run_dry(
     breaks. Raises NotBegun, Rejected or DriverError.
     """
     began_s, seen, state = clock.monotonic(), list[NcSnapshot](), ProbingState.IDLE
-    with clock.hold():
-        await to_its_end(nc.request_probing(number, height_mm))
     over = False
     try:
+        with clock.hold():
+            try:
+                await to_its_end(nc.request_probing(number, height_mm))
+            except Refused:
+                over = True  # it has not taken the request; without an answer it may have
+                raise
         while True:
             await clock.sleep_until(clock.monotonic() + poll_s)
             with clock.hold():

@@ -4,7 +4,7 @@ import csv
 from collections.abc import Iterable
 from itertools import islice
 
-from gateway.reporting.recordings.layout import TextLayout
+from gateway.reporting.recordings.layout import TextLayout, ranges_text
 
 _LOOKED_AT = 200
 """Lines."""
@@ -40,9 +40,8 @@ def advice_on(lines: Iterable[str], layout: TextLayout) -> str:
             skipped.append((heading + 1, rows[first][0] - 1))
         if len(skipped) == len(layout.skip):
             return ""
-        ranges = ",".join(f"{a}-{b}" if b > a else f"{a}" for a, b in sorted(skipped))
         shown = ", ".join(names[:_SHOWN]) + (", ..." if len(names) > _SHOWN else "")
-        return f"the table seems to begin on line {heading} ({shown}): --skip {ranges}"
+        return f"the table seems to begin on line {heading} ({shown}): --skip {ranges_text(sorted(skipped))}"
     return ""
 
 

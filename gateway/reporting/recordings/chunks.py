@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
+from gateway.model.text import Text
 from gateway.reporting.recordings.problems import FileProblems
 
 CHUNK_ROWS = 4096
@@ -25,7 +26,7 @@ class FileTable(Protocol):
     head: list[str]
     word: str
     """What its entries are called: `line` or `row`."""
-    notes: tuple[str, ...]
+    notes: tuple[Text, ...]
     """What a reader should know of how it was read."""
 
     def advice(self) -> str:

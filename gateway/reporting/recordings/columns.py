@@ -38,6 +38,8 @@ class Columns:
     """How the times are written."""
     time_of_day: str = ""
     """Column of the time of day, where the time column contains only the date; empty: none."""
+    runs: str = ""
+    """Column that differs between runs, each of which may begin with an earlier time; empty: there is one run."""
     layout: TextLayout = field(default_factory=TextLayout)
     """Lines that are left out, and cells without a value."""
 
@@ -58,12 +60,12 @@ def roles_of(head: Sequence[str], columns: Columns, problems: FileProblems) -> R
     """The role of each column of a heading; contradictions go to `problems`."""
     _named_once(head, problems)
     given = dict(columns.errors or {})
-    clock = (columns.time_of_day,) if columns.time_of_day else ()
+    clock = tuple(name for name in (columns.time_of_day, columns.runs) if name)
     ignored, index = columns.ignored, _index_in(head)
     if index is not None and index not in (columns.time, *clock, *given.values(), *columns.inputs, *ignored):
         ignored = (*ignored, index)
     _present(head, columns.time, (*clock, *given.values(), *ignored, *columns.inputs), problems)
-    _used_once((columns.time, *clock), given, ignored, columns.inputs, problems)
+    _used_once(columns, given, ignored, problems)
     errors = given | _recognised(head, given, {columns.time, *clock, *given.values(), *columns.inputs, *ignored})
     taken = {columns.time, *clock, *errors.values(), *ignored}
     inputs = tuple(name for name in head if name not in taken)
@@ -131,17 +133,13 @@ def _own_names(error: str) -> tuple[str, str]:
     return error, error + ("_um" if ERROR_UNITS[error] == MICROMETRE else "_um_per_m")
 
 
-def _used_once(
-    times: Sequence[str],
-    errors: Mapping[str, str],
-    ignored: Sequence[str],
-    inputs: Sequence[str],
-    problems: FileProblems,
-) -> None:
+def _used_once(columns: Columns, errors: Mapping[str, str], ignored: Sequence[str], problems: FileProblems) -> None:
     """No column may have two roles."""
-    given = [*((name, "the time") for name in times), *((name, error) for error, name in errors.items())]
+    given = [(columns.time, "the time"), *((name, "the time") for name in (columns.time_of_day,) if name)]
+    given += [(name, "that of --runs") for name in (columns.runs,) if name]
+    given += [(name, error) for error, name in errors.items()]
     given += [(name, "left out by --ignore") for name in dict.fromkeys(ignored)]
-    given += [(name, "an input") for name in dict.fromkeys(inputs)]
+    given += [(name, "an input") for name in dict.fromkeys(columns.inputs)]
     first: dict[str, str] = {}
     for name, role in given:
         if name in first:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from drivers.error_words import in_words
 from gateway.config.problems import Problem
+from gateway.model.text import Text
 from gateway.reporting.recordings.chunks import CHUNK_ROWS, Chunk, FileTable
 from gateway.reporting.recordings.layout import TextLayout
 from gateway.reporting.recordings.problems import FileProblems, RecordingError
@@ -39,7 +40,7 @@ class _Parquet:
     """Needs pyarrow, but not the optional packages that pyarrow uses for times."""
 
     word = "row"
-    notes: tuple[str, ...] = ()
+    notes: tuple[Text, ...] = ()
 
     def __init__(self, path: Path) -> None:
         try:

@@ -8,6 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from gateway.config.problems import Problem
+from gateway.model.codes import NoticeCode
+from gateway.model.text import Text
 from gateway.reporting.recordings.cells import numbers_of
 from gateway.reporting.recordings.chunks import Chunk, FileTable
 from gateway.reporting.recordings.columns import Columns, Roles, roles_of, without_companions
@@ -15,12 +17,14 @@ from gateway.reporting.recordings.files import open_table
 from gateway.reporting.recordings.layout import Unknown
 from gateway.reporting.recordings.problems import FileProblems, RecordingError
 from gateway.reporting.recordings.times import TimeFormat, Times
-from talc.frame import LARGEST_ERROR, LARGEST_INPUT, FloatArray, IntArray
+from talc.frame import LARGEST_ERROR, LARGEST_INPUT, BoolArray, FloatArray, IntArray
 from talc.names import ERROR_UNITS, MICROMETRE, THERMAL_ERRORS
 from talc.steps import ABOUT_A_STEP, means_and_lasts, measured_together, on_grid
 from talc.units import COLUMN_UNITS
 
 _LEAST_STEPS = 12
+_LISTED = 5
+"""Lines that are named at which a run begins."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,8 +55,10 @@ class Recording:
     """Time of the first row, on the clock of `start_utc_s`, if the file counts time without a date; None: UTC."""
     time_unit: str = "s"
     """Unit in which it counts."""
-    notes: tuple[str, ...] = ()
+    notes: tuple[Text, ...] = ()
     """What a reader should know of how the file was read."""
+    restarts: tuple[int, ...] = ()
+    """Of k: steps at which another run begins, an unknown time after the run before it."""
 
 
 def read_recording(path: Path, columns: Columns, step_s: float) -> Recording:
@@ -72,6 +78,7 @@ def read_recording(path: Path, columns: Columns, step_s: float) -> Recording:
     n, notes = len(roles.inputs), [*table.notes, *_of_unit(columns.clock, clock, times)]
     without_companions(measured_together(rows.values[:, :n], rows.values[:, n:]), roles, columns, problems)
     problems.refuse()
+    notes += _one_after_another(rows, step_s, table.word)
     rows, note = _once(rows, step_s, table.word, roles.time, times, problems)
     problems.refuse()
     notes += note
@@ -108,6 +115,7 @@ def read_recording(path: Path, columns: Columns, step_s: float) -> Recording:
         origin_s=None if times.dated else times.first_s,
         time_unit=clock.unit or "s",
         notes=tuple(notes),
+        restarts=tuple(index[rows.restarts].tolist()),
     )
 
 
@@ -121,18 +129,35 @@ class _FileRows:
     """(rows, inputs and errors)."""
     places: IntArray
     """(rows,) lines."""
+    restarts: BoolArray
+    """(rows,) another run begins with an earlier time."""
 
 
-def _of_unit(given: TimeFormat, clock: TimeFormat, times: Times) -> list[str]:
+def _one_after_another(rows: _FileRows, step_s: float, word: str) -> list[Text]:
+    """Moves each run that begins with an earlier time to the step after the one before it; a remark says so."""
+    begins = np.flatnonzero(rows.restarts)
+    if not begins.size:
+        return []
+    apart = np.diff(rows.time_s)[~rows.restarts[1:]]
+    apart = apart[apart > 0.0]
+    spacing_s = max(step_s, float(np.median(apart)) if apart.size else 0.0)
+    for row in begins.tolist():
+        rows.time_s[row:] += rows.time_s[row - 1] - rows.time_s[row] + spacing_s
+    places = [str(rows.places[row]) for row in begins[:_LISTED].tolist()]
+    places += ["..."] if begins.size > _LISTED else []
+    return [Text(NoticeCode.RUNS_ONE_AFTER_ANOTHER, n=begins.size + 1, word=word, places=places)]
+
+
+def _of_unit(given: TimeFormat, clock: TimeFormat, times: Times) -> list[Text]:
     """A remark if the column's name has stated the unit."""
     if given.unit or not clock.unit or clock.unit == "s" or times.dated:
         return []
-    return [f"times are in {clock.unit}, as the column's name says; --time-unit s reads seconds"]
+    return [Text(NoticeCode.TIMES_IN_UNIT, unit=clock.unit)]
 
 
 def _once(
     rows: _FileRows, step_s: float, word: str, time: str, times: Times, problems: FileProblems
-) -> tuple[_FileRows, list[str]]:
+) -> tuple[_FileRows, list[Text]]:
     """Without rows that repeat the one before them. Equal times of other rows matter only if rows are a step each."""
     same = np.flatnonzero(np.diff(rows.time_s) == 0.0) + 1
     if not same.size:
@@ -147,10 +172,9 @@ def _once(
             problems.add(f"{word} {rows.places[row]}, column {time!r}", what + times.repeated(), "same")
     kept = np.ones(len(rows.time_s), dtype=np.bool_)
     kept[same[exact]] = False
-    notes = [f"{int(exact.sum())} {word}s repeat the one before them and are left out"] if exact.any() else []
-    if not exact.all():
-        notes.append(f"{int((~exact).sum())} {word}s have the time of the one before them; all of a step are averaged")
-    return _FileRows(rows.time_s[kept], rows.values[kept], rows.places[kept]), notes
+    counts = ((NoticeCode.ROWS_REPEATED, int(exact.sum())), (NoticeCode.ROWS_OF_ONE_TIME, int((~exact).sum())))
+    notes = [Text(code, n=n, word=f"{word}s") for code, n in counts if n]
+    return _FileRows(rows.time_s[kept], rows.values[kept], rows.places[kept], rows.restarts[kept]), notes
 
 
 def _refuse(problems: FileProblems, table: FileTable) -> None:
@@ -189,19 +213,19 @@ def _read(table: FileTable, roles: Roles, columns: Columns, times: Times, proble
         scale[i] = COLUMN_UNITS[columns.units[error]][1] if error in columns.units else 1.0
     largest = [LARGEST_INPUT] * len(roles.inputs) + [LARGEST_ERROR / x for x in scale[len(roles.inputs) :].tolist()]
     unknown = Unknown(columns.layout.missing)
-    clock = (columns.time_of_day,) if columns.time_of_day else ()
+    others = [name for name in (columns.time_of_day, columns.runs) if name]
     time_s: list[FloatArray] = []
     values: list[FloatArray] = []
     places: list[int] = []
-    for chunk in table.chunks(roles.time, (*names, *clock), problems):
+    for chunk in table.chunks(roles.time, (*names, *others), problems):
 
         def where(name: str, chunk: Chunk = chunk) -> Callable[[int], str]:
             return lambda i: f"{table.word} {chunk.places[i]}, column {name!r}"
 
-        cells = chunk.time
-        if clock:
-            cells = [f"{day} {of_day}" for day, of_day in zip(chunk.time, chunk.columns[-1], strict=True)]
-        time_s.append(times.take(cells, where(roles.time)))
+        cells, other = chunk.time, dict(zip(others, chunk.columns[len(names) :], strict=True))
+        if columns.time_of_day:
+            cells = [f"{day} {of_day}" for day, of_day in zip(chunk.time, other[columns.time_of_day], strict=True)]
+        time_s.append(times.take(cells, where(roles.time), other.get(columns.runs)))
         places += chunk.places
         read = zip(names, largest, chunk.columns, strict=False)
         found = [numbers_of(cells, name, most, where(name), problems, unknown) for name, most, cells in read]
@@ -209,6 +233,10 @@ def _read(table: FileTable, roles: Roles, columns: Columns, times: Times, proble
     _refuse(problems, table)
     if not time_s:
         problems.add("", "contains nothing but a heading")
-        return _FileRows(np.empty(0), np.empty((0, len(names))), np.empty(0, dtype=np.int64))
+        return _FileRows(
+            np.empty(0), np.empty((0, len(names))), np.empty(0, dtype=np.int64), np.zeros(0, dtype=np.bool_)
+        )
+    restarts = np.zeros(len(places), dtype=np.bool_)
+    restarts[times.restarts] = True
     with np.errstate(invalid="ignore"):  # a signalling NaN of a Parquet file is missing, as any other NaN
-        return _FileRows(np.concatenate(time_s), np.concatenate(values) * scale, np.array(places))
+        return _FileRows(np.concatenate(time_s), np.concatenate(values) * scale, np.array(places), restarts)

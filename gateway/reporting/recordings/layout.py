@@ -40,6 +40,11 @@ def line_ranges(texts: Iterable[str]) -> tuple[tuple[int, int], ...]:
     return tuple(found)
 
 
+def ranges_text(ranges: Iterable[tuple[int, int]]) -> str:
+    """First and last of each range as `--skip` takes them."""
+    return ",".join(f"{a}-{b}" if b > a else f"{a}" for a, b in ranges)
+
+
 class Unknown:
     """Recognises cells without a value."""
 

@@ -6,9 +6,11 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 from gateway.config.problems import Problem
+from gateway.model.codes import NoticeCode
+from gateway.model.text import Text
 from gateway.reporting.recordings.advice import advice_on
 from gateway.reporting.recordings.chunks import CHUNK_ROWS, Chunk
-from gateway.reporting.recordings.layout import TextLayout
+from gateway.reporting.recordings.layout import TextLayout, ranges_text
 from gateway.reporting.recordings.problems import FileProblems, RecordingError
 
 _SEPARATORS = ",;\t"
@@ -31,10 +33,10 @@ class TextTable:
     def __init__(self, path: Path, layout: TextLayout) -> None:
         self._path, self._layout = path, layout
         self._encoding = _encoding_of(path)
-        self.notes: tuple[str, ...] = ()
+        self.notes: tuple[Text, ...] = ()
         """What a reader should know of how it was read."""
         if self._encoding == _WINDOWS:
-            self.notes = ("read as Windows-1252, because it is not UTF-8",)
+            self.notes = (Text(NoticeCode.READ_AS_WINDOWS_1252),)
         given = ""
         with path.open(encoding=self._encoding, newline="") as file:
             lines = _Lines(file, layout)
@@ -67,9 +69,13 @@ class TextTable:
         comma, marks = self._separator in _DECIMAL_COMMA, _Marks()
         places: list[int] = []
         rows: list[list[str]] = []
+        repeated: list[int] = []
         for line, row in self._rows(problems):
             if self._open_end and len(row) == len(self.head) + 1 and not row[-1].strip():
                 row.pop()
+            if [cell.strip() for cell in row] == self.head:
+                repeated.append(line)
+                continue
             if len(row) != len(self.head):
                 short = f"{len(row)} cells; the heading has {len(self.head)}"
                 problems.add(f"line {line}", f"{short}; --skip {line} leaves the line out", "cells")
@@ -89,6 +95,11 @@ class TextTable:
         if rows:
             yield _chunk(places, rows)
         marks.judge(problems)
+        if repeated:
+            skipped = ranges_text((*self._layout.skip, *((line, line) for line in repeated)))
+            more = len(repeated) - 1
+            what, them = ("repeats the heading", "it") if not more else (f"and {more} more repeat the heading", "them")
+            problems.add(f"line {repeated[0]}", f"{what}; --skip {skipped} leaves {them} out")
 
     def _reader(self, lines: Iterable[str]) -> Iterator[list[str]]:
         """Splits lines into cells."""

@@ -39,6 +39,8 @@ _DAYS = ("%d.%m.%Y", "%d.%m.%y", "%m/%d/%Y", "%d/%m/%Y", "%Y/%m/%d", "%d-%b-%Y",
 _CLOCKS = ("%H:%M", "%H:%M:%S", "%H:%M:%S.%f", "%H:%M:%S,%f", "%I:%M %p", "%I:%M:%S %p")
 _GUESSED_FROM = 50
 """Cells."""
+_MIDNIGHT = re.compile(r"(?<![\d:.,])24(:00(?::00(?:[.,]0+)?)?)(?![\d:])")
+"""The end of a day, as ISO 8601 and many loggers write it."""
 _REPEATED_SPACING_S = 1800.0
 """Only where rows are about this far apart does an equal time begin the repeated hour of a night."""
 
@@ -59,7 +61,10 @@ class TimeFormat:
         return self if self.unit else replace(self, unit=unit_in(column))
 
     def second_of(self, cell: object) -> float | None:
-        """UTC seconds of a cell; None: it is no such time."""
+        """UTC seconds of a cell; None: it is no such time. 24:00 is the midnight at the end of its day."""
+        ends_day = _MIDNIGHT.search(cell) is not None if isinstance(cell, str) else False
+        if ends_day:
+            cell = _MIDNIGHT.sub(r"00\1", str(cell), count=1)
         if self.form == "excel" and (days := number_of(cell, default=None)) is not None:
             cell = _EXCEL + timedelta(milliseconds=round(days * _MS_OF_A_DAY)) if abs(days) < _FAR_DAYS else None
         elif self.form not in ("", "excel"):
@@ -67,8 +72,12 @@ class TimeFormat:
                 cell = datetime.strptime(str(cell), self.form)  # noqa: DTZ007  # the zone is this clock's
             except ValueError:
                 return None
-        elif self.zone is not None and isinstance(cell, str) and number_of(cell, default=None) is None:
+        elif isinstance(cell, str) and (ends_day or self.zone is not None) and number_of(cell, default=None) is None:
             cell = _iso(cell)
+        if ends_day:
+            if not isinstance(cell, datetime):
+                return None
+            cell += timedelta(days=1)
         if isinstance(cell, datetime) and cell.tzinfo is None:
             cell = cell.replace(tzinfo=self.zone or UTC)
         return second_of(cell, TIME_UNITS[self.unit or "s"])
@@ -101,21 +110,28 @@ class Times:
         """Spacing of the last rows whose times differ."""
         self.first_s: float | None = None
         """Time of the first row; None before it."""
+        self.restarts: list[int] = []
+        """Rows, from 0, at which another run begins with an earlier time."""
+        self._rows = 0
+        self._run: object = None
         self.dated = False
         """Whether any time so far is a date: not a plain number, or one that is a date since 1980 in seconds."""
 
-    def take(self, cells: Sequence[object], where: Where) -> FloatArray:
-        """(rows,) s; NaN where a cell is not a time."""
+    def take(self, cells: Sequence[object], where: Where, runs: Sequence[object] | None = None) -> FloatArray:
+        """(rows,) s; NaN where a cell is not a time. runs: marks; where another one begins, time may start again."""
         found = np.full(len(cells), np.nan)
         for i, cell in enumerate(cells):
             second = self._clock.second_of(cell)
             if second is None:
-                what = f"{shown(cell)} is not a time; expected {self._expected(cells)}"
+                what = f"{shown(cell)} is not a time; expected {self._expected(cells, cell)}"
                 self._problems.add(where(i), what, "no time")
             elif not _EARLIEST_S <= second <= _LATEST_S:
                 what = f"{shown(cell)} is not within the years 1900 to 2200{self._fraction(second)}"
                 self._problems.add(where(i), what, "far time")
             else:
+                if runs is not None and self._before is not None and runs[i] != self._run and second < self._before[0]:
+                    self.restarts.append(self._rows + i)
+                    self._before = None
                 if self._before is not None:
                     second = self._clock.later(second, self._before[0], self._spacing_s)
                     back_s = self._before[0] - second
@@ -127,6 +143,8 @@ class Times:
                 self.first_s = second if self.first_s is None else self.first_s
                 self.dated = self.dated or second >= _SINCE_S or not self._is_count(cell)
                 found[i] = second
+            self._run = None if runs is None else runs[i]
+        self._rows += len(cells)
         return found
 
     def repeated(self) -> str:
@@ -137,8 +155,8 @@ class Times:
         """Whether a cell is seconds from any beginning, as far as it says itself."""
         return not self._clock.form and number_of(cell, default=None) is not None
 
-    def _expected(self, cells: Sequence[object]) -> str:
-        fitting = forms_of(str(cell) for cell in cells[:_GUESSED_FROM])
+    def _expected(self, cells: Sequence[object], cell: object) -> str:
+        fitting = [form for form in forms_of(map(str, cells[:_GUESSED_FROM])) if _fits(str(cell).strip(), form)]
         if fitting:
             read = " or ".join(repr(form) for form in fitting)
             return f"{self._form()}; --time-format {read} reads this one"
@@ -158,7 +176,10 @@ class Times:
         return ""
 
     def _why(self, back_s: float) -> str:
-        return self._summer(back_s) or "; sort the rows by their time"
+        return self._summer(back_s) or (
+            "; sort the rows by their time, or, if another run begins here, name the column that differs between runs: "
+            "--runs COLUMN"
+        )
 
     def _summer(self, back_s: float) -> str:
         """A remark if times go back by an hour less the rows' spacing, as local times do when summer time ends."""

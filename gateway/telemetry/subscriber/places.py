@@ -60,7 +60,7 @@ def connected_to(
     except ValidationError as error:
         first = error.errors()[0]
         option = "".join(f"--{part}: " for part in first["loc"][:1])
-        raise click.UsageError(option + first["msg"].removeprefix("Value error, ")) from None
+        raise click.UsageError(option + str(first.get("ctx", {}).get("error", first["msg"]))) from None
     if any(place.encrypted for place in telemetry.connecting) and telemetry.tls.authority is None:
         raise click.UsageError("a tls/… endpoint needs --authority")
     for problem in credential_problems(telemetry, datetime.now(UTC)):

@@ -45,4 +45,4 @@ class UnreadableMessages:
         subject = f"{machine}: {suffix}"
         if subject in self._seen:
             with self._lock:
-                self._problems.clear(subject, Text(NoticeCode.READABLE_AGAIN, subject=subject))
+                self._problems.clear(subject, NoticeCode.READABLE_AGAIN, subject=subject)

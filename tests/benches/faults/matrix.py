@@ -243,9 +243,9 @@ MATRIX: Sequence[Case] = [
     *cases(
         "truncated frame",
         ("dbc",),
-        spoilt(now(lambda f: f[:4] + b"3" + f[5:11] + b"\r"), LOGGER),
+        spoilt(now(lambda f: f[:4] + b"1" + f[5:7] + b"\r"), LOGGER),
         whole,
-        "frame of 3 bytes",
+        "frame of 1 bytes",
     ),
     *cases("truncated frame", ME_LINE, spoilt(now(lambda f: f[:-3]), SENSOR), whole, "no valid answer"),
     *cases("truncated frame", ("me_ethernet",), spoilt(now(lambda f: f[:-3]), None), whole, "no complete block"),

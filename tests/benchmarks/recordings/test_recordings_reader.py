@@ -94,6 +94,15 @@ def test_a_silence_begins_a_run_and_counts_in_full(tmp_path: Path) -> None:
     assert series.on_h[-1] == pytest.approx(59 * 300 / 3600)
 
 
+def test_each_run_may_count_from_its_own_first_value(tmp_path: Path) -> None:
+    lines = [HEAD, *rows_each(300, 40), *rows_each(300, 40, start_s=100_000)]
+    _, series = read_series(written(tmp_path, 'errors = ["drift"]\nreference = "run"', lines))
+    begins = np.flatnonzero(np.diff(series.run)) + 1
+    assert (len(begins), series.zero_each_run) == (1, True)
+    assert series.truth[0, 0] == series.truth[begins[0], 0] == 0.0
+    assert series.truth[-1, 0] == pytest.approx(39 * 300 / 120)
+
+
 def test_time_that_begins_again_needs_the_hours_off(tmp_path: Path) -> None:
     lines = ["run,time,t1,drift"]
     lines += [f"{run},{line}" for run in (1, 2, 3) for line in rows_each(300, 20)]

@@ -23,7 +23,7 @@ from simulators.devices.can_logger import CanLogger
 from simulators.devices.source import SensorFault
 from tests.benches.buses import make_bus
 from tests.benches.driver_reads import read_until_error
-from tests.benches.logger_files import logger_profile, logger_profile_text
+from tests.benches.logger_files import logger_dbc, logger_profile, logger_profile_text
 
 pytestmark = pytest.mark.simulated_time
 
@@ -255,7 +255,7 @@ def test_any_frame_is_decoded_or_a_fault(loaded: CanDbcProfile, data: bytes) -> 
     *shorts, real = (signal.decode(data) for signal in loaded.signals)
     for i, value in enumerate(shorts):
         place = 2 * (i % 4)
-        if len(data) < (8 if i < 4 else 2):
+        if len(data) < place + 2:  # a frame may be shorter than its message
             assert isinstance(value, Faulty)
             continue
         (raw,) = struct.unpack_from("<h", data, place)
@@ -267,3 +267,75 @@ def test_any_frame_is_decoded_or_a_fault(loaded: CanDbcProfile, data: bytes) -> 
         assert real == struct.unpack_from("<f", data)[0]
     else:
         assert isinstance(real, Faulty)
+
+
+def described(folder: Path, dbc: str, message: str = "First", name: str = "T0") -> DbcSignal:
+    """The only signal of a profile with this DBC file."""
+    (folder / "other.dbc").write_text(dbc)
+    text = 'protocol = "can_dbc"\ntitle = "x"\nunit = "degC"\ndbc = "other.dbc"\n'
+    (folder / "other.toml").write_text(text + f'[[signal]]\nmessage = "{message}"\nname = "{name}"\n')
+    profile = load_profile(str(folder / "other.toml"))
+    assert isinstance(profile, CanDbcProfile)
+    return profile.signals[0]
+
+
+FRAME = struct.pack("<4h", -123, 0, 0, 0)
+DBC = logger_dbc()
+OTHER = "BO_ 1000 Other: 2 L\n"
+
+
+@pytest.mark.parametrize(
+    "more",
+    [
+        pytest.param(OTHER + ' SG_ A : 0|12@1+ (1,0) [0|0] "" L\n SG_ B : 8|8@1+ (1,0) [0|0] "" L\n', id="overlap"),
+        pytest.param(OTHER + ' SG_ A : 0|17@1+ (1,0) [0|0] "" L\n', id="does not fit"),
+        pytest.param(OTHER + ' SG_ A : 0|4000000000@1+ (1,0) [0|0] "" L\n', id="gigabytes to describe"),
+        pytest.param(OTHER + ' SG_ A : 0|4@1+ (one,0) [0|0] "" L\n', id="no number"),
+        pytest.param(OTHER + ' SG_ A m7 : 0|4@1+ (1,0) [0|0] "" L\n', id="page without a selector"),
+        pytest.param(OTHER + OTHER.replace("1000", "1001"), id="two of a name"),
+        pytest.param('BA_ "Undefined" BO_ 768 5;\nBA_ "Undefined" 1;\n', id="attribute without definition"),
+        pytest.param('CM_ "two lines\nBO_ 768 First: 8 L\n SG_ T0 : 0|1@1+ (1,0) [0|0] \\" L";\n', id="comment"),
+        pytest.param('VAL_ 999 Nothing 0 "no";\nSIG_VALTYPE_ 999 Nothing : 1;\n', id="of no message"),
+    ],
+)
+def test_what_no_channel_needs_in_the_dbc_file_does_not_matter(tmp_path: Path, more: str) -> None:
+    assert described(tmp_path, DBC + more).decode(FRAME) == pytest.approx(-12.3)
+
+
+@pytest.mark.parametrize("mark", ["\ufeff", "ï»¿"], ids=["read as UTF-8", "read as cp1252"])
+def test_a_byte_order_mark_does_not_matter(tmp_path: Path, mark: str) -> None:
+    assert described(tmp_path, mark + DBC[DBC.index("BU_") :]).decode(FRAME) == pytest.approx(-12.3)
+
+
+LINE = ' SG_ T0 : 0|16@1- (0.1,0) [-200|850] "degC" G\n'
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "field"),
+    [
+        pytest.param("BO_ 769 Second", "BO_ 769 First", "message", id="two messages of the name"),
+        pytest.param(
+            LINE,
+            ' SG_ Page M : 56|8@1+ (1,0) [0|0] "" G\n' + LINE.replace("T0", "T0 m0") + LINE.replace("T0", "T0 m1"),
+            "name",
+            id="two pages",
+        ),
+        pytest.param(LINE, LINE.replace("0|16", "0|65"), "name", id="longer than its frame"),
+        pytest.param(LINE, LINE.replace("0|16", "0|4000000000"), "name", id="gigabytes"),
+        pytest.param(LINE, LINE.replace("0|16", "50|16"), "name", id="beyond the end"),
+        pytest.param(LINE, LINE.replace("0|16", "0|17"), "name", id="over another"),
+    ],
+)
+def test_a_signal_that_the_dbc_file_does_not_state_once_and_whole_is_refused(
+    tmp_path: Path, old: str, new: str, field: str
+) -> None:
+    assert old in DBC
+    with pytest.raises(SetupError, match=rf"signal\[0\]\.{field}: "):
+        described(tmp_path, DBC.replace(old, new))
+
+
+def test_a_frame_too_short_for_the_selector_is_of_no_page(tmp_path: Path) -> None:
+    paged = DBC.replace(LINE, ' SG_ Page M : 56|8@1+ (1,0) [0|0] "" G\n' + LINE.replace("T0", "T0 m0"))
+    frame = described(tmp_path, paged.replace("48|16@1-", "48|8@1-")).frame
+    assert frame.fits(bytes(8))
+    assert not frame.fits(bytes(7))

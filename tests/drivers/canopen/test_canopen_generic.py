@@ -137,6 +137,7 @@ async def test_values_of_a_node_whose_heartbeat_has_stopped_are_stale(tmp_path: 
         await bus.connect()
         await driver.connect()
         assert told(await driver.read()) == [(20.0, "degC")]
+        await asyncio.sleep(0.5)  # it has come at least once
         node.heartbeat_stopped = True
         await asyncio.sleep(1.0)
         ((quality, detail),) = told(await driver.read())

@@ -292,3 +292,76 @@ async def test_tpdos_of_another_length_than_their_mapping(tmp_path: Path, transf
     assert isinstance(seen, list), seen
     assert seen[:3] == [200.0, -33.0, 400.0]
     assert seen[3] == 550.0 if change > 0 else "9130:04 is missing in its TPDO" in str(seen[3])
+
+
+class Twins:
+    """Two nodes with one id: each answers all that is sent to it, the second a moment later."""
+
+    def __init__(self, one: Cia404Node, other: Cia404Node) -> None:
+        self.both, self.one, self.other = True, one, other
+
+    def on_frame(self, identifier: int, data: bytes) -> Sequence[CanFrame]:
+        return [*self.one.on_frame(identifier, data), *(self.other.on_frame(identifier, data) if self.both else ())]
+
+
+def twin(temperature: float, heartbeat_ms: int = 0, event_ms: int = 0) -> Cia404Node:
+    return Cia404Node(ODD, lambda: [temperature], inputs=1, heartbeat_ms=heartbeat_ms, event_ms=event_ms)
+
+
+@asynccontextmanager
+async def twins(options: dict[str, object], **sending: int) -> AsyncIterator[tuple[Twins, Driver, SlcanAdapter]]:
+    """Read as one node with one input; the other is not there yet."""
+    pair = Twins(twin(20.0, **sending), twin(40.0, **sending))
+    pair.both = False
+    adapter = SlcanAdapter([pair])
+    bus = make_bus("can1", "canopen", {"interface": "slcan", "channel": await adapter.start(), "timeout_s": 0.2})
+    driver = make_device("node", bus, "cia404", ODD, {"c": 0}, {"vendor": "jumo", **options}, SystemClock())
+    pair.one.start(adapter.send)
+    try:
+        await bus.connect()
+        await driver.connect()
+        yield pair, driver, adapter
+    finally:
+        pair.one.stop()
+        pair.other.stop()
+        await bus.close()
+        await adapter.stop()
+
+
+@pytest.mark.parametrize("transfer", ["sdo", "sync"])
+async def test_two_nodes_with_one_id_have_no_values(transfer: str) -> None:
+    async with twins({"transfer": transfer}) as (pair, driver, _):
+        assert await values(driver) == [20.0]
+        pair.both = True
+        pair.other.on_frame(0, bytes((1, ODD)))  # operational, as the first one is
+        for _ in range(8):
+            await values(driver)  # the second answer comes after the first one was taken; SYNC may owe some frames
+        for _ in range(5):
+            seen = await values(driver)
+            assert isinstance(seen, list), seen
+            assert "two nodes have id 5" in str(seen[0])
+        pair.both = False
+        async with asyncio.timeout(60.0):
+            while await values(driver) != [20.0]:
+                await asyncio.sleep(0.5)
+
+
+async def test_two_nodes_with_one_id_beat_twice_as_often() -> None:
+    async with twins({"transfer": "timer"}, heartbeat_ms=200, event_ms=100) as (pair, driver, adapter):
+        for _ in range(60):
+            assert await values(driver) == [20.0]
+            await asyncio.sleep(0.1)
+        await asyncio.sleep(0.07)  # out of step
+        pair.other.start(adapter.send)
+        async with asyncio.timeout(60.0):
+            while "two nodes" not in str(await values(driver)):
+                await asyncio.sleep(0.1)
+
+
+async def test_node_whose_heartbeat_never_comes_is_read() -> None:
+    """Its object 1017 says that it sends one; without one nobody can tell when it stops."""
+    async with twins({}, heartbeat_ms=50) as (pair, driver, _):
+        pair.one.heartbeat_stopped = True
+        for _ in range(5):
+            assert await values(driver) == [20.0]
+            await asyncio.sleep(0.2)

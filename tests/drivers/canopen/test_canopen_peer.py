@@ -136,6 +136,10 @@ async def test_its_heartbeat_is_watched(wire: tuple[Bus, PeerNode]) -> None:
     bus, peer = wire
     driver = device(bus)
     await driver.connect()
+    async with asyncio.timeout(60.0):
+        while peer.sent[0x700 + NODE] < 2:  # only one that has come can stop
+            await until(driver, Quality.GOOD)
+            await asyncio.sleep(0.01)
     await until(driver, Quality.GOOD)
     peer.tell("stop heartbeat")
     assert "heartbeat stopped" in (await until(driver, Quality.STALE)).detail

@@ -7,8 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.base import BadAnswer, NoAnswer
-from drivers.micro_epsilon.rs485 import MeRs485Bus, decode_counted, decode_float, find_answers, request_frame
+from drivers.base import BadAnswer, NoAnswer, Quality, SystemClock
+from drivers.build import make_device
+from drivers.micro_epsilon.rs485 import Counted, MeRs485Bus, decode_counted, decode_float, find_answers, request_frame
 from drivers.micro_epsilon.settings import MeRs485Settings
 from simulators.devices import MeSensor
 from simulators.devices.me_sensor import MeLine, answer_frame, counted_frame
@@ -74,7 +75,7 @@ def test_every_answer_of_the_sensor_is_taken_and_no_other(sent: list[tuple[bytes
 
 def test_last_of_several_counted_values_is_taken() -> None:
     (data,) = find_answers(counted_frame(0x7E, 65535, [1, -2, 0xF00000]), 0x7E)
-    assert decode_counted(data) == 0xF00000
+    assert decode_counted(data) == Counted(65535, (1, -2, 0xF00000))
 
 
 @given(st.binary(max_size=40))
@@ -84,8 +85,7 @@ def test_any_payload_is_decoded_or_refused(data: bytes) -> None:
             number = decode(data)
         except ValueError:
             continue
-        assert isinstance(number, float)
-        assert len(data) == 8 if decode is decode_float else len(data) == 4 + 4 * data[2]
+        assert len(data) == 8 if isinstance(number, float) else len(data) == 4 + 4 * len(number.counts)
 
 
 async def _reads(junk: bytes, late: bytes, following: float) -> bytes | None:
@@ -181,3 +181,27 @@ async def test_fast_answers_are_not_waited_for() -> None:
         for _ in range(20):
             await bus.measure("d", 0x7E)
         assert loop.time() - started < 20 * 0.05 / 2
+
+
+async def test_sensor_that_counts_and_repeats_itself_gives_no_values() -> None:
+    distance = [250.0]
+    sensor = MeSensor(lambda: distance, range_um=500.0, payload="counted")
+    bus = MeRs485Bus("bus1", MeRs485Settings(port=await sensor.start(), timeout_s=0.5))
+    driver = make_device("growth", bus, "me_dt6120", 0x7E, {"nose": 0}, {"range_um": 500.0}, SystemClock())
+
+    async def quality() -> Quality:
+        return (await driver.read())[0].quality
+
+    try:
+        await bus.connect()
+        await driver.connect()
+        assert [await quality() for _ in range(3)] == [Quality.GOOD] * 3, "the same distance, measured again"
+        sensor.frozen = True
+        assert [await quality() for _ in range(3)] == [Quality.STALE] * 3
+        sensor.frozen = False
+        assert await quality() is Quality.GOOD
+        distance[0] = 0.0
+        assert await quality() is Quality.OUT_OF_RANGE
+    finally:
+        await bus.close()
+        await sensor.stop()

@@ -1,13 +1,16 @@
 """Micro-Epsilon's Ethernet stream: complete blocks are found, newest first, among any other bytes."""
 
 import asyncio
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
 from itertools import accumulate, pairwise
+from math import nan
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.base import SystemClock, WrongDevice
+from drivers.base import Driver, Quality, SystemClock, WrongDevice
 from drivers.build import make_device
 from drivers.micro_epsilon.ethernet import MeBlock, find_block
 from simulators.devices.me_controller import MeController, block
@@ -152,6 +155,11 @@ async def _read_through(sent: bytes, cuts: list[int], channels: int) -> list[flo
         await server.wait_closed()
 
 
+def um(raw: int) -> float:
+    """The distance of a count at a range of 500 µm; both ends of the 24 bits are none."""
+    return raw / 0xFFFFFF * 500.0 if 0 < raw < 0xFFFFFF else nan
+
+
 def test_driver_reads_one_of_the_blocks_that_came_whole_however_they_came() -> None:
     with asyncio.Runner() as runner:
 
@@ -164,7 +172,7 @@ def test_driver_reads_one_of_the_blocks_that_came_whole_however_they_came() -> N
             sent = first + b"".join(blocks)
             cuts = data.draw(st.lists(st.integers(0, len(sent)), max_size=6))
             values = runner.run(_read_through(sent, cuts, len(frames[0][0])))
-            assert values in [pytest.approx([raw / 0xFFFFFF * 500.0 for raw in each[-1]]) for each in frames]
+            assert values in [pytest.approx([um(raw) for raw in each[-1]], nan_ok=True) for each in frames]
 
         any_stream()
 
@@ -198,3 +206,55 @@ async def test_channels_with_different_ranges_are_several_devices_on_one_bus() -
         await bus.close()
         await controller.stop()
     assert values == pytest.approx([100.0, 800.0], abs=0.01)
+
+
+@asynccontextmanager
+async def streaming(distances_um: list[float]) -> AsyncIterator[tuple[MeController, Driver]]:
+    """A controller with one channel for each distance, range 500 µm, and a driver that reads them all."""
+    controller = MeController(lambda: distances_um, range_um=500.0)
+    bus = make_bus("growth", "me_ethernet", {"host": "127.0.0.1", "port": await controller.start()})
+    names = {f"c{i}": i for i in range(len(distances_um))}
+    driver = make_device("eddy", bus, "me_ethernet", 1, names, {"range_um": 500.0}, SystemClock())
+    try:
+        await bus.connect()
+        await driver.connect()
+        yield controller, driver
+    finally:
+        await bus.close()
+        await controller.stop()
+
+
+async def test_both_ends_of_the_24_bits_are_no_distance() -> None:
+    """What a probe reads that is unplugged or sees no target."""
+    distances = [0.0, 250.0, 500.0]
+    async with streaming(distances) as (_, driver):
+        low, middle, high = await driver.read()
+        assert (low.quality, middle.quality, high.quality) == (
+            Quality.OUT_OF_RANGE, Quality.GOOD, Quality.OUT_OF_RANGE,
+        )  # fmt: skip
+        assert middle.value == pytest.approx(250.0, abs=0.01)
+        distances[:] = [500.0 / 0xFFFFFF, 250.0, 500.0 - 500.0 / 0xFFFFFF]
+        assert [reading.quality for reading in await driver.read()] == [Quality.GOOD] * 3
+
+
+async def test_controller_whose_counter_stands_still_gives_no_values() -> None:
+    async with streaming([250.0]) as (controller, driver):
+        assert (await driver.read())[0].quality is Quality.GOOD
+        controller.frozen = True
+        await driver.read()  # the block that it repeats may be a new one
+        for _ in range(3):
+            (reading,) = await driver.read()
+            assert reading.quality is Quality.STALE
+        controller.frozen = False
+        assert (await driver.read())[0].quality is Quality.GOOD
+
+
+async def test_another_controller_is_refused_whatever_the_connection() -> None:
+    async with streaming([250.0]) as (controller, driver):
+        await driver.read()
+        controller.serial = 1002
+        for ask in (driver.read, driver.connect):
+            with pytest.raises(WrongDevice, match=r"1002.*1001"):
+                await ask()
+        controller.serial = 1001
+        assert (await driver.read())[0].quality is Quality.GOOD

@@ -18,6 +18,7 @@ from drivers.mtconnect.make import make_mtconnect
 from drivers.mtconnect.settings import MtConnectSettings
 from drivers.nc import NumericalControl, OperatingMode, ProgramState, WatchdogTerms
 from drivers.problems import settings_of
+from tests.benches.manual_clock import ManualClock
 from tests.benches.mtconnect_agent import mtconnect_agent
 from tests.benches.stream_server import http_answer, stream_server
 
@@ -306,6 +307,70 @@ async def test_a_word_is_not_a_speed_or_a_position(item: str) -> None:
         await nc.connect()
         it = await nc.snapshot()
         assert (it.states, it.not_known) == ({}, {"spindle_speed": "'ACTIVE' (data item Srpm of mill)"})
+
+
+class Rewritten:
+    """An agent whose documents are written by hand: positions all 2.0 in a unit, of one instance."""
+
+    unit, instance, encoding = "MILLIMETER", 1, "UTF-8"
+
+    def __init__(self) -> None:
+        self.probes = 0
+
+    async def serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        probe = b"probe" in await reader.readuntil(b"\r\n\r\n")
+        self.probes += probe
+        body = "".join(
+            f'<DataItem id="{axis}pos" name="Größe" units="{self.unit if axis in "XYZ" else "DEGREE"}"/>'
+            if probe
+            else f'<P dataItemId="{axis}pos">2.0</P>'
+            for axis in "XYZAC"
+        )
+        head = f'<?xml version="1.0" encoding="{self.encoding}"?><M><Header sender="Süd" instanceId="{self.instance}"/>'
+        writer.write(http_answer(f"{head}{body}</M>".encode(self.encoding)))
+        writer.close()
+
+
+POSITIONS_ONLY: Mapping[str, Any] = {"states": {}, "mode": "", "program": "", "tool": "", "emergency_stop": ""}
+
+
+async def test_a_restarted_agent_is_asked_for_its_units_again() -> None:
+    agent = Rewritten()
+    async with stream_server(agent.serve) as port:
+        nc = control(f"http://127.0.0.1:{port}", **POSITIONS_ONLY)
+        await nc.connect()
+        assert (await nc.snapshot()).positions["X"] == 2.0
+        assert agent.probes == 1
+        agent.unit, agent.instance = "INCH", 2
+        for _ in range(2):
+            with pytest.raises(DriverError):
+                await nc.snapshot()
+        agent.unit, agent.instance = "MILLIMETER", 3
+        await nc.connect()
+        assert (await nc.snapshot()).positions["X"] == 2.0
+
+
+async def test_a_unit_that_changes_without_a_restart_is_noticed_within_a_minute() -> None:
+    agent, clock = Rewritten(), ManualClock()
+    async with stream_server(agent.serve) as port:
+        given = {"url": f"http://127.0.0.1:{port}", "positions": POSITIONS, "timeout_s": LIMIT_S}
+        nc = make_mtconnect(settings_of(MtConnectSettings, given), clock)
+        await nc.connect()
+        agent.unit = "INCH"
+        await nc.snapshot()
+        clock.move_to(60.0)
+        with pytest.raises(WrongDevice):
+            await nc.snapshot()
+
+
+@pytest.mark.parametrize("encoding", ["ISO-8859-1", "windows-1252", "UTF-16"])
+async def test_a_document_is_read_in_the_encoding_that_it_states(encoding: str) -> None:
+    agent = Rewritten()
+    agent.encoding = encoding
+    async with stream_server(agent.serve) as port:
+        nc = control(f"http://127.0.0.1:{port}", **POSITIONS_ONLY)
+        await nc.connect()
+        assert (await nc.snapshot()).positions["Z"] == 2.0
 
 
 NASTY = st.text(st.characters(codec="utf-8", exclude_characters="<&\x00", min_codepoint=32), max_size=12)

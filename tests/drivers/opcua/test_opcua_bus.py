@@ -16,7 +16,7 @@ from asyncua.ua.status_codes import StatusCodes
 from asyncua.ua.ua_binary import uatcp_to_binary
 from asyncua.ua.uaerrors import BadTooManyOperations
 from asyncua.ua.uaprotocol_hand import ErrorMessage, MessageType
-from asyncua.ua.uatypes import Int16, NodeId, StatusCode, String, UInt32
+from asyncua.ua.uatypes import Int16, NodeId, StatusCode, String, UInt32, Variant, VariantType
 
 from drivers.base import (
     BadAnswer,
@@ -351,6 +351,59 @@ async def test_namespaces_in_another_order_after_a_restart_give_no_value_of_anot
                 await device.read()
             await bus.connect()
             assert told(await device.read()) == [(61.25, "degC")]
+    finally:
+        await server.server.stop()
+
+
+async def test_an_index_that_becomes_another_namespaces_gives_no_value(tmp_path: Path) -> None:
+    """The node is named by an index, and after a restart another maker has a node of that name there."""
+    server = Drives()
+    await server.start()
+    url, before = server.url, server.index
+    named = f'[[node]]\nnode = "ns={before};s=motor"\n[[node]]\nnode = "nsu={URI};s=motor"\n'
+    text = PROFILE.split("[[node]]")[0] + named
+    try:
+        async with device_at(url, tmp_path, text, 2) as (bus, device):
+            assert told(await device.read()) == [(61.25, "degC")] * 2
+            await server.server.stop()
+            server = Drives(url, first=("urn:a", "urn:b"))
+            await server.start()
+            await server.server.nodes.objects.add_variable(NodeId(String("motor"), Int16(before)), "motor", -40.0)
+            with pytest.raises((ConnectError, NoAnswer)):
+                await device.read()
+            await bus.connect()
+            for _ in range(2):
+                by_index, by_uri = told(await device.read())
+                assert by_index[0] == "comm_fault"
+                assert URI in str(by_index[1])
+                assert "urn:b" in str(by_index[1])
+                assert by_uri == (61.25, "degC")
+    finally:
+        await server.server.stop()
+
+
+@pytest.mark.parametrize("stated", [True, False])
+async def test_no_more_nodes_are_read_at_once_than_the_server_allows(tmp_path: Path, stated: bool) -> None:
+    server, most = Drives(), 3
+    asked: list[int] = []
+
+    async def few(event: Callback, _dispatcher: object) -> None:
+        if isinstance(event, ServerItemCallback) and event.is_external:
+            asked.append(len(event.request_params.NodesToRead))
+            if asked[-1] > most:
+                raise ServiceError(StatusCodes.BadTooManyOperations)
+
+    await server.start()
+    try:
+        if stated:
+            limit = server.server.get_node(NodeId.from_string("i=11705"))
+            await limit.write_value(Variant(most, VariantType.UInt32))
+        server.server.iserver.callback_service.addListener(cast("str", CallbackType.PreRead), few)
+        async with device_at(server.url, tmp_path) as (_, device):
+            asked.clear()
+            for _ in range(2):
+                assert told(await device.read())[2] == (48.0, "degC")
+        assert len([count for count in asked if count > most]) == (0 if stated else 1)
     finally:
         await server.server.stop()
 

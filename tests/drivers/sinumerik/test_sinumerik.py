@@ -13,6 +13,7 @@ from drivers.nc import OperatingMode, ProbingState, RunsDry
 from drivers.sinumerik.control import Sinumerik
 from drivers.sinumerik.settings import Handshake, SinumerikSettings
 from simulators.nc import User
+from simulators.nc.cycle import CycleAnswer, CycleState
 from simulators.nc.nck import JOG, R_DRY_RUN, R_REQUEST, R_SPREAD, R_VERSION, R_WITHDRAW
 from simulators.nc.variables import ALARMS_SHOWN, DRIVES_ON, AccessRight
 from tests.benches.emulated_bench import POSES, OpcUaBench, expected_deviation_um, sinumerik_bench, wired
@@ -270,6 +271,28 @@ async def test_withdrawn_before_and_during_the_cycle(bench: OpcUaBench, wait_s: 
     bench.clock.move_to(400.0)
     assert (await bench.nc.probing_status(1)).state is state
     assert (await bench.cycle(2)).state is ProbingState.DONE
+
+
+async def test_withdrawing_an_old_request_leaves_another_that_is_withdrawn_alone(bench: OpcUaBench) -> None:
+    """R61 holds one number: another gateway's request, or one from before power off, would count again."""
+    nck = bench.control.nck
+    nck.r[R_REQUEST], nck.r[R_WITHDRAW] = 55.0, 55.0
+    await bench.nc.withdraw_probing(1)
+    assert nck.r[R_WITHDRAW] == 55.0
+    await bench.nc.request_probing(2)  # in its place
+    await bench.nc.withdraw_probing(2)
+    assert nck.r[R_WITHDRAW] == 2.0
+
+
+@pytest.mark.parametrize(("state", "withdrawn"), [(CycleState.RUNNING, 1.0), (CycleState.DONE, 55.0)])
+async def test_a_cycle_that_runs_is_stopped_whatever_else_is_withdrawn(
+    bench: OpcUaBench, state: CycleState, withdrawn: float
+) -> None:
+    nck = bench.control.nck
+    nck.cycle.answer = CycleAnswer(1, state)
+    nck.r[R_REQUEST], nck.r[R_WITHDRAW] = 55.0, 55.0
+    await bench.nc.withdraw_probing(1)
+    assert nck.r[R_WITHDRAW] == withdrawn
 
 
 async def test_compensation_is_read_back_and_moves_what_the_probe_finds(bench: OpcUaBench) -> None:

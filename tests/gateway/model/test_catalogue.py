@@ -29,6 +29,7 @@ WORDS = {"quality": "comm_fault", "why": "interval", "standing": "blocked", "pha
     "armed_mode": "advise",
     "moment": "lately",
     "slowed": "hot",
+    "file_word": "lines",
 }
 
 

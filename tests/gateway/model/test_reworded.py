@@ -53,7 +53,7 @@ def notices() -> list[Notice]:
         time.now_s = float(turn)
         problems.report("line of bus rtu1", Text(NoticeCode.OTHER_MASTER, bus="rtu1", evidence="3 frames"))
         problems.report("NC", Text(NoticeCode.NC_NOT_CONNECTED, error="silent"), "line")
-        problems.clear("NC", Text(NoticeCode.NC_CONNECTED_AGAIN))
+        problems.clear("NC", NoticeCode.NC_CONNECTED_AGAIN)
     problems.report("watchdog of NC", Text(NoticeCode.NC_WATCHDOG_SILENT))
     return told
 

@@ -5,6 +5,7 @@ import asyncio
 import numpy as np
 import pytest
 
+from gateway.model.codes import NoticeCode
 from gateway.model.compensation import Source
 from gateway.nc.states import RIGHTS, STATES, Condition, LinkState, Reply, Right, after
 from tests.benches.nc_link_bench import LinkBench, decision
@@ -49,6 +50,24 @@ async def test_offsets_stand_still_while_another_client_has_the_control_probe(mo
         await bench.clock.run_until(16.0)
         assert stood[2] < bench.steps[-1].step.offsets_um[2] <= stood[2] + 1.0, "nothing was saved up"
     assert [write.step.source for write in bench.steps].count(Source.FROZEN) == 1
+
+
+async def test_a_cycle_that_nobody_waits_for_and_that_does_not_end_is_told_once() -> None:
+    """The control was stopped in it, and nothing tells that it is over: what is in force would stay unnoticed."""
+    bench = LinkBench("compensate")
+    async with bench.running():
+        bench.link.follow(decision(20.0))
+        bench.control.probing = True
+        await bench.clock.run_until(899.0)
+        assert bench.notices == []
+        await bench.clock.run_until(2000.0)
+        assert [notice.code for notice in bench.notices] == [NoticeCode.NC_PROBES_ON]
+        bench.control.probing = False
+        await bench.clock.run_until(2003.0)
+        assert bench.notices[-1].code == NoticeCode.NC_PROBES_NO_MORE
+        bench.control.probing = True
+        await bench.clock.run_until(2500.0)
+        assert len(bench.notices) == 2, "its time begins anew"
 
 
 async def test_while_the_control_is_not_ready_the_offsets_stand() -> None:

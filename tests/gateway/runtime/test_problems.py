@@ -6,13 +6,19 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from gateway.model.codes import NoticeCode
 from gateway.model.notice import Notice
-from gateway.model.text import plain
+from gateway.model.text import Text, plain
 from gateway.runtime.problems import Problems, TurnTime
 from tests.benches.manual_clock import ManualClock
 
 WINDOW_S = 60.0
 LOG = logging.getLogger("test.problems")
+
+
+def well(subject: str) -> Text:
+    """What is said of a subject that works again."""
+    return Text(NoticeCode.ANSWERS_AGAIN, subject=subject)
 
 
 class Seen:
@@ -32,7 +38,7 @@ class Seen:
     def well(self, subject: str, now_s: float) -> Notice | None:
         self.clock.move_to(now_s)
         self.notices.clear()
-        self.problems.clear(subject, plain(f"{subject}: well"))
+        self.problems.clear(subject, NoticeCode.ANSWERS_AGAIN, subject=subject)
         return self.notices[0] if self.notices else None
 
 
@@ -42,7 +48,7 @@ async def test_a_problem_is_reported_when_it_begins_and_when_it_ends() -> None:
     assert [seen.bad("a", "silent", t) for t in (1.0, 2.0, 3.0)] == [Notice("a", plain("a: silent")), None, None]
     assert seen.bad("a", "noise", 4.0) == Notice("a", plain("a: noise"))  # it turned into another
     assert seen.bad("a", "silent", 5.0) is None
-    assert [seen.well("a", t) for t in (6.0, 7.0)] == [Notice("a", plain("a: well"), ended=True), None]
+    assert [seen.well("a", t) for t in (6.0, 7.0)] == [Notice("a", well("a"), ended=True), None]
 
 
 async def test_subjects_do_not_know_each_other() -> None:
@@ -57,7 +63,7 @@ async def test_what_is_intermittent_is_reported_so_and_then_only_when_it_is_stea
     seen = Seen(most=3)
     reported = [(t, seen.well("a", float(t)) if t % 2 else seen.bad("a", "silent", float(t))) for t in range(600)]
     said = [(t, notice.text, notice.ended) for t, notice in reported if notice is not None]
-    assert said[:-1] == [(t, f"a: {'well' if t % 2 else 'silent'}", bool(t % 2)) for t in range(6)]
+    assert said[:-1] == [(t, well("a") if t % 2 else "a: silent", bool(t % 2)) for t in range(6)]
     assert said[-1] == (6, "a: silent; it is intermittent: reported again when it has been steady for 60 s", False)
     assert [t for t in range(600, 800) if seen.well("a", float(t))] == [659]  # well since 599
     assert seen.bad("a", "silent", 900.0) == Notice("a", plain("a: silent"))
@@ -110,11 +116,11 @@ async def test_what_is_reported_is_logged_once_and_a_bug_with_its_traceback(capl
         seen.problems.report("a", plain("a: unexpected"), "ValueError", bug=bug)
     seen.problems.report("a", plain("a: silent"), "silent")
     for _ in range(2):
-        seen.problems.clear("a", plain("a: well"))
+        seen.problems.clear("a", NoticeCode.ANSWERS_AGAIN, subject="a")
     assert [(r.levelname, r.getMessage(), r.exc_info is not None) for r in caplog.records] == [
         ("WARNING", "a: unexpected", True),
         ("WARNING", "a: silent", False),
-        ("WARNING", "a: well", False),
+        ("WARNING", well("a"), False),
     ]
 
 
@@ -149,10 +155,10 @@ def test_what_is_given_its_time_at_each_turn_is_steady_by_that_time() -> None:
     for now_s in (0.0, 10.0):
         time.now_s = now_s
         problems.report("a", plain("silent"), "silent")
-        problems.clear("a", plain("well"))
+        problems.clear("a", NoticeCode.ANSWERS_AGAIN, subject="a")
     notices.clear()
     for now_s in (10.0 + WINDOW_S - 0.1, 10.0 + WINDOW_S):
         assert notices == []
         time.now_s = now_s
-        problems.clear("a", plain("well"))
-    assert notices == [Notice("a", plain("well"), ended=True)]
+        problems.clear("a", NoticeCode.ANSWERS_AGAIN, subject="a")
+    assert notices == [Notice("a", well("a"), ended=True)]

@@ -34,7 +34,7 @@ from gateway.storage.faults import StoreError
 from gateway.storage.history import History
 from gateway.storage.store import Store, boot_id
 from talc.frame import Decision, Event, EventKind, Frame, Measurement, Phase, Why
-from talc.models import ModelSet
+from talc.models import ModelSet, TrainingNote
 from tests.benches.database import applied
 from tests.benches.failing_disk import on_failing_disk
 from tests.benches.stepped_clock import EPOCH, SteppedClock
@@ -79,7 +79,13 @@ def decision(k: int, events: tuple[Event, ...] = ()) -> Decision:
 
 
 def no_models(k: int) -> ModelSet:
-    return ModelSet(k=k, why="calibration", input_names=("a",), models=(None,) * 9, notes=("nothing to learn",))
+    return ModelSet(
+        k=k,
+        why="calibration",
+        input_names=("a",),
+        models=(None,) * 9,
+        notes=(TrainingNote.from_plain("nothing to learn"),),
+    )
 
 
 def same_bits(a: object, b: object) -> bool:

@@ -16,11 +16,13 @@ from msgspec.structs import replace
 
 from drivers.base import SystemClock
 from gateway.config.telemetry import Telemetry
+from gateway.model.codes import NoticeCode
 from gateway.model.control_state import NcState
 from gateway.model.events import DecisionMade, Health, HealthChecked, ReadingsTaken, StoreHealth
 from gateway.model.reading_blocks import READING_ROW, pack
-from gateway.model.text import plain
+from gateway.model.text import Text, plain
 from gateway.telemetry.answers import HistoryBlock, HistoryPage
+from gateway.telemetry.asking import QueryRefusal
 from gateway.telemetry.client import Machine, MachineError
 from gateway.telemetry.history_queries import HistoryRequest
 from gateway.telemetry.messages import DecisionMessage, EventMessage, Published, ReadingMessage
@@ -171,7 +173,7 @@ async def test_a_table_of_means_is_that_of_the_gateway_where_it_makes_them(earli
         if request.every_s is None:
             return stored(request)
         if earlier:
-            raise ValueError("every: unknown; expected one of from, to, channels, limit, after")
+            raise ValueError(Text(NoticeCode.PARAMETER_UNKNOWN, name="every", known=("from", "to")))
         times = [request.begin.timestamp(), request.begin.timestamp() + request.every_s]
         return HistoryPage(float(request.every_s), ("a",), ("degC",), times, [0, 0], [20.0, 22.0], ["good"] * 2, None)
 
@@ -218,7 +220,7 @@ async def test_a_table_of_single_readings_comes_in_blocks_where_it_can(
         if not request.blocks:
             return stored(request)
         if how == "of an earlier program":
-            raise ValueError("form: unknown; expected one of from, to, channels, limit, after, every")
+            raise ValueError(Text(NoticeCode.PARAMETER_UNKNOWN, name="form", known=("from", "to")))
         page = as_blocks(stored(request))
         return page if how == "new" else replace(page, blocks=(replace(page.blocks[0], value=b"x"),))
 
@@ -235,6 +237,13 @@ async def test_a_table_of_single_readings_comes_in_blocks_where_it_can(
     for at, row in found.items():
         assert row == pytest.approx(expected[at], nan_ok=True)
     assert only["b"].dropna().tolist() == [-1.5]
+
+
+def test_a_refusal_without_a_code_is_of_a_program_that_may_lack_anything() -> None:
+    unknown = QueryRefusal(Text(NoticeCode.PARAMETER_UNKNOWN, name="form", known=("from", "to")))
+    disk = QueryRefusal(Text(NoticeCode.QUERY_REFUSED, kind="history", why="the disk does not answer"))
+    assert [refusal.lacks("form") for refusal in (unknown, disk, QueryRefusal("in any words"))] == [True, False, True]
+    assert not unknown.lacks("every")
 
 
 async def test_what_a_gateway_refuses_is_not_asked_for_a_second_time_in_another_form() -> None:

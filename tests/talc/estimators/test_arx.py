@@ -1,5 +1,7 @@
 """The papers' estimators: what they find in a known system, and how they run on."""
 
+from typing import Any
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -48,6 +50,53 @@ def test_more_errors_than_nine_have_a_model_each() -> None:
     )
 
 
+@pytest.mark.parametrize("estimator", ESTIMATORS, ids=lambda e: type(e).__name__)
+def test_errors_in_millimetres_have_the_same_model_as_in_micrometres(estimator: talc.GroupLassoARX) -> None:
+    X, y = machine(500, 2)
+    y = 3.0 * y + np.random.default_rng(8).normal(0.0, 0.3, y.shape)
+    given: dict[str, Any] = estimator.get_params()
+    um = type(estimator)(**given).fit(X[:350], y[:350])
+    tolerance = {"tolerance": 0.005} if "tolerance" in given else {}
+    mm = type(estimator)(**(given | tolerance | {"unit_um": 1000.0})).fit(X[:350], y[:350] / 1000.0)
+    assert mm.inputs_ == um.inputs_
+    assert any(um.inputs_.values())
+    for error, gains in um.static_gains_.items():
+        np.testing.assert_allclose(mm.poles_[error], um.poles_[error], rtol=1e-6)
+        assert mm.static_gains_[error] == pytest.approx({name: g / 1000.0 for name, g in gains.items()}, rel=1e-5)
+    for in_mm, in_um in zip(mm.predict(X[350:], return_std=True), um.predict(X[350:], return_std=True), strict=True):
+        np.testing.assert_allclose(1000.0 * in_mm, in_um, rtol=1e-5, atol=1e-8)
+
+
+def test_a_tolerance_is_in_the_unit_of_y_and_5_um_by_default() -> None:
+    X, y = machine(400, 1)
+    y = 20.0 * y + np.random.default_rng(8).normal(0.0, 2.0, y.shape)
+    names = [
+        talc.GroupLassoARX(max_nb=1, unit_um=1000.0, tolerance=t).fit(X, y / 1000.0).inputs_
+        for t in (None, 0.005, 50.0)
+    ]
+    wide = talc.GroupLassoARX(max_nb=1, tolerance=50_000.0).fit(X, y).inputs_
+    assert names[0] == names[1] == talc.GroupLassoARX(max_nb=1, tolerance=5.0).fit(X, y).inputs_
+    assert names[2] == wide
+
+
+def test_errors_named_with_another_unit_are_refused_and_tiny_ones_told() -> None:
+    X, y = machine(60, 1)
+    named = y.rename(columns={"error 0": "EX0C_mm"})
+    with pytest.raises(ValueError, match=r"'EX0C_mm'.*unit_um=1000"):
+        talc.GroupLassoARX(max_nb=1).fit(X, named)
+    assert talc.GroupLassoARX(max_nb=1, unit_um=1000.0).fit(X, named / 1000.0).error_names_ == ("EX0C_mm",)
+    with pytest.warns(UserWarning, match="in mm, give unit_um=1000"):
+        talc.SparseOutputError(max_nb=1).fit(X, y * (0.1 / float(np.abs(y).to_numpy().max())))
+
+
+def test_a_model_without_inputs_is_told() -> None:
+    X, y = machine(300, 1)
+    noise = pd.DataFrame(np.random.default_rng(9).normal(0.0, 0.6, y.shape), columns=y.columns, index=y.index)
+    with pytest.warns(UserWarning, match="error 0: the model uses no input"):
+        model = talc.GroupLassoARX(max_nb=1, max_inputs=3).fit(X, noise)
+    assert model.inputs_ == {"error 0": ()}
+
+
 def test_a_gap_before_the_predicted_rows_is_run_through() -> None:
     X, y = machine(400, 1)
     X = X.copy()
@@ -61,7 +110,7 @@ def test_arx_needs_rows_measured_one_after_another_and_output_error_does_not() -
     X, y = machine(500, 1)
     later, X, y = X[400:], X[:400], y[:400]
     sixth = y[::6].reindex(y.index)
-    with pytest.warns(UserWarning, match="all earlier outputs measured; its mean is predicted"):
+    with pytest.warns(UserWarning, match="error 0: not fitted"):
         arx = talc.GroupLassoARX(max_nb=1, max_inputs=3).fit(X, sixth)
     assert arx.inputs_ == {}
     assert arx.predict(later)[-1, 0] == pytest.approx(float(np.nanmean(sixth)))
@@ -71,9 +120,7 @@ def test_arx_needs_rows_measured_one_after_another_and_output_error_does_not() -
 def test_too_few_measurements_give_the_mean_and_a_warning() -> None:
     X, y = machine(100, 2)
     y.iloc[np.arange(100) % 10 > 0, 1] = np.nan
-    with pytest.warns(
-        UserWarning, match="error 1: no model, 10 measured rows and 4 usable inputs; its mean is predicted"
-    ):
+    with pytest.warns(UserWarning, match=r"error 1: too little measured \(rows 10, inputs 4\)"):
         model = talc.SparseOutputError(max_nb=1).fit(X, y)
     later = X.copy()
     later.index = later.index + pd.Timedelta("1D")

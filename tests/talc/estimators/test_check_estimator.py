@@ -22,7 +22,11 @@ ESTIMATORS: list[Any] = [
 
 
 @pytest.mark.slow
-@pytest.mark.filterwarnings("ignore:y.*no model:UserWarning", "ignore:.*does not inherit from:UserWarning")
+@pytest.mark.filterwarnings(
+    "ignore:y.*no model:UserWarning",
+    "ignore:y.*uses no input:UserWarning",
+    "ignore:.*does not inherit from:UserWarning",
+)
 @pytest.mark.parametrize("estimator", ESTIMATORS, ids=lambda e: type(e).__name__)
 def test_the_checks_that_apply_pass(estimator: Any) -> None:
     from sklearn.utils.estimator_checks import check_estimator  # two seconds that `make test` need not spend

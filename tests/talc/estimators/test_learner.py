@@ -154,12 +154,26 @@ def test_a_noise_in_another_unit_than_the_errors_is_reported(
         talc.Learner(unit_um=1000.0, noise=1.0).fit(days.inputs[:200], mm)
 
 
-def test_times_in_days_or_hours_are_not_taken_for_seconds(days: ThermalSeries) -> None:
-    for unit_s in (86400.0, 3600.0):
+def test_times_in_days_hours_or_minutes_are_not_taken_for_seconds(days: ThermalSeries) -> None:
+    for unit_s in (86400.0, 3600.0, 60.0):
         times = 300.0 / unit_s * np.arange(200)
-        with pytest.raises(ValueError, match=r"rows are 0\.\d+ s apart; are the times in seconds\? If so, give step_s"):
+        with pytest.raises(ValueError, match=r"rows are [\d.]+ s apart if these numbers are seconds; .* give step_s"):
             talc.Learner().fit(days.inputs[:200], sparse(days)[:200], times)
     assert talc.Learner(step_s=0.05).fit(days.inputs[:200], sparse(days)[:200], 0.05 * np.arange(200)).step_s_ == 0.05
+    dates = pd.date_range("2026-03-02", periods=200, freq="10s")  # dates say their unit themselves
+    assert talc.Learner().fit(days.inputs[:200], sparse(days)[:200], dates).step_s_ == 10.0
+
+
+def test_times_have_a_zone_at_fit_and_predict_or_at_neither(days: ThermalSeries) -> None:
+    zoned = pd.date_range("2026-03-02", periods=280, freq="5min", tz="Europe/Zurich")
+    plain, seconds = zoned.tz_localize(None), 300.0 * np.arange(280) + 1e10
+    learner = talc.Learner().fit(days.inputs[:200], sparse(days)[:200], zoned[:200])
+    for other in (plain, seconds, pd.Series(plain)):
+        with pytest.raises(ValueError, match=r"fitted to dates with a time zone; these times are .*tz_localize"):
+            learner.predict(days.inputs[200:], times=other[200:])
+    expected = learner.predict(days.inputs[200:], times=zoned[200:])
+    for same in (zoned.tz_convert("UTC"), pd.Series(zoned), zoned.to_pydatetime()):
+        np.testing.assert_array_equal(learner.predict(days.inputs[200:], times=same[200:]), expected)
 
 
 def test_missing_inputs_are_filled_and_make_it_less_sure(days: ThermalSeries) -> None:
@@ -205,6 +219,14 @@ def test_rows_of_other_times_are_not_put_side_by_side(kind: type[talc.Learner | 
 def test_noise_is_one_value_or_one_for_each_error() -> None:
     X, y = np.ones((3, 1)), np.ones((3, 2))
     assert talc.Learner(noise=[0.5, 2.0]).fit(X, y).error_names_ == ("y0", "y1")
+    X, y = pd.DataFrame(X), pd.DataFrame(y, columns=["EX0C", "EZ0A"])
+    x = X.iloc[-1:]
+    by_name, by_place = (
+        talc.Learner(noise=n).fit(X, y).predict(x, return_std=True) for n in ({"EZ0A": 0.5}, [1.0, 0.5])
+    )
+    np.testing.assert_array_equal(by_name, by_place)
+    with pytest.raises(ValueError, match="noise names 'EZOA': y has EX0C, EZ0A"):
+        talc.Learner(noise={"EZOA": 0.5}).fit(X, y)
     with pytest.raises(ValueError, match="noise has 3 values: expected one, or one for each of the 2 columns of y"):
         talc.Learner(noise=[0.5, 2.0, 1.0]).fit(X, y)
 

@@ -43,6 +43,17 @@ def test_it_decides_as_the_controller(recorded: pd.DataFrame) -> None:
     assert 5 < result["measured"].sum() < 150
 
 
+def test_plain_numbers_that_may_be_minutes_are_refused_until_the_step_is_given(recorded: pd.DataFrame) -> None:
+    table = recorded.reset_index(drop=True)
+    with pytest.raises(
+        ValueError, match="rows are 5 s apart if these numbers are seconds; if they are, give step_s=300"
+    ):
+        talc.rehearse(table, errors=THERMAL_ERRORS, times=5.0 * np.arange(300))
+    assert (
+        len(talc.rehearse(table, errors=THERMAL_ERRORS, times=5.0 * np.arange(300), step_s=30.0)) == 51
+    )  # the first row ends a step
+
+
 def test_policies_differ_in_what_is_measured(recorded: pd.DataFrame) -> None:
     table = recorded.drop(columns=list(THERMAL_ERRORS)[1:]).rename(columns={"EY0A": "drift"})
     settings = LearnerSettings(measurement_interval_steps=20)
@@ -156,9 +167,9 @@ def test_times_that_are_no_seconds_are_refused(recorded: pd.DataFrame) -> None:
     table = recorded.iloc[:30, :3].assign(y=recorded["EY0A"][:30])
     days = np.arange(30) / 288.0
     with pytest.raises(ValueError, match="30 rows fill 2 steps of 300 s: expected 12 or more; are the times in sec"):
-        talc.rehearse(table, errors=["y"], times=days)
+        talc.rehearse(table, errors=["y"], times=days, step_s=300.0)
     assert len(talc.rehearse(table, errors=["y"], times=86400.0 * days)) == 30
-    assert len(talc.rehearse(table[:11], errors=["y"], times=days[:11])) == 2
+    assert len(talc.rehearse(table[:11], errors=["y"], times=days[:11], step_s=300.0)) == 2
 
 
 def test_letters_and_numbers_alone_are_names_of_inputs(recorded: pd.DataFrame) -> None:

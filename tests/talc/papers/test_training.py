@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from talc.frame import TrainingJob, Why
+from talc.kinds import EventCode
 from talc.models import ModelSet
 from talc.papers.output_error import Design, fit
 from talc.papers.training import train
@@ -91,7 +92,7 @@ def test_inputs_that_tell_nothing_are_not_offered() -> None:
     models = train(job(s, valid=valid))
     used = {name for m in models.models if m is not None for name in m.inputs}
     assert used.isdisjoint({"t2", "t5", "t7"})
-    assert sorted(note.split(":")[0] for note in models.notes) == ["t5", "t7"]
+    assert sorted(str(note.values["input"]) for note in models.notes) == ["t5", "t7"]
 
 
 def test_too_little_gives_no_model_and_says_so() -> None:
@@ -99,7 +100,9 @@ def test_too_little_gives_no_model_and_says_so() -> None:
     s.measured[20:, 4] = np.nan
     models = train(job(s))
     assert models.models[4] is None
-    assert any(note.startswith("EZ0T: no model, 20 measured rows") for note in models.notes)
+    assert [(note.code, note.values["error"], note.values["rows"]) for note in models.notes] == [
+        (EventCode.TOO_LITTLE_MEASURED, "EZ0T", 20)
+    ]
     assert models.models[0] is not None
 
 
@@ -153,7 +156,8 @@ def test_without_measured_predecessors_the_papers_ways_say_what_they_lack() -> N
     s.measured[::2] = np.nan
     models = train(job(s, settings=TrainingSettings(selector="pso", max_na=1)))
     assert models.models == (None,) * 9
-    assert "rows: expected at least 2 with all earlier outputs measured" in models.notes[0]
+    assert {note.code for note in models.notes} == {EventCode.NOT_FITTED}
+    assert "rows: expected at least 2 with all earlier outputs measured" in str(models.notes[0].values["why"])
 
 
 @pytest.mark.slow
@@ -192,7 +196,7 @@ def test_no_or_one_measurement_gives_no_model_and_says_so(rows: int) -> None:
     s.measured[rows:] = np.nan
     models = train(job(s))
     assert models.models == (None,) * 9
-    assert f"{rows} measured rows" in models.notes[0]
+    assert {(note.code, note.values["rows"]) for note in models.notes} == {(EventCode.TOO_LITTLE_MEASURED, rows)}
 
 
 def test_impossible_designs_and_fits_are_refused() -> None:

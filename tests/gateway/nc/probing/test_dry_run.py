@@ -2,19 +2,23 @@
 
 import asyncio
 import math
+import os
+import signal
 from collections.abc import Callable
 from dataclasses import replace
 
 import pytest
 
-from drivers.base import ConnectError
+from drivers.base import ConnectError, NoAnswer, Refused
 from drivers.nc import NcSnapshot, NumericalControl, ProbingState, RequestStatus
+from gateway.commissioning.dry_run import until_signal
 from gateway.config.sections import Probing
 from gateway.model.text import plain
 from gateway.nc.probing.cycle import NotBegun, Rejected
 from gateway.nc.probing.dry_run import DryRun, run_dry
 from gateway.nc.probing.geometry import Geometry, barrier, geometry_of, is_of, recorded
 from simulators.nc import Activity, CycleSettings, DayPart, LoadCase, MeanLoads, Nck
+from simulators.nc.nck import R_WITHDRAW
 from tests.benches.in_process_nc import InProcess
 from tests.benches.stepped_clock import SteppedClock
 from tests.benches.still_machine import StillMachine
@@ -173,6 +177,76 @@ async def test_a_connection_that_breaks_is_made_again_to_withdraw_it(gone: bool)
     dry.nc.gone = False
     await dry.nc.connect()
     assert (await dry.nc.probing_status(7)).state is (ProbingState.RUNNING if gone else ProbingState.FAILED)
+
+
+class Slow(InProcess):
+    """Its answers to a request come after the rest of the test, or never: by then it has begun the cycle."""
+
+    answers = True
+
+    async def request_probing(self, number: int, dry_run_mm: float = 0.0) -> None:
+        await super().request_probing(number, dry_run_mm)
+        await self._clock.sleep_until(60.0)  # type: ignore[attr-defined]
+        if not self.answers:
+            raise NoAnswer("no answer within 3 s", device="nc")
+
+
+@pytest.mark.parametrize(("answers", "raises"), [(True, asyncio.CancelledError), (False, NoAnswer)])
+async def test_a_request_that_may_have_been_taken_is_withdrawn(answers: bool, raises: type[BaseException]) -> None:
+    dry = Dry(Slow)
+    assert isinstance(dry.nc, Slow)
+    dry.nc.answers = answers
+    running = await dry.begun()
+    await dry.clock.run_until(30.0)
+    if answers:
+        running.cancel()
+    await dry.clock.run_until(70.0)
+    with pytest.raises(raises):
+        await running
+    assert (await dry.nc.probing_status(7)).reason == "withdrawn"
+
+
+async def test_a_request_that_the_control_refuses_is_not_withdrawn() -> None:
+    dry = Dry()
+    await dry.nc.connect()
+    await dry.nc.request_probing(5)
+    with pytest.raises(Refused, match="request 5"):
+        await dry.run()
+    assert dry.nck.r[R_WITHDRAW] == 0.0
+
+
+@pytest.mark.parametrize("number", [signal.SIGHUP, signal.SIGTERM, signal.SIGINT])
+async def test_a_signal_ends_it_and_the_next_ones_leave_the_withdrawal_alone(number: signal.Signals) -> None:
+    dry, withdraws, answered = Dry(), asyncio.Event(), asyncio.Event()
+
+    class Waits(InProcess):
+        async def withdraw_probing(self, number: int) -> None:
+            withdraws.set()
+            await answered.wait()
+            await super().withdraw_probing(number)
+
+    dry.nc = Waits(dry.nck, dry.clock)
+    await dry.nc.connect()
+    before = signal.signal(number, signal.SIG_IGN)  # where nothing handles it, it ends no test either
+    work = run_dry(dry.nc, 7, GEOMETRY, dry.clock, height_mm=50.0, poll_s=0.5, timeout_s=900.0, told=dry.told.append)
+    running = asyncio.create_task(until_signal(work))
+    try:
+        await dry.clock.run_until(40.0)
+        os.kill(os.getpid(), number)
+        async with asyncio.timeout(10.0):
+            await withdraws.wait()
+            for _ in range(3):
+                os.kill(os.getpid(), number)
+                await dry.clock.rest()
+            answered.set()
+            with pytest.raises(Refused, match="withdrawn"):
+                await running
+    finally:
+        answered.set()
+        running.cancel()
+        asyncio.get_running_loop().remove_signal_handler(number)
+        signal.signal(number, before)
+    assert (await dry.nc.probing_status(7)).reason == "withdrawn"
 
 
 def test_another_control_pose_or_sphere_is_another_geometry() -> None:

@@ -1,5 +1,6 @@
 """Recordings as laboratories keep them: encodings, blocks of settings, units, unknown values, repeated rows."""
 
+import csv
 from collections.abc import Sequence
 from datetime import datetime, timedelta
 from pathlib import Path
@@ -10,6 +11,8 @@ import pyarrow
 import pyarrow.parquet
 import pytest
 
+from gateway.model.codes import NoticeCode
+from gateway.model.text import Text
 from gateway.reporting.recordings.columns import Columns
 from gateway.reporting.recordings.grid import Recording, read_recording
 from gateway.reporting.recordings.layout import TextLayout
@@ -49,7 +52,7 @@ def test_every_usual_encoding_is_read(tmp_path: Path, encoding: str) -> None:
     found = read(written(tmp_path, lines("time,Kühlung [°C],EZ0T"), encoding))
     assert found.input_names == ("Kühlung [°C]",)
     assert len(found.k) == ROWS
-    assert found.notes == (("read as Windows-1252, because it is not UTF-8",) if encoding == "cp1252" else ())
+    assert [note.code for note in found.notes] == ([NoticeCode.READ_AS_WINDOWS_1252] if encoding == "cp1252" else [])
 
 
 def test_a_workbook_is_called_one(tmp_path: Path) -> None:
@@ -146,7 +149,7 @@ def test_plain_numbers_are_in_the_unit_that_is_given_or_named(
     found = read(written(tmp_path, text), Columns(heading, clock=TimeFormat(unit=unit)))
     assert found.step_s == pytest.approx(300.0, abs=1e-3)
     assert (found.time_unit, len(found.k)) == (step, ROWS)
-    assert any("as the column's name says" in note for note in found.notes) is not bool(unit)
+    assert any(note.says(NoticeCode.TIMES_IN_UNIT) for note in found.notes) is not bool(unit)
 
 
 def test_an_invalid_unit_is_refused(tmp_path: Path) -> None:
@@ -179,6 +182,70 @@ def test_the_form_of_a_date_is_suggested(tmp_path: Path, form: str, named: str) 
         assert either in refusal(written(tmp_path, lines("time;t1;EZ0T", times, ";")))
 
 
+@pytest.mark.parametrize(
+    ("form", "last"),
+    [("%d.%m.%Y %H:%M:%S", "24.11.2026 24:00:00"), ("", "2026-11-24 24:00"), ("", "2026-11-24T24:00:00")],
+)
+@pytest.mark.parametrize("zone", [None, ZoneInfo("Europe/Zurich")])
+def test_24_00_is_the_midnight_that_ends_its_day(tmp_path: Path, form: str, last: str, zone: ZoneInfo | None) -> None:
+    begin = datetime(2026, 11, 24, 22, 0)  # noqa: DTZ001  # as a logger writes it
+    times = [(begin + timedelta(minutes=5 * i)).strftime(form or "%Y-%m-%d %H:%M") for i in range(ROWS)]
+    columns = Columns(clock=TimeFormat(form, zone))
+    plain = read(written(tmp_path, lines("time;t1;EZ0T", times, ";")), columns)
+    times[24] = last
+    found = read(written(tmp_path, lines("time;t1;EZ0T", times, ";")), columns)
+    assert (found.k.tolist(), found.start_utc_s) == (plain.k.tolist(), plain.start_utc_s)
+
+
+def test_a_form_in_use_is_not_advised_again(tmp_path: Path) -> None:
+    times = [f"24.11.2026 13:{i:02}" for i in range(ROWS)]
+    times[7] = "24.11.2026 25:00"
+    path = written(tmp_path, lines("time;t1;EZ0T", times, ";"))
+    said = refusal(path, Columns(clock=TimeFormat("%d.%m.%Y %H:%M")))
+    assert "'24.11.2026 25:00' is not a time; expected a time like %d.%m.%Y %H:%M" in said
+    assert "--time-format" not in said
+
+
+def test_a_heading_that_is_written_again_is_one_message(tmp_path: Path) -> None:
+    text = lines("time,t1,EZ0T")
+    text[20:20] = text[30:30] = [text[0]]
+    path = written(tmp_path, text)
+    assert refusal(path) == f"{path}: line 21: and 1 more repeat the heading; --skip 21,31 leaves them out"
+    assert len(read(path, Columns(layout=TextLayout(((21, 21), (31, 31))))).k) == ROWS
+
+
+def test_runs_whose_time_starts_again_follow_each_other(tmp_path: Path) -> None:
+    text = ["time,run,t1,EZ0T", *(f"{300 * (i % 20)},{'ab'[i // 20]},{20 + i % 7},{i}" for i in range(ROWS))]
+    path = written(tmp_path, text)
+    assert "--runs COLUMN" in refusal(path)
+    found = read(path, Columns(runs="run"))
+    assert (found.input_names, found.restarts) == (("t1",), (20,))
+    assert found.k.tolist() == list(range(ROWS))
+    assert found.errors[:, 4].tolist() == list(range(ROWS))
+    text[5] = text[5].replace("1200,", "2400,")  # within a run time may not go back
+    assert "line 7" in refusal(written(tmp_path, text), Columns(runs="run"))
+
+
+def test_a_learner_measures_where_a_run_begins(tmp_path: Path) -> None:
+    text = ["time,run,t1,EZ0T", *(f"{300 * (i % 60)},{i // 60},{20 + 3 * (i % 60)},{6 * (i % 60)}" for i in range(180))]
+    path, steps = written(tmp_path, text), tmp_path / "steps.csv"
+    answer = here("replay", path, "--runs", "run", "--out", steps)
+    assert answer.code == 0, answer.together
+    assert "3 runs: time starts again at line 62, 122" in answer.together
+    assert "--runs run" in path.with_suffix(".html").read_text("utf-8")
+    with steps.open(encoding="utf-8", newline="") as file:
+        used = [row["EZ0T_measured"] != "" for row in csv.DictReader(file)]
+    assert any(used[60:63])
+    assert any(used[120:123])
+
+
+def test_dense_runs_never_share_a_step(tmp_path: Path) -> None:
+    text = ["time,run,t1,EZ0T", *(f"{10 * (i % 600)},{i // 600},{i // 600},1" for i in range(1200))]
+    found = read(written(tmp_path, text), Columns(runs="run"))
+    assert set(found.inputs[:, 0].tolist()) == {0.0, 1.0}
+    assert found.inputs[found.k == found.restarts[0], 0].tolist() == [1.0]
+
+
 def test_a_date_and_a_time_of_day_in_two_columns(tmp_path: Path) -> None:
     text = ["Date;Time;t1;EZ0T", *(f"24.11.2026;{i // 12:02}:{i % 12 * 5:02};{20 + i % 3};1" for i in range(ROWS))]
     path = written(tmp_path, text)
@@ -193,7 +260,7 @@ def test_repeated_rows_are_left_out_and_counted(tmp_path: Path) -> None:
     twice = [text[0], *(line for line in text[1:] for _ in range(2))]
     found = read(written(tmp_path, twice))
     assert np.array_equal(found.inputs, read(written(tmp_path, text)).inputs)
-    assert found.notes == (f"{ROWS} lines repeat the one before them and are left out",)
+    assert found.notes == (Text(NoticeCode.ROWS_REPEATED, n=ROWS, word="lines"),)
     twice[4] = "300,99,1"
     said = refusal(written(tmp_path, twice))
     assert "line 5, column 'time': has the time of the row before it, but other values" in said
@@ -203,7 +270,7 @@ def test_dense_rows_may_have_equal_times(tmp_path: Path) -> None:
     text = ["time,t1,EZ0T", *(f"2026-11-24T13:{i // 3:02},{i},1" for i in range(150))]
     found = read_recording(written(tmp_path, text), Columns(), 120.0)
     assert found.inputs[:2, 0].tolist() == [1.0, 5.5]  # 13:00, then 13:01 and 13:02
-    assert found.notes == ("100 lines have the time of the one before them; all of a step are averaged",)
+    assert found.notes == (Text(NoticeCode.ROWS_OF_ONE_TIME, n=100, word="lines"),)
 
 
 def test_hourly_rows_repeat_an_hour_when_summer_time_ends(tmp_path: Path) -> None:
