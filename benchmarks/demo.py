@@ -283,15 +283,20 @@ def _figures(found: Sequence[Sequence[SummaryRow]], before: str = "") -> Iterato
     """The figures of one error or direction after the other; found: those of each run."""
     for same in zip(*found, strict=True):
         name, unit = same[0].name, same[0].unit
-        for kind, of in (
-            ("E_RMS", lambda r: (r.e_rms, r.compensated_e_rms)),
-            ("E_PV", lambda r: (r.e_pv, r.compensated_e_pv)),
-        ):
+        for kind, of in (("E_RMS", _e_rms), ("E_PV", _e_pv)):
             figures = [of(r) for r in same]
             without, left = zip(*figures, strict=True)
             less = [reduction(*pair) for pair in figures]
             beside = f"{spread(without)} without; {spread(less, 0)} % less{_apart([r.parts for r in same], of)}"
             yield BenchRow(f"{before}{name}, {kind}, {unit}", spread(left), beside)
+
+
+def _e_rms(row: SummaryRow) -> tuple[float, float]:
+    return row.e_rms, row.compensated_e_rms
+
+
+def _e_pv(row: SummaryRow) -> tuple[float, float]:
+    return row.e_pv, row.compensated_e_pv
 
 
 def _apart(parts: Sequence[Sequence[SummaryRow]], of: Callable[[SummaryRow], tuple[float, float]]) -> str:

@@ -33,8 +33,9 @@ class Regression(Protocol):
 class Features:
     """(T, p) deviations from the reference, and (T, p) the spans by which they are divided at each row.
 
-    The reference is the first row, or that of each run where errors count from it anew. An input's
-    span is what its description says or 3, as a temperature's of the learner, or its largest deviation so far. Lagged inputs pass through the learner's five lags.
+    The reference is the first row, or that of each run where errors count from it anew. An input's span is what its
+    description says or 3, as a temperature's of the learner, or its largest deviation so far. Lagged inputs pass
+    through the learner's five lags.
     """
 
     deviation: FloatArray
