@@ -31,7 +31,7 @@ CYCLE_S = 95.0
 CALIBRATION_H = (4.0, 5.0, 6.5, 8.0, 9.5, 11.0, 12.5, 14.0, 16.0, 18.0, 20.0, 22.0, 24.0)
 INTERVAL_H = (0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0)
 NO_GOOD = tuple(range(2, 27, 2))
-"""13 x 13 x 13 = 2,197 combinations. B19 has 2,191; no list of them is available. Its best set is among ours."""
+"""13 x 13 x 13 = 2,197 combinations. B19 has 2,191 others (studies.printed); its best common set is among ours."""
 BEST_NO_GOOD = 12
 """The paper's best common set: 6.5 h, then 2 h, no good 12 x 10 min."""
 SHARES, SOONEST_H = (1.0, 1.5, 2.0, 3.0), 0.5

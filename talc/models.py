@@ -70,7 +70,8 @@ class ErrorModel:
     """The value that the selection minimised."""
     disturbance: Disturbance = field(default_factory=Disturbance)
     leverage: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
-    """(p, p) inverse of X'X / n of training's filtered inputs, p coefficients input by input; empty: unknown."""
+    """(p, p) inverse of X'X / n of training's filtered inputs, p coefficients input by input; empty: no input, or
+    unknown."""
     leverage_limit: float = 0.0
     """Largest leverage x' (X'X / n)^-1 x in training; beyond it an input is novel and the uncertainty grows."""
     novelty_std: float = 0.0

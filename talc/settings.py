@@ -188,6 +188,10 @@ class TalcSettings:
     preset: Literal["zimmermann-2022", "blaser-2019"] | None = None
     """In a configuration: a paper's complete system, unless another key says otherwise (docs/presets.md). In a program:
     `talc.presets.preset`; this field alone changes nothing."""
+    exact: bool = False
+    """In a configuration, with `preset`: least squares as printed (Z22 eq. 5), which ran away by more than 10 mm on a
+    machine's recording; otherwise the same under constraints on poles and gains. In a program: an argument of
+    `talc.presets.preset`; this field alone changes nothing."""
     method: Literal["learner", "models"] = "learner"
     """`learner`: weights of lagged inputs, learnt at every measurement. `models`: the papers' system of phases and
     trained models, by `training.selector`; `control` and `training` apply only to it."""
@@ -200,6 +204,12 @@ class TalcSettings:
     training: TrainingSettings = field(default_factory=TrainingSettings)
 
     def __post_init__(self) -> None:
+        require(
+            not self.exact or self.preset is not None,
+            "exact",
+            self.exact,
+            "false without a preset: it changes a preset",
+        )
         window, calibration = self.training.window_steps, self.control.calibration_steps
         require(
             window is None or window >= calibration,
@@ -215,8 +225,9 @@ class TalcSettings:
             f"1 with selector {self.training.selector!r}: its models need steps in a row that were measured",
         )
         require(
-            self.control.policy == "fixed" or self.training.selector == "search",
+            self.control.policy != "uncertainty" or self.training.selector == "search",
             "policy",
             self.control.policy,
-            f"'fixed' with selector {self.training.selector!r}, whose models do not report their uncertainty",
+            f"'fixed' or 'novelty' with selector {self.training.selector!r}, whose models know inputs that training "
+            "has not seen, but not how their uncertainty grows with time",
         )

@@ -33,7 +33,7 @@ class Fitted:
     """The same on rows that the fit has not seen, the last ones; otherwise like `residual`."""
     criterion: float
     leverage: FloatArray
-    """Empty: unknown, as for ARX models; see talc.models."""
+    """See talc.models."""
     leverage_limit: float
     resets_history: bool
 
@@ -133,16 +133,40 @@ def by_arx(
         raise ValueError(f"a pole of magnitude {largest:.4f}, expected less than {settings.max_pole}")
     left = window.y - simulate(window, structure, parameters)
     residual = left[np.isfinite(left)]
+    leverage, limit = _leverage(window, structure, parameters)
     return Fitted(
         inputs=structure.inputs,
         parameters=parameters,
         residual=residual,
         unseen=residual,
         criterion=float(criterion) if np.isfinite(criterion) else float(np.mean(residual**2)),
-        leverage=np.zeros((0, 0)),
-        leverage_limit=0.0,
+        leverage=leverage,
+        leverage_limit=limit,
         resets_history=True,
     )
+
+
+def _leverage(window: Window, structure: Structure, parameters: Coefficients) -> tuple[FloatArray, float]:
+    """(p, p) inverse of X'X / T of the inputs as the free run filters them, over all rows, and the largest leverage.
+
+    It tells inputs that training has not seen, wherever outputs were measured. Before the record they stood still.
+    """
+    from scipy.signal import lfilter
+
+    lags = [(s, j) for s, nb in zip(structure.inputs, structure.nb, strict=True) for j in range(nb + 1)]
+    if not lags:
+        return np.zeros((0, 0)), 0.0
+    before = max(structure.nb)
+    u = np.vstack([np.repeat(window.u[:1], before, axis=0), window.u])
+    x = np.column_stack([u[before - j : len(u) - j, s] for s, j in lags])
+    a = np.concatenate([[1.0], parameters.a])
+    still = x[0] / a.sum()
+    x = lfilter([1.0], a, x - x[0], axis=0) + still
+    scale = np.maximum(np.sqrt(np.mean(x**2, axis=0)), 1e-12)
+    own = x / scale
+    inverse = np.linalg.pinv(own.T @ own / len(own) + RIDGE * np.eye(len(lags)), hermitian=True)
+    reach = float(np.einsum("ij,jk,ik->i", own, inverse, own).max())
+    return np.asarray(inverse / np.outer(scale, scale), dtype=np.float64), reach
 
 
 def _with_past(window: Window, settings: TrainingSettings, swarm: Callable[..., pso.Chosen]) -> Window:

@@ -98,9 +98,9 @@ def test_settings_that_could_never_work_are_refused() -> None:
     control = ControlSettings(calibration_steps=100)
     with pytest.raises(ValueError, match="window_steps = 99: expected calibration_steps = 100 or more"):
         TalcSettings(method="models", control=control, training=TrainingSettings(window_steps=99))
-    with pytest.raises(ValueError, match="policy = 'novelty': expected 'fixed' with selector 'pso'"):
+    with pytest.raises(ValueError, match="policy = 'uncertainty': expected 'fixed' or 'novelty' with selector 'pso'"):
         TalcSettings(
-            method="models", control=ControlSettings(policy="novelty"), training=TrainingSettings(selector="pso")
+            method="models", control=ControlSettings(policy="uncertainty"), training=TrainingSettings(selector="pso")
         )
     with pytest.raises(ValueError, match="calibration_interval_steps = 2: expected 1 with selector 'tck'"):
         TalcSettings(

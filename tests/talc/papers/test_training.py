@@ -10,6 +10,7 @@ from scipy.signal import lfilter
 from talc.frame import TrainingJob, Why
 from talc.kinds import EventCode
 from talc.models import ModelSet
+from talc.papers.free_running import FreeRunningModel
 from talc.papers.output_error import Design, fit
 from talc.papers.training import train
 from talc.settings import TrainingSettings
@@ -149,6 +150,23 @@ def test_the_papers_ways_predict_and_stay_stable(selector: str, estimator: str) 
         error = model.free_run(s.inputs[:, columns], measured)[288:] - s.truth[288:, e]
         left.append(np.sqrt(np.mean(error**2)) / s.truth[288:, e].std())
     assert np.median(left) < 0.6, left
+
+
+@pytest.mark.parametrize("selector", ["pso", "tck"])
+def test_the_papers_ways_know_the_inputs_that_they_were_trained_with(selector: str) -> None:
+    s = series(400, seed=6)
+    settings = TrainingSettings(selector=selector, max_na=2, max_nb=1)  # type: ignore[arg-type]
+    found = [m for m in train(job(s, slice(0, 300), settings=settings)).models if m is not None and m.inputs]
+    assert found
+    for model in found:
+        running = FreeRunningModel(model, [s.names.index(name) for name in model.inputs])
+        seen = [running.step(row, np.nan) for row in s.inputs[:300]]
+        assert max(e.novelty for e in seen) == pytest.approx(1.0)  # the largest of training, wherever it was
+        hot = s.inputs[300:].copy()
+        hot[:, [s.names.index(name) for name in model.inputs]] += 8.0 * model.u_std
+        strange = [running.step(row, np.nan) for row in hot]
+        assert strange[-1].novelty > 1.0
+        assert strange[-1].sigma > seen[-1].sigma
 
 
 def test_without_measured_predecessors_the_papers_ways_say_what_they_lack() -> None:
