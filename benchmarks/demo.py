@@ -301,11 +301,10 @@ def _e_pv(row: SummaryRow) -> tuple[float, float]:
 
 def _apart(parts: Sequence[Sequence[SummaryRow]], of: Callable[[SummaryRow], tuple[float, float]]) -> str:
     """The first hour and the rest, as medians; parts: those of each run, which may have none."""
-    told = [
-        f"{said} {np.median(left):.2f} of {np.median(without):.2f}"
-        for said, same in zip(("first hour", "after it"), zip(*parts, strict=False), strict=False)
-        for without, left in [tuple(zip(*map(of, same), strict=True))]
-    ]
+    told = []
+    for said, same in zip(("first hour", "after it"), zip(*parts, strict=False), strict=False):
+        without, left = np.median([of(row) for row in same], axis=0)
+        told.append(f"{said} {left:.2f} of {without:.2f}")
     return f"; {', '.join(told)}" if told else ""
 
 
