@@ -12,11 +12,12 @@ from studies.page import page_html
 from studies.parameters import STUDY as _PARAMETERS
 from studies.parameters_pictures import bands, dots
 from studies.published import published, renew
+from studies.published_grid import STUDY as _PUBLISHED_GRID
 from studies.test_piece import STUDY as _TEST_PIECE
 from studies.test_piece_report import features
 
 STUDIES: dict[str, Study] = {
-    study.name: study for study in (_ARX_VS_STATIC, _ADAPTIVE_INPUTS, _PARAMETERS, _TEST_PIECE)
+    study.name: study for study in (_ARX_VS_STATIC, _ADAPTIVE_INPUTS, _PARAMETERS, _PUBLISHED_GRID, _TEST_PIECE)
 }
 _DRAWINGS = (bands, bars, boxes, chosen, course, dots, features)
 

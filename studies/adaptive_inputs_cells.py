@@ -138,8 +138,9 @@ def _single_run(course: Rows | None, chosen: Rows | None) -> dict[str, float]:
     found: dict[str, float] = {}
     if chosen is not None:
         found["model updates of the single run, adaptive"] = len(chosen) - 2.0  # the first ends the calibration
-    if course is not None:
-        limits = [float(cell) for cell in columns(course)["EX0C limit"] if cell not in ("", "nan")]
+    known = () if course is None else columns(course)["EX0C limit"]
+    limits = [float(cell) for cell in known if cell not in ("", "nan")]
+    if limits:
         found["least limit of EX0C in the single run, adaptive, µm"] = min(limits)
         found["largest limit of EX0C in the single run, adaptive, µm"] = max(limits)
     return found

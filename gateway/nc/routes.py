@@ -230,6 +230,7 @@ def offsets_text(coefficients: FloatArray) -> str:
 
 
 def positions(snapshot: NcSnapshot) -> FloatArray:
-    """(5,) X Y Z in mm, A C in radians."""
+    """(5,) X Y Z in mm, A C in radians; A within half a turn, though an axis may count many."""
     at = snapshot.positions
-    return np.array([at["X"], at["Y"], at["Z"], math.radians(at["A"]), math.radians(at["C"])])
+    a_deg = math.remainder(at["A"], 360.0) if math.isfinite(at["A"]) else at["A"]
+    return np.array([at["X"], at["Y"], at["Z"], math.radians(a_deg), math.radians(at["C"])])

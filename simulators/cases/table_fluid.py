@@ -15,6 +15,7 @@ Letter = Literal["A", "B", "C", "D"]
 STAND_SHARE = 0.25
 SPEED_HOLD_H = (0.5, 3.0)
 FLUID_HOLD_H = (2.0, 8.0)
+_SPEEDS_HOLD_H = {"A": (4.0, 8.0), "B": (2.0, 4.0), "C": (0.5, 2.0), "D": (0.5, 2.0)}
 SHIFT_H = 16.0
 """Working hours of a day in case D, from the start of the series."""
 
@@ -49,6 +50,29 @@ def table_and_fluid(letter: Letter, seed: int, *, hours: float = 120.0, step_s: 
     drives = tuple(
         MachineDrive(speed_c=part * HIGHEST.speed_c, coolant_on=bool(on)) if working else MachineDrive()
         for part, on, working in zip(speed.tolist(), wet.tolist(), works.tolist(), strict=True)
+    )
+    return Stretch(letter, SEASONS["spring"], drives)
+
+
+def table_speeds(letter: Letter, seed: int, *, hours: float, step_s: float = 300.0) -> Stretch:
+    """One of B19's four load cases: the speed of C varies in all of them, and only in D cutting fluid is switched.
+
+    A: each speed lasts 4 to 8 h; B: 2 to 4 h; C: 0.5 to 2 h; D: as C, with fluid on or off for 2 to 8 h. How the speeds
+    of the paper's cases differ is not known: lengths and speeds are our choice. In the spring hall. ValueError: another
+    letter, or hours not positive.
+    """
+    if letter not in get_args(Letter):
+        raise ValueError(f"letter {letter!r}: expected A, B, C or D")
+    if not hours > 0:
+        raise ValueError(f"hours = {hours}: expected more than 0")
+    steps = round(hours * 3600 / step_s)
+    speeds, fluid = np.random.default_rng([seed, 8]), np.random.default_rng([seed, 9])
+    speed = _held(steps, step_s, _SPEEDS_HOLD_H[letter], speeds, lambda draw: float(draw.uniform(0.0, 1.0)))
+    on_off = cycle((1.0, 0.0))
+    wet = _held(steps, step_s, FLUID_HOLD_H, fluid, lambda _: next(on_off)) if letter == "D" else np.zeros(steps)
+    drives = tuple(
+        MachineDrive(speed_c=part * HIGHEST.speed_c, coolant_on=bool(on))
+        for part, on in zip(speed.tolist(), wet.tolist(), strict=True)
     )
     return Stretch(letter, SEASONS["spring"], drives)
 

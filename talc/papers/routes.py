@@ -107,7 +107,7 @@ def by_arx(
         safety=settings.safety,
         most=settings.max_inputs,
     )
-    window = _with_past(window, settings, swarm)
+    window = _with_past(window, settings, swarm, fixed)
     regression = Regression(window, settings.max_na, settings.max_nb)
     criterion = np.nan
     if settings.selector == "tck" and fixed is None:
@@ -169,17 +169,19 @@ def _leverage(window: Window, structure: Structure, parameters: Coefficients) ->
     return np.asarray(inverse / np.outer(scale, scale), dtype=np.float64), reach
 
 
-def _with_past(window: Window, settings: TrainingSettings, swarm: Callable[..., pso.Chosen]) -> Window:
+def _with_past(
+    window: Window, settings: TrainingSettings, swarm: Callable[..., pso.Chosen], fixed: tuple[int, ...] | None
+) -> Window:
     """The rows with unmeasured outputs as a first model estimates them, so that every measured row counts.
 
     Z22 eq. 2 and 5: an unmeasured past output is the model's own prediction; the weights stand on the measured rows.
-    The first model is a short swarm's on the rows whose earlier outputs were measured.
+    The first model is on the rows whose earlier outputs were measured: a short swarm's, or of the inputs that are kept.
     """
     regression = Regression(window, settings.max_na, settings.max_nb)
     reach = max(settings.max_na, settings.max_nb)
     if len(regression.y) == np.isfinite(window.y[reach:]).sum():
         return window
-    structure = swarm(regression, iterations=_FIRST_ITERATIONS).structure
+    structure = _orders(regression, fixed) if fixed else swarm(regression, iterations=_FIRST_ITERATIONS).structure
     parameters = least_squares_fit(regression, structure).parameters
     if np.any(np.abs(np.roots(np.concatenate([[1.0], parameters.a]))) >= settings.max_pole):
         return window

@@ -24,15 +24,20 @@ from tests.benches.linuxcnc_bench import AgentBench, running, until
 
 LENGTH_MM, SAFE_MM, BALL_MM, RADIUS_MM, HEIGHT_MM = 40.0, 200.0, 13.0, 120.0, 80.0
 TOOLS: Final = f"T99 P99 Z{LENGTH_MM:g} D6 ;probe\nT1 P1 Z100 D8 ;mill\n"
+ACCELERATION_MM_PER_S2, OFFSETS_SHARE, APPROACH_MM_PER_S = 20000, 0.1, 100.0
 MACHINE: Final = {
     **HURRY,
-    **dict.fromkeys(("MAX_ACCELERATION", "MAX_LINEAR_ACCELERATION", "MAX_ANGULAR_ACCELERATION"), 20000),
-    **{"FEED": 300, "FIND_FEED": 2000, "APPROACH_FEED": 6000},
+    **dict.fromkeys(("MAX_LINEAR_ACCELERATION", "MAX_ANGULAR_ACCELERATION"), ACCELERATION_MM_PER_S2),
+    "MAX_ACCELERATION": f"{ACCELERATION_MM_PER_S2}\nOFFSET_AV_RATIO = {OFFSETS_SHARE}",  # external offsets are possible
+    **{"FEED": 300, "FIND_FEED": 2000, "APPROACH_FEED": 60.0 * APPROACH_MM_PER_S},
 }
-SIGNALS: Final = ("x-drive", "y-drive", "z-drive", "a-drive", "c-drive", "sphere-size")
-DEEP_MM: Final = 0.6
-"""How far the stylus gives way: the way to stop from APPROACH_FEED is a quarter of a millimetre."""
+SIGNALS: Final = ("x-drive", "y-drive", "z-drive", "a-drive", "c-drive", "sphere-size", "ceiling-at")
+DEEP_MM: Final = APPROACH_MM_PER_S**2 / (ACCELERATION_MM_PER_S2 * (1.0 - OFFSETS_SHARE)) + APPROACH_MM_PER_S * 0.004
+"""How far the stylus gives way: the way to stop from APPROACH_FEED, as LinuxCNC brakes with half of the acceleration
+where it may blend moves, and what it takes four servo periods to notice it."""
 MORE_MM, STANDS_MM = 3.5, 1e-6
+CEILING_MM, NO_CEILING_MM = 5.0, 1e6
+"""Over the spindle, which is lower than at SAFE_Z: whatever goes up meets it."""
 AUTO: Final = 2
 BLOCKS: Final = (
     *("G53 G1 F2000 X[#<_abs_x> + 5]", "G53 G1 F2000 Y[#<_abs_y> - 5]", "G53 G1 F600 C[#<_abs_c> + 0.01]"),
@@ -43,7 +48,7 @@ QUEUED: Final = ("G0 X5", "G91", "G20", "G55", "G43.1 Z1", "M3 S500")
 """Commanded in MDI meanwhile: LinuxCNC keeps it for after the cycle."""
 KINDS: Final = (
     *("block", "mdi", "mode", "stop", "estop", "off", "limit", "travel", "transformation", "contact", "probe"),
-    "may-start",
+    *("may-start", "ceiling", "hand"),
 )
 STOPS: Final = ("mode", "stop", "estop", "off", "limit", "travel", "may-start")
 """After these LinuxCNC itself has stopped the program, as after a contact in a rapid move: the machine stands until the
@@ -53,6 +58,7 @@ PINS: Final = {
     "may-start": ("talc.may-start", "0"),
     "transformation": ("motion.switchkins-type", "1"),
 }
+BUTTONS: Final = {"stop": "send_abort", "estop": "estop", "off": "send_off"}
 STOPPED: Final = "the program was stopped"
 FINAL: Final = (ProbingState.DONE, ProbingState.REFUSED, ProbingState.FAILED)
 
@@ -64,7 +70,7 @@ class Disturbed:
     kind: str
     status: RequestStatus
     deepest_mm: float
-    """How far the tip was in the sphere at most."""
+    """How far the tip was in the sphere at most, or the spindle beyond the ceiling."""
     up_mm: float
     """Height of the tip at the end; SAFE_MM is safe."""
     moved_mm: float
@@ -96,9 +102,14 @@ async def disturbable(folder: Path, **settings: object) -> AsyncIterator[AgentBe
         (nc / "talc_near.ngc").write_text(near.replace("o<talc_check> call\n", "o<foreign> call\no<talc_check> call\n"))
         for words in (
             *("newsig sphere-size float", f"sets sphere-size {BALL_MM}", "linkps sphere-touch.in1 sphere-size"),
-            *("loadrt or2 names=felt-or-dead", "addf felt-or-dead servo-thread", "unlinkp motion.probe-input"),
+            *("loadrt or2 names=felt-or-dead,felt-or-hit", "loadrt wcomp names=ceiling", "net z-drive => ceiling.in"),
+            *("net ceiling-at ceiling.min", f"sets ceiling-at {NO_CEILING_MM}"),
+            *("setp ceiling.max 1e9", "unlinkp motion.probe-input"),
             *("net sphere-felt => felt-or-dead.in0", "net probe-dead => felt-or-dead.in1 talc.probe-error"),
-            "net probe-input felt-or-dead.out => motion.probe-input",
+            *("net felt-so-far felt-or-dead.out => felt-or-hit.in0", "net ceiling-hit ceiling.out => felt-or-hit.in1"),
+            *("net probe-input felt-or-hit.out => motion.probe-input", "addf felt-or-dead servo-thread"),
+            *("addf ceiling servo-thread", "addf felt-or-hit servo-thread"),
+            *("setp axis.x.eoffset-scale 0.001", "setp axis.x.eoffset-enable 1"),
         ):
             await bench.operator.ask("hal", *words.split())
         await bench.operator.ask("hal", "setp", "talc.may-start", "1")
@@ -108,18 +119,19 @@ async def disturbable(folder: Path, **settings: object) -> AsyncIterator[AgentBe
 async def _disturb(bench: AgentBench, kind: str, draw: random.Random) -> None:
     hal = bench.operator
     match kind:
+        case "ceiling":
+            await until(lambda: _is_low(bench))
+            await lower_ceiling(bench)
+        case "hand":
+            await _turn_wheel(bench, draw.choice((-1, 1)) * 20)
         case "block":
             await hal.ask("hal", "setp", "motion.analog-in-20", str(1 + draw.randrange(len(BLOCKS))))
         case "mdi":
             await hal.ask("send_mdi", draw.choice(QUEUED))
         case "mode":
             await hal.ask("send_mode", draw.choice((MANUAL, AUTO)))
-        case "stop":
-            await hal.ask("send_abort")
-        case "estop":
-            await hal.ask("estop")
-        case "off":
-            await hal.ask("send_off")
+        case "stop" | "estop" | "off":
+            await hal.ask(BUTTONS[kind])
         case "limit":
             await hal.ask("hal", "setp", f"joint.{draw.randrange(5)}.pos-lim-sw-in", "1")
         case "travel" | "may-start" | "transformation":
@@ -129,12 +141,29 @@ async def _disturb(bench: AgentBench, kind: str, draw: random.Random) -> None:
             await hal.ask("hal", "sets", *signals[kind])
 
 
+async def _is_low(bench: AgentBench) -> bool:
+    return await bench.operator.number("gets", "z-drive") < LENGTH_MM + SAFE_MM - 4.0 * CEILING_MM
+
+
+async def _turn_wheel(bench: AgentBench, counts: int) -> None:
+    """Of an external offset, thousandths of a millimetre, and back again."""
+    await bench.operator.ask("hal", "setp", "axis.x.eoffset-counts", str(counts))
+    await bench.pass_time(0.2)
+    await bench.operator.ask("hal", "setp", "axis.x.eoffset-counts", "0")
+
+
+async def lower_ceiling(bench: AgentBench) -> None:
+    at_mm = await bench.operator.number("gets", "z-drive") + CEILING_MM
+    await bench.operator.ask("hal", "sets", "ceiling-at", str(at_mm))
+
+
 async def _mend(bench: AgentBench) -> None:
     """What the operator does afterwards, but for the retract."""
     hal = bench.operator
     await hal.ask("hal", "setp", "motion.analog-in-20", "0")
     await hal.ask("hal", "setp", "motion.switchkins-type", "0")
     await hal.ask("hal", "setp", "ini.z.max_limit", "300")
+    await hal.ask("hal", "sets", "ceiling-at", str(NO_CEILING_MM))
     await hal.ask("hal", "sets", "probe-dead", "0")
     await hal.ask("hal", "setp", "talc.may-start", "1")
     for joint in range(5):
@@ -180,7 +209,7 @@ async def disturbed(bench: AgentBench, kind: str, number: int, draw: random.Rand
         up = np.array(await hal.ask("recorded"))
         sideways = float(max(np.ptp(up[:, [0, 1, 3, 4]], axis=0).max(), -np.diff(up[:, 2]).min(initial=0.0)))
         rows = np.vstack([rows, still, up])
-    deepest = max(_deepest(rows), _deepest(before))
+    deepest = max(_deepest(rows), _deepest(before), beyond_ceiling_mm(rows))
     await hal.ask("mdi", "G21 G90 G54 G94 G8 G92.1 G49 G80 M5")
     await hal.ask("mdi", "T0 M6")
     await hal.ask("send_mode", MANUAL)
@@ -194,6 +223,12 @@ def distances(rows: FloatArray) -> FloatArray:
     centres = np.array([centre_mm([0.0] * 9, a, c, RADIUS_MM, HEIGHT_MM) for a, c in rows[:, 3:5]])
     distances: FloatArray = np.linalg.norm(tip - centres, axis=1)
     return distances
+
+
+def beyond_ceiling_mm(rows: FloatArray) -> float:
+    """How far the spindle went after it had met the ceiling; it may have been higher when that came."""
+    under = rows[rows[:, 6] < NO_CEILING_MM]
+    return float(under[:, 2].max() - max(under[0, 2], under[0, 6])) if len(under) else -np.inf
 
 
 def _deepest(rows: FloatArray) -> float:

@@ -87,8 +87,10 @@ def test_the_report_marks_the_papers_figures_and_draws_what_it_has(studied: Stud
     }
     table: Any = report.sections[0].blocks[0]
     assert {row.cells[-1] for row in table.rows if row.paper} >= {f"{v:g}" for v in PAPER_MEAN_E_PV.values()}
-    assert all(row.cells.count("not at hand") >= 8 for row in table.rows if row.paper)
-    course: Any = report.sections[-1].blocks[0]
+    theirs = {row.cells[0]: dict(zip(table.head, row.cells, strict=True)) for row in table.rows if row.paper}
+    assert theirs["paper: none"]["EX0C, µm"] == "72.7"
+    assert theirs["paper: Group-LASSO, adaptive"]["EB0C, µm/m"] == "36.8"
+    course: Any = report.sections[-2].blocks[0]
     assert course.svg().startswith("<svg")
     drawn = next(run.result["drawn"] for run in small if run.parameters["inputs"] == "adaptive")
     assert len(drawn["left"][0]) == SMALL_STEPS / 3
@@ -147,6 +149,22 @@ def test_the_papers_small_errors_are_those_two_and_no_other() -> None:
         claim = claims_of([made_up("pso", "adaptive", r, left) for r in range(3)])[text]
         assert claim.holds is holds
     assert claim.here.endswith(": EY0A, EY0C")
+
+
+def test_each_printed_figure_stands_beside_ours() -> None:
+    runs = [made_up("pso", "static", r, [4.0 + r] * 9, [8.0] * 9) for r in (0, 1)]
+    runs += [made_up("pso", "adaptive", r, [2.0 + r] * 9, [8.0] * 9) for r in (0, 1)]
+    runs += [made_up("tck", "adaptive", r, [6.0] * 9, [8.0] * 9) for r in (0, 1)]
+    beside: Any = STUDY.report(runs).sections[-1].blocks[1]
+    ours = {row.cells[0]: row.cells[2] for row in beside.rows}
+    assert len(ours) == 120
+    assert ours["Table 3, EX0C, E_PV, uncompensated, µm"] == "8"
+    assert ours["Table 3, EX0C, E_PV, reduction, %"] == "68.8"  # to 2.5 of 8
+    assert ours["Table 4, EC0C, E_RMS, reduction, static, %"] == "43.8"  # to 4.5
+    assert ours["text, mean E_PV of six, TCK, µm"] == "6"
+    assert ours["text, deviation of E_PV of six, adaptive against static, % less"] == "0"
+    assert ours["text, reduction of E_PV of six, Group-LASSO over TCK, % higher"] == "175"  # 68.75 over 25
+    assert ours["text, limit of EX0C in the single run, static, µm"] == "–"
 
 
 def test_the_borders_of_the_seasons_are_drawn_where_the_next_one_begins() -> None:

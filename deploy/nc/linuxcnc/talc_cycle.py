@@ -183,7 +183,7 @@ class Cycle:
         elif nc.task_mode != mode:
             self._void = "somebody changed the operating mode"
             command.abort()  # in MANUAL the program would neither go on nor end
-        elif nc.queued_mdi_commands or now_in[1] not in ("", block) or hal.get_value("motion.switchkins-type"):
+        elif nc.queued_mdi_commands or now_in[1] not in ("", block) or _by_hand(nc):
             self._void = BY_OTHERS
             self._pins["withdrawn"] = -float(self._number)
 
@@ -231,6 +231,12 @@ def _is_ready(nc: Any) -> bool:
 
 def _idle(nc: Any) -> bool:
     return nc.interp_state == linuxcnc.INTERP_IDLE and nc.state != linuxcnc.RCS_EXEC and not nc.queued_mdi_commands
+
+
+def _by_hand(nc: Any) -> bool:
+    """Whether the machine is moved, or may be, in another way than by the program: also within one of its moves."""
+    jogged = nc.motion_mode != linuxcnc.TRAJ_MODE_COORD
+    return jogged or any(hal.get_value(f"motion.{pin}") for pin in ("switchkins-type", "eoffset-active"))
 
 
 def _moves(nc: Any) -> bool:

@@ -13,6 +13,7 @@ from simulators.linuxcnc.machine import FILES
 from tests.benches.linuxcnc_module import linuxcnc_module
 
 MDI, IDLE, READING, CALL = 3, 1, 2, "o<talc_safe_point> call"
+COORDINATED, BY_HAND = 2, 3
 OTHERS = "somebody else moved the machine or changed its modes"
 
 
@@ -21,6 +22,7 @@ def cycle(monkeypatch: pytest.MonkeyPatch) -> Any:
     """A cycle whose request 7 the program has just taken; LinuxCNC's modules have only their constants."""
     numbers = {
         "STATE_ON": 4, "INTERP_IDLE": IDLE, "RCS_EXEC": 2, "MODE_MANUAL": 1, "MODE_AUTO": 2, "MODE_MDI": MDI,
+        "TRAJ_MODE_COORD": COORDINATED,
     }  # fmt: skip
     linuxcnc, hal = ModuleType("linuxcnc"), ModuleType("hal")
     linuxcnc.__dict__.update(numbers)
@@ -50,7 +52,7 @@ def status(**changed: object) -> Any:
     """LinuxCNC's, while it calls the cycle in MDI."""
     at_work = {
         "task_state": 4, "homed": [1], "joints": 1, "task_mode": MDI, "command": CALL, "interp_state": READING,
-        "state": 2, "queued_mdi_commands": 0,
+        "state": 2, "queued_mdi_commands": 0, "motion_mode": COORDINATED,
     }  # fmt: skip
     return SimpleNamespace(**at_work | changed)
 
@@ -80,7 +82,12 @@ def test_a_status_from_before_the_program_began_does_not_void_the_cycle(old: Any
 
 @pytest.mark.parametrize(
     ("foreign", "from_s"),
-    [({"queued_mdi_commands": 1}, 0.1), ({"queued_mdi_commands": 1}, 0.5), ({"command": "G0 X5"}, 0.5)],
+    [
+        ({"queued_mdi_commands": 1}, 0.1),
+        ({"queued_mdi_commands": 1}, 0.5),
+        ({"command": "G0 X5"}, 0.5),
+        ({"motion_mode": BY_HAND}, 0.5),
+    ],
 )
 def test_what_somebody_else_commands_voids_it_also_from_its_beginning(
     foreign: dict[str, object], from_s: float, cycle: Any

@@ -15,11 +15,14 @@ from tests.benches.linuxcnc_foreign import (
     FINAL,
     KINDS,
     LENGTH_MM,
+    NO_CEILING_MM,
     SAFE_MM,
     SIGNALS,
+    beyond_ceiling_mm,
     distances,
     disturbable,
     disturbed,
+    lower_ceiling,
 )
 
 pytestmark = [pytest.mark.peer, pytest.mark.slow, pytest.mark.waits(40)]
@@ -34,17 +37,44 @@ REASONS = {
     "mode": "somebody changed the operating mode",
     "limit": "the machine is off or not homed",
     "may-start": "the pin talc.may-start became FALSE",
+    "hand": "somebody else moved the machine or changed its modes",
 }
 
 
 async def test_a_cycle_that_was_not_alone_has_no_result_and_leaves_the_probe_safe(tmp_path: Path) -> None:
     draw = random.Random(7)
     async with disturbable(tmp_path) as bench:
-        for number, kind in enumerate(("block", "mdi", "mode", "limit", "contact", "probe", "may-start"), start=1):
+        kinds = ("block", "mdi", "mode", "limit", "contact", "probe", "may-start", "hand")
+        for number, kind in enumerate(kinds, start=1):
             assert kind in KINDS
             one = await disturbed(bench, kind, number, draw)
             assert one.safe, one
             assert kind not in REASONS or one.status.reason == REASONS[kind]
+
+
+async def test_below_the_safe_height_every_way_up_stops_at_a_contact_within_the_declared_way(tmp_path: Path) -> None:
+    async with disturbable(tmp_path) as bench:
+        hal = bench.operator
+
+        async def is_over() -> bool:
+            return (await bench.nc.probing_status(1)).state in FINAL and await hal.sees(idle=True)
+
+        assert await hal.number("gets", "z-drive") == pytest.approx(0.0, abs=1e-6)
+        await lower_ceiling(bench)  # on the way up to SAFE_Z, before the first pose
+        await hal.ask("record", *SIGNALS)
+        await bench.nc.request_probing(1)
+        await until(is_over)
+        rows = np.array(await hal.ask("recorded"))
+        first = await bench.nc.probing_status(1)
+        await hal.ask("hal", "sets", "ceiling-at", str(NO_CEILING_MM))
+        await hal.ask("mdi", "o<talc_retract> call")
+        await hal.ask("mdi", "T0 M6")
+        # Up from beside the sphere, or over it, and then the retract.
+        one = await disturbed(bench, "ceiling", 2, random.Random(3))
+    assert (first.state, first.centres_mm) == (ProbingState.FAILED, None)
+    assert 0.0 < beyond_ceiling_mm(rows) < DEEP_MM
+    assert np.abs(rows[:, [0, 1, 3, 4]]).max() == 0.0, "nothing but Z has moved"
+    assert one.safe, one
 
 
 async def test_a_withdrawal_within_a_touch_ends_the_cycle_before_the_next_one(tmp_path: Path) -> None:

@@ -264,6 +264,34 @@ async def test_after_a_failed_cycle_the_part_program_waits_for_the_operator(benc
     assert await hal.sees(turns=True, flood=True)
 
 
+async def test_after_a_withdrawn_cycle_no_spindle_starts_by_itself(bench: AgentBench, tmp_path: Path) -> None:
+    hal = bench.operator
+
+    async def goes_on() -> bool:
+        return await hal.number("getp", "motion.analog-out-09") == 2.0
+
+    async def waits_or_goes_on() -> bool:
+        return await hal.sees(paused=True) or await goes_on()
+
+    for number, begin in ((1, "M3 S800\n"), (2, "")):
+        program = f"{begin}M68 E9 Q1\no<talc_safe_point> call\nM68 E9 Q2\nG4 P600\nM2\n"
+        (tmp_path / "machine" / "nc" / "part.ngc").write_text(program)
+        await bench.nc.request_probing(number)
+        await hal.ask("run", "part.ngc")
+        await reaches(bench, number, ProbingState.RUNNING)
+        await bench.nc.withdraw_probing(number)
+        withdrawn = await reaches(bench, number, *FINAL)
+        assert (withdrawn.state, withdrawn.reason) == (ProbingState.FAILED, "withdrawn")
+        await until(waits_or_goes_on)
+        if begin:
+            assert not await goes_on()
+            assert await hal.sees(turns=False)
+            await hal.ask("resume")
+            await until(goes_on)
+        assert await hal.sees(turns=bool(begin))
+        await hal.ask("abort")
+
+
 async def test_without_a_probe_in_the_tool_table_no_program_is_disturbed(tmp_path: Path) -> None:
     """LinuxCNC would end the part program that asks for a tool it does not know."""
     async with running(tmp_path, HURRY, tools="T5 P5 Z17 D6 ;mill\n") as bench:

@@ -4,7 +4,7 @@ The tests cover their form, their slew, and the link that sends them.
 """
 
 import asyncio
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ from gateway.model.compensation import Write
 from gateway.model.notice import Notice
 from gateway.model.probing import End
 from gateway.nc.link import NcLink
-from gateway.nc.routes import AgentRoute, ByErrors, differ
+from gateway.nc.routes import AgentRoute, ByErrors, differ, positions
 from gateway.nc.settings import Earlier, Identity, LinkSettings, Listeners
 from gateway.nc.slew import Slew
 from talc import kinematics
@@ -60,6 +60,15 @@ async def test_the_errors_arrive_as_they_were_predicted_and_are_read_back_the_sa
     assert differ(found, form(control).wanted(WARM + np.eye(9)[6], AT, RADIUS_M)), "one µm/m of tilt"
     shift = (found * form(control).basis(AT)).sum(axis=1)
     assert shift == pytest.approx(kinematics.tcp_offsets(WARM, AT, RADIUS_M))
+
+
+async def test_an_a_axis_that_has_turned_many_times_is_where_it_is() -> None:
+    snapshot = await ScriptedControl(SteppedClock()).snapshot()
+    tilted, turned = (replace(snapshot, positions=snapshot.positions | {"A": a}) for a in (-35.0, 3565.0))
+    assert positions(turned) == pytest.approx(positions(tilted))
+    assert kinematics.tcp_offsets(WARM, positions(turned), RADIUS_M) == pytest.approx(
+        kinematics.tcp_offsets(WARM, positions(tilted), RADIUS_M)
+    )
 
 
 def test_no_point_of_the_travel_moves_faster_than_the_slew_and_the_nine_keep_their_proportion() -> None:
