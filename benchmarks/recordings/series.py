@@ -17,6 +17,7 @@ from gateway.reporting.recordings.layout import TextLayout, Unknown
 from gateway.reporting.recordings.problems import FileProblems, RecordingError
 from gateway.reporting.recordings.times import TIME_UNITS, forms_of, second_of
 from talc.frame import LARGEST_ERROR, LARGEST_INPUT, BoolArray, FloatArray, IntArray
+from talc.learner.plausible import strange_cells
 from talc.units import named_unit
 
 _NUMERIC = 0.5
@@ -148,9 +149,8 @@ def _gridded(
         if said.reference == "first":
             truth[:, e] -= known[0]
         elif said.reference == "run":
-            for rows in (run[first] == number for number in np.unique(run)):
-                of_run = truth[rows, e]
-                truth[rows, e] -= next(iter(of_run[np.isfinite(of_run)]), 0.0)
+            _zero_each_run(truth[:, e], run[first])
+    notes += _no_values(kept, on_grid, k, step_s)
     return Series(
         name=said.name or description.stem,
         step_s=step_s,
@@ -167,6 +167,23 @@ def _gridded(
         notes=tuple(notes),
         zero_each_run=said.reference == "run",
     )
+
+
+def _zero_each_run(truth: FloatArray, run: IntArray) -> None:
+    """(T,) one error, from its first value in each run; in place."""
+    for rows in (run == number for number in np.unique(run)):
+        known = truth[rows & np.isfinite(truth)]
+        truth[rows] -= known[0] if known.size else 0.0
+
+
+def _no_values(names: Sequence[str], inputs: FloatArray, k: IntArray, step_s: float) -> list[str]:
+    """Notes on cells that a fault has made."""
+    notes = []
+    for cells in strange_cells(names, inputs, k, step_s):
+        with_other = f" with {cells.other!r}" if cells.other != cells.input else ""
+        where = f"{cells.count} steps, from {(k[cells.first] - k[0]) * step_s / 3600.0:.1f} h on"
+        notes.append(f"column {cells.input!r}: no value of it in {where}: {cells.fault.value}{with_other}")
+    return notes
 
 
 def _roles(head: Sequence[str], said: Description, description: Path) -> list[str]:

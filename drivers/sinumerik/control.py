@@ -49,6 +49,8 @@ _EMERGENCY_STOP: Final = 3000
 """Alarm while an emergency stop is pressed or not yet acknowledged."""
 _KNOWS_DRY_RUNS: Final = 2
 """Version of TALC_SAFE_POINT that does."""
+_DRY: Final = -1.0
+"""In place of the version, with the request: the program refuses it if another program has taken its height away."""
 
 
 class Sinumerik:
@@ -131,9 +133,10 @@ class Sinumerik:
     def runs_dry(self) -> bool | None:
         """Implements RunsDry. What it shows may be old, so no dry run is asked for until the program has shown it
         again; None: no call of TALC_SAFE_POINT has shown anything since power on."""
-        if not self._shown_version or not math.isfinite(self._shown_version):
+        shown = self._shown_version
+        if shown is None or not math.isfinite(shown) or shown <= 0:
             return None
-        return self._shown_version == _KNOWS_DRY_RUNS
+        return shown == _KNOWS_DRY_RUNS
 
     async def _look_at_units(self) -> None:
         """Raises WrongDevice for an inch system. A gateway that only reads goes on if it may not read the unit."""
@@ -247,8 +250,11 @@ class Sinumerik:
         """Raises BadAnswer when the control does not keep the height: a dry run must not touch, and a cycle must."""
         height, hand = self._heights[number], self._settings.handshake
         values = {self._settings.r(hand.valid_for): hand.request_valid_for_s, self._height: height}
+        [shown] = await self._session.read((self._shown,))
         if height:
-            values[self._shown] = 0.0  # the call that runs it sets it once more
+            values[self._shown] = _DRY  # the call that runs it sets it once more
+        elif code_of(shown) == _DRY:
+            values[self._shown] = 0.0  # a dry run was withdrawn before any call
         await self._session.write(values)
         [found] = self._numbers((self._height,), await self._session.read((self._height,)))
         self._check_height(found, height)
@@ -267,7 +273,7 @@ class Sinumerik:
     async def _prove(self, number: int) -> None:
         """Ask for a dry run as soon as the control's program has shown that it knows them."""
         [version] = await self._session.read((self._shown,))
-        if version == 0:
+        if version in (0, _DRY):
             return
         self._check_version(version)
         await self._check_free(number)

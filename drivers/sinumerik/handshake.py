@@ -29,6 +29,6 @@ PROBING_REASONS: Final = {
     12: "the axes were moved by hand within the cycle",
     13: "an axis is not referenced",
     14: "the control does not know for sure which tool is in the spindle, or whose offset is in force",
-    15: "the height of a dry run (R63) is so little that its touches would meet the sphere",
+    15: "the height of a dry run (R63) is missing, or so little that its touches would meet the sphere",
     16: "the spindle is on: call TALC_SAFE_POINT where it stands",
 }

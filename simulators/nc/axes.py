@@ -49,7 +49,7 @@ class Move:
     modal: Mapping[int, str]
     """G functions in force."""
     spindle: str
-    """"turns", "stands" or "in position"."""
+    """"turns", "stands" or its angle."""
 
 
 @dataclass(slots=True)
@@ -105,7 +105,9 @@ class Axes:
         return self.stuck or (self.probe_on and bool(self.gap(self._row())[0] <= 0.0))
 
     def switch(self, on: float) -> None:
-        """Switch the probe on (1) or off (0)."""
+        """Switch the probe on (1) or off (0). Raises ProgramAlarm for what the machine builder's hook does not know."""
+        if on not in (0, 1):
+            raise ProgramAlarm(f"TALC_SWITCH({on:g}): expected 0 or 1")
         self.probe_on = bool(on)
 
     def run(self, path: Path, following: Path | None) -> None:

@@ -239,7 +239,7 @@ class Channel:
             if self.feed <= 0.0:
                 raise ProgramAlarm("14800: F is 0 or less")
         if "SPOS" in values:
-            self._put(self._positioned)
+            self._put(partial(self._turn_spindle, float(converted(values["SPOS"], "REAL"))))
         if "T" in values:
             self._put(self.tools.select(int(converted(values["T"], "INT"))))
         for _ in block.m:
@@ -260,8 +260,8 @@ class Channel:
         if self.modal.codes[15] != kind:
             self.feed = 0.0
 
-    def _positioned(self) -> None:
-        self.axes.spindle = "in position"
+    def _turn_spindle(self, to_deg: float) -> None:
+        self.axes.spindle = f"{to_deg:g}°"
 
     def _move(self, block: b.Words, *, measures: bool) -> None:
         path = path_of(block, self, self._end, measures=measures)

@@ -16,6 +16,7 @@ from tests.benches import nc_starts
 from tests.benches.probed_workshop import Workshop
 from tests.benches.probing_programs import (
     CLEARANCE_MM,
+    POSES,
     SAFE_Z,
     Cell,
     off_the_way,
@@ -52,9 +53,10 @@ _STATES: dict[str, nc_starts.State] = {
     "the probe in the spindle": nc_starts.USUAL | {"tool": 99, "preselected": 3},
     "no feed": nc_starts.USUAL | {"F": 0.0},
     "single block": _ODD | {"blocks ahead": 0},
-    "dry run over the sphere": _ODD | {"raised": 50.0},
+    "dry run over the sphere": _ODD | {"raised": 20.0},
     "a deflected probe": _ODD | {"deflected": True},
     "old tool's offset": _ODD | {"edge after a change": -2, "old tool's offset": True},
+    "old tool's offset with the first edge": _ODD | {"edge after a change": -2, "old tool's offset": True, "edge": 1},
     "old tool's offset without a magazine": nc_starts.USUAL | {"edge after a change": -2, "old tool's offset": True},
     "no edge after a change": nc_starts.USUAL | {"edge after a change": 0, "edge": 0},
     "the spindle turns": nc_starts.USUAL | {"spindle": 3},
@@ -142,8 +144,12 @@ def _no_limit(texts: Texts) -> list[str]:
 
 
 def _too_low(texts: Texts) -> list[str]:
-    highest = 80.0 + 13.0 + 30.0 + 150.0
-    return _not_begun(Cell(texts=texts, data={"TALC_SAFE_Z": highest - 0.1}), 4, 8)
+    wrong = []
+    for pose in POSES:
+        cell = Cell(texts=texts)
+        cell.channel.data("TALC_Z")[pose] = SAFE_Z - 13.0 - 30.0 + 0.1
+        wrong += _not_begun(cell, 4, 8)
+    return wrong
 
 
 def _below_zero(texts: Texts) -> list[str]:
@@ -153,6 +159,16 @@ def _below_zero(texts: Texts) -> list[str]:
         cell.r[63] = height
         wrong += _not_begun(cell, 4, 15)
     return wrong
+
+
+def _height_taken_away(texts: Texts) -> list[str]:
+    """Another program uses R63: a dry run is asked for, and nothing says how high."""
+    cell = Cell(texts=texts)
+    cell.r[63], cell.r[89] = 0.0, -1.0
+    wrong = _not_begun(cell, 4, 15)
+    cell.r[60], cell.r[63], cell.r[89] = 8.0, 50.0, -1.0
+    cell.safe_point()
+    return [*wrong, *unsafe(cell, 50.0), *(["R65 or R89 is wrong"] if (cell.r[65], cell.r[89]) != (3.0, 2.0) else [])]
 
 
 def _no_probe(texts: Texts) -> list[str]:
@@ -386,6 +402,7 @@ CASES: dict[str, Callable[[Texts], list[str]]] = {
     "no limit": _no_limit,
     "TALC_SAFE_Z too low": _too_low,
     "dry run below the sphere": _below_zero,
+    "a dry run without its height": _height_taken_away,
     "no probe": _no_probe,
     "no sphere": _no_sphere,
     "a sphere elsewhere": _moved_sphere,

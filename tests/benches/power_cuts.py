@@ -11,6 +11,7 @@ were made.
 import ctypes
 import os
 import random
+import sqlite3
 import struct
 import subprocess
 import sys
@@ -235,9 +236,13 @@ def cut_and_start(acts: Sequence[DiskAct], seed: int, folder: Path) -> StartVerd
     if last < told:
         verdict.wrong.append(f"step {told} was reported as stored, and {last} is the last one")
     verdict.wrong += damage_found(config.storage.path)
-    with History(config.storage.path) as history:
-        known = {int(sequence) for *_, run, sequence in history.readings() if run <= 2}
-        result = replay(history)
+    try:
+        with History(config.storage.path) as history:
+            known = {int(sequence) for *_, run, sequence in history.readings() if run <= 2}
+            result = replay(history)
+    except sqlite3.DatabaseError as error:
+        verdict.wrong.append(f"torn: {error}")
+        return verdict
     if not result.identical:
         verdict.wrong.append(f"replay: {result.first}")
     missing = [number for number in handed if number not in known]

@@ -295,7 +295,7 @@ def _is_at(pose: tuple[float, float], a: float, c: float) -> bool:
 def _unready(move: Move) -> Iterator[str]:
     if _touches(move) and not move.from_rest:
         yield "a touch begins while an axis still moves"
-    if move.tool != PROBE_TOOL or move.spindle != "in position":
+    if move.tool != PROBE_TOOL or move.spindle != "0°":
         yield f"moves with tool {move.tool}, whose spindle is: {move.spindle}"
     if other := {code for group, code in DECLARED.items() if move.modal[group] != code}:
         yield f"moves without {', '.join(sorted(other))}"

@@ -18,7 +18,6 @@ ROOT = Path(__file__).parents[2]
 TWO = (("day", 0), ("axes", 1))
 SMALL: dict[str, dict[str, object]] = {
     "demo": {"SEEDS": (1,), "HOURS": 4.0},
-    "demo_models": {"SEEDS": (1,), "HOURS": 26.0},
     "forecast": {"MACHINES": TWO, "HOURS": 36},
     "policy": {"MACHINES": TWO[:1], "FEW": TWO[1:], "HOURS": 24, "FEW_HOURS": 24, "FIXED_MIN": (60.0, 240.0)},
 }

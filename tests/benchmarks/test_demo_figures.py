@@ -23,6 +23,7 @@ def run() -> ReportData:
     return demo.DemoLoop(1, HOURS).run()
 
 
+@pytest.mark.slow
 def test_it_measures_learns_and_shifts_the_tool_as_the_demo_does(run: ReportData) -> None:
     assert run.truth is not None
     assert len(run.k) == HOURS * 12

@@ -265,6 +265,7 @@ def test_errors_beyond_nine_are_learnt_as_well_as_the_first_ones() -> None:
     assert np.ptp(course.estimate[1:], axis=1).max() < 1e-9
 
 
+@pytest.mark.slow
 def test_the_learner_rests_on_the_measurements_that_it_asked_for_alone() -> None:
     series = wavy()
     given = given_of(series, np.ones(len(series.k), dtype=np.bool_), 0, 24, 1)
@@ -300,6 +301,7 @@ def test_a_policy_that_looks_at_other_measurements_is_caught() -> None:
         check_asked(Peeping(), given, 5.0)
 
 
+@pytest.mark.slow
 def test_a_sweep_counts_measurements_after_the_beginning() -> None:
     series = wavy()
     (fixed,) = Sweep(12.0, interval_min=60.0).points(Learning(), series, 0, True)

@@ -167,7 +167,7 @@ async def test_a_dry_run_is_asked_for_once_a_call_has_shown_the_version_and_only
     assert (nck.r[R_VERSION], nck.r[R_REQUEST]) == (0.0, 0.0)
     bench.clock.move_to(81.0)
     assert (await bench.nc.probing_status(1)).state is ProbingState.REQUESTED
-    assert (nck.r[R_VERSION], nck.r[R_DRY_RUN], nck.r[R_REQUEST]) == (0.0, 50.0, 1.0)
+    assert (nck.r[R_VERSION], nck.r[R_DRY_RUN], nck.r[R_REQUEST]) == (-1.0, 50.0, 1.0), "a dry run, whatever R63 says"
     bench.clock.move_to(121.0)
     assert (await bench.nc.probing_status(1)).state is ProbingState.ACCEPTED
     bench.clock.move_to(330.0)
@@ -175,6 +175,13 @@ async def test_a_dry_run_is_asked_for_once_a_call_has_shown_the_version_and_only
     nck.version, nck.r[R_VERSION] = 0, 0.0
     with pytest.raises(Refused, match="R89"):
         await bench.nc.probing_status(1)  # it was another program that ran
+
+
+async def test_a_dry_run_that_no_call_has_seen_does_not_stand_in_the_way_of_a_measurement(bench: OpcUaBench) -> None:
+    nck = bench.control.nck
+    nck.version, nck.r[R_VERSION] = 0, -1.0  # what an earlier run left, and withdrew
+    await bench.nc.request_probing(2)
+    assert (nck.r[R_VERSION], nck.r[R_DRY_RUN], nck.r[R_REQUEST]) == (0.0, 0.0, 2.0)
 
 
 async def test_a_dry_run_that_waits_for_the_version_displaces_no_request_of_another_gateway(bench: OpcUaBench) -> None:
