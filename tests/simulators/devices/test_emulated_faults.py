@@ -92,11 +92,12 @@ async def read(device: str, scenario: Scenario, clock: ManualClock, folder: Path
     """The device on its wire, read twenty times a second; the scenario's time is the clock's."""
     profile = logger_profile(folder) if device == "can_logger" else PROFILES[device][0]
     unit = 126 if device in ("me_rs485", "me_dt6120") else 1
+    channel = 3 if device == "can_logger" else 0  # at the end of its frame
     stop, started = asyncio.Event(), asyncio.get_running_loop().create_future()
     running = asyncio.create_task(emulate(device, scenario, unit, started.set_result, stop, clock))
     settings = tomllib.loads(f"bus = {{ {await started} }}")["bus"]
     bus = make_bus("bus", settings.pop("kind"), settings | {"timeout_s": 0.2})
-    driver: Driver = make_device("device", bus, profile, unit, {"a": 0}, options(device), SystemClock())
+    driver: Driver = make_device("device", bus, profile, unit, {"a": channel}, options(device), SystemClock())
     heard = LatestRead()
     line = Line(bus, (driver,), period_s=0.05, retry_max_periods=2)
     try:
@@ -115,6 +116,7 @@ async def test_a_fault_of_the_scenario_is_seen_on_the_wire_and_ends(
     clock = ManualClock()
     async with read(device, scenario_of(device, begin, end), clock, tmp_path) as heard:
         await heard.until(Quality.GOOD)
+        await asyncio.sleep(3.0)  # a heartbeat has come: only then it can stop
         clock.move_to(10.0)
         await heard.until(quality, says)
         clock.move_to(20.0)
