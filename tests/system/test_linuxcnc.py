@@ -17,7 +17,7 @@ pytestmark = [pytest.mark.peer, pytest.mark.slow, pytest.mark.waits(140)]
 
 LATE_S, SHORT_S = 3.0, 0.1
 PAUSED = re.compile(
-    r"stands still|takes longer than|within period|heartbeat|no answer|connected again|active again|resolved"
+    r"stands still|takes longer than|within period|heartbeat|no answer|(connected|active) again|resolved"
 )
 
 
