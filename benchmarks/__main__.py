@@ -20,6 +20,7 @@ _SUBJECTS = (
     "learner",
     "policy",
     "forecast",
+    "faults",
     "recordings",
 )
 _ON_REQUEST = ("thingsboard",)

@@ -62,6 +62,11 @@ class EventCode(StrEnum):
     """input: has no good value."""
     VALUE_ESTIMATED = "value_estimated"
     """input: has no good value, and is estimated from the others."""
+    VALUE_IMPLAUSIBLE = "value_implausible"
+    """input, value, input_fault (of talc.learner.plausible.InputFault): converted, or estimated from the others, until
+    it is good again."""
+    INPUTS_EXCHANGED = "inputs_exchanged"
+    """input, other: each is taken for the other until they are exchanged back."""
     VALUE_GOOD_AGAIN = "value_good_again"
     """input."""
     VALUE_GOOD_BUT_FAR = "value_good_but_far"
@@ -74,6 +79,10 @@ class EventCode(StrEnum):
     """error: no longer corrected."""
     IMPOSSIBLE = "impossible"
     """error, value, unit: measured, and not used."""
+    NO_MEASUREMENT = "no_measurement"
+    """error, value, unit, measurement_fault (of talc.learner.mixture.MeasurementFault): not learnt from."""
+    TAKEN_BACK = "taken_back"
+    """error, n: the latest measurements that were far off, and are forgotten, as the next one is as before them."""
     OUTLIER = "outlier"
     """error, value, unit: measured; n: how many standard deviations off."""
 

@@ -11,6 +11,7 @@ from talc.control import ControllerState
 from talc.frame import Frames, Phase, Why
 from talc.hold import HeldState
 from talc.learner import CourseState, LearnerState, MixtureState
+from talc.learner.plausible import InputCheck
 from talc.models import ErrorModel
 from talc.names import THERMAL_ERRORS
 from talc.papers.phased import PhasedState
@@ -20,6 +21,7 @@ _FORMAT = 4
 _OF_MODELS = 2, 3
 """Earlier formats, which differ in the learner only."""
 Arrays = Mapping[str, NDArray[Any]]
+
 
 _LEARNER = "learner."
 _MIXTURE = "mixture."
@@ -144,7 +146,7 @@ def _course(plain: Mapping[str, Any], arrays: Arrays) -> CourseState:
     course = plain["course"]
     mixture = MixtureState(**plain["mixture"], **_own(arrays, _MIXTURE))
     own = _own(arrays, _LEARNER)
-    own.setdefault("origin", np.zeros_like(own["level"]))  # of a program that knew one reference
+    own = _fresh(*own["level"].shape) | own  # of a program that knew one reference and judged no inputs
     return CourseState(
         learner=LearnerState(mixture=mixture, **plain["learner"], **own),
         phase=Phase(course["phase"]),
@@ -163,3 +165,9 @@ def _values(state: LearnerState | MixtureState) -> Iterator[tuple[str, Any]]:
 
 def _own(arrays: Arrays, prefix: str) -> dict[str, Any]:
     return {name.removeprefix(prefix): value for name, value in arrays.items() if name.startswith(prefix)}
+
+
+def _fresh(inputs: int, lags: int) -> dict[str, Any]:
+    """What a learner knows that earlier programs did not keep."""
+    check = InputCheck(inputs, 300.0)
+    return {"origin": np.zeros((inputs, lags)), "habit": check.habit, "fault": check.fault}

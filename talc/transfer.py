@@ -83,6 +83,8 @@ def _learner(old: LearnerState, fresh: LearnerState, was: Sequence[str], names: 
         last=_taken(old.last, fresh.last, inputs),
         away=_taken(old.away, fresh.away, inputs),
         mean=_taken(old.mean, fresh.mean, inputs),
+        habit=_taken(old.habit, fresh.habit, inputs),
+        fault=fresh.fault,
         covariance=np.where(both, old.covariance[square], fresh.covariance),
     )
 

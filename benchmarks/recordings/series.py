@@ -17,6 +17,7 @@ from gateway.reporting.recordings.layout import TextLayout, Unknown
 from gateway.reporting.recordings.problems import FileProblems, RecordingError
 from gateway.reporting.recordings.times import TIME_UNITS, forms_of, second_of
 from talc.frame import LARGEST_ERROR, LARGEST_INPUT, BoolArray, FloatArray, IntArray
+from talc.learner.plausible import strange_cells
 from talc.units import named_unit
 
 _NUMERIC = 0.5
@@ -44,6 +45,8 @@ class Series:
     inputs: FloatArray
     """(T, n); NaN without a value."""
     error_names: tuple[str, ...]
+    units: tuple[str, ...]
+    """(m,) in which each error was read, of talc.units.COLUMN_UNITS."""
     angle: BoolArray
     """(m,) in µm/m, not in µm."""
     truth: FloatArray
@@ -61,6 +64,16 @@ class Series:
     def on_h(self) -> FloatArray:
         """(T,) recorded hours since the beginning, not counting the time between runs."""
         return np.asarray(steps_on(self.k, self.run) * self.step_s / 3600.0, dtype=np.float64)
+
+    @property
+    def units_read(self) -> str:
+        """`read in mm`; if they differ, `read dx, dy in mm; pitch in arcsec`."""
+        by_unit: dict[str, list[str]] = {}
+        for name, unit in zip(self.error_names, self.units, strict=True):
+            by_unit.setdefault(f"in {unit.replace('um', 'µm').replace('urad', 'µrad')}", []).append(name)
+        if len(by_unit) == 1:
+            return f"read {next(iter(by_unit))}"
+        return "read " + "; ".join(f"{', '.join(names)} {unit}" for unit, names in by_unit.items())
 
 
 def steps_on(k: IntArray, run: IntArray) -> IntArray:
@@ -83,9 +96,9 @@ def read_series(description: Path) -> tuple[Description, Series]:
     problems.refuse()
     notes = [*table.notes, *(f"column {name!r}: does not contain numbers; left out" for name in strange_kinds)]
     notes += [
-        f"column {name!r}: its name says {named_unit(name)}, read in {said.unit_of(name)}, as the file says no unit"
+        f"column {name!r}: its name says {named_unit(name)}, read in {said.unit_of(name)}, as the file says"
         for name in said.errors
-        if named_unit(name) not in ("", said.unit_of(name)) and not said.says_unit_of(name)
+        if named_unit(name) not in ("", said.unit_of(name))
     ]
     unknown = Unknown(said.missing)
     errors = [
@@ -148,9 +161,8 @@ def _gridded(
         if said.reference == "first":
             truth[:, e] -= known[0]
         elif said.reference == "run":
-            for rows in (run[first] == number for number in np.unique(run)):
-                of_run = truth[rows, e]
-                truth[rows, e] -= next(iter(of_run[np.isfinite(of_run)]), 0.0)
+            _zero_each_run(truth[:, e], run[first])
+    notes += _no_values(kept, on_grid, k, step_s)
     return Series(
         name=said.name or description.stem,
         step_s=step_s,
@@ -160,6 +172,7 @@ def _gridded(
         about=tuple(said.input_of(name) or InputColumn() for name in kept),
         inputs=on_grid,
         error_names=tuple(said.errors),
+        units=tuple(said.unit_of(e) for e in said.errors),
         angle=np.array([said.is_angle(e) for e in said.errors]),
         truth=truth,
         noise=np.array([said.noise_of(e) for e in said.errors]),
@@ -167,6 +180,23 @@ def _gridded(
         notes=tuple(notes),
         zero_each_run=said.reference == "run",
     )
+
+
+def _zero_each_run(truth: FloatArray, run: IntArray) -> None:
+    """(T,) one error, from its first value in each run; in place."""
+    for rows in (run == number for number in np.unique(run)):
+        known = truth[rows & np.isfinite(truth)]
+        truth[rows] -= known[0] if known.size else 0.0
+
+
+def _no_values(names: Sequence[str], inputs: FloatArray, k: IntArray, step_s: float) -> list[str]:
+    """Notes on cells that a fault has made."""
+    notes = []
+    for cells in strange_cells(names, inputs, k, step_s):
+        with_other = f" with {cells.other!r}" if cells.other != cells.input else ""
+        where = f"{cells.count} steps, from {(k[cells.first] - k[0]) * step_s / 3600.0:.1f} h on"
+        notes.append(f"column {cells.input!r}: no value of it in {where}: {cells.fault.value}{with_other}")
+    return notes
 
 
 def _roles(head: Sequence[str], said: Description, description: Path) -> list[str]:

@@ -5,6 +5,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from drivers.base import Quality, Reading
+from gateway.model.codes import NoticeCode
+from gateway.model.text import Text
 
 STALE_AFTER_PERIODS = 3
 
@@ -93,6 +95,6 @@ def _ages(reading: Reading) -> bool:
 
 
 def _stale(reading: Reading, now_s: float) -> Reading:
-    detail = f"no new value for {now_s - reading.monotonic_s:.1f} s"
+    detail = Text(NoticeCode.NO_NEW_VALUE, for_s=now_s - reading.monotonic_s)
     r = reading
     return Reading(r.channel, math.nan, r.unit, Quality.STALE, r.source_time, r.monotonic_s, detail)

@@ -45,7 +45,7 @@ class PolledDevice:
         """In how many periods it was heard since it was last read."""
         self.silent = 0
         """In how many periods it was asked since it was last heard."""
-        self.detail = "not asked yet"
+        self.detail: str = Text(NoticeCode.NOT_ASKED_YET)
         """The same in words; for a device that was not asked, why it was not."""
         self._line, self._clock = line, clock
         self._asks_later = driver if isinstance(driver, AsksLater) else None

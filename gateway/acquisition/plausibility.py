@@ -4,6 +4,8 @@ from dataclasses import replace
 
 from drivers.base import Quality, Reading
 from gateway.config.sections import Limits
+from gateway.model.codes import NoticeCode
+from gateway.model.text import NOTHING, Text
 
 _WINDOW_S = 60.0
 """A rate is judged over a minute or more: one step of a sensor's resolution in a second is not a rate."""
@@ -48,42 +50,42 @@ class Check:
         self._accepted = reading
         return replace(reading, quality=Quality.STALE, detail=stuck) if stuck else reading
 
-    def _range(self, reading: Reading) -> str:
+    def _range(self, reading: Reading) -> Text:
         limits, value = self._limits, reading.value
         if limits.min is not None and value < limits.min:
-            return f"{value:g} is below the stated minimum, {limits.min:g}"
+            return Text(NoticeCode.BELOW_MINIMUM, value=value, min=limits.min)
         if limits.max is not None and value > limits.max:
-            return f"{value:g} is above the stated maximum, {limits.max:g}"
-        return ""
+            return Text(NoticeCode.ABOVE_MAXIMUM, value=value, max=limits.max)
+        return NOTHING
 
-    def _spike(self, value: float) -> str:
+    def _spike(self, value: float) -> Text:
         jump, settled, suspected = self._limits.max_jump, self._settled, self._suspected
         if jump is None:
-            return ""
+            return NOTHING
         if (
             settled is None
             or abs(value - settled) <= jump
             or (suspected is not None and abs(value - suspected) <= jump)
         ):
             self._settled, self._suspected = value, None
-            return ""
+            return NOTHING
         self._suspected = value
-        return f"jumped by {abs(value - settled):g} from one reading to the next, more than the stated {jump:g}"
+        return Text(NoticeCode.JUMPED, by=abs(value - settled), most=jump)
 
-    def _rate(self, reading: Reading) -> str:
+    def _rate(self, reading: Reading) -> Text:
         rate, before = self._limits.max_rate_per_min, self._accepted
         if rate is None or before is None:
-            return ""
+            return NOTHING
         passed_s = max(reading.monotonic_s - before.monotonic_s, _WINDOW_S)
         change = abs(reading.value - before.value)
         if change <= rate * passed_s / 60.0:
-            return ""
-        return f"changed by {change:g} within {passed_s:.0f} s, more than the stated {rate:g} per minute"
+            return NOTHING
+        return Text(NoticeCode.CHANGED_FAST, by=change, within_s=passed_s, most=rate)
 
-    def _stuck(self, reading: Reading) -> str:
+    def _stuck(self, reading: Reading) -> Text:
         if self._changed is None or reading.value != self._changed.value:
             self._changed = reading
         after_s, same_s = self._limits.stuck_after_s, reading.monotonic_s - self._changed.monotonic_s
         if after_s is None or same_s < after_s:
-            return ""
-        return f"exactly {reading.value:g} for {same_s:.0f} s"
+            return NOTHING
+        return Text(NoticeCode.FROZEN, value=reading.value, for_s=same_s)

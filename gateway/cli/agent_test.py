@@ -1,17 +1,13 @@
 """`talc-gateway agent-test`: tries the contract of docs/agent.md on a running agent, clause by clause."""
 
-import asyncio
 import sys
 from pathlib import Path
 
 import click
 
 from drivers.agent.settings import AGENT_PORT
-from drivers.section import host_name
 from gateway.cli.arguments import FiniteNumber, OldFile
 from gateway.cli.exits import EXIT_DIFFERENT, EXIT_WORLD
-from gateway.config.problems import suggestion
-from gateway.runtime.terminal import printable
 
 
 @click.command("agent-test")
@@ -43,21 +39,8 @@ def agent_test(
     agent, or not run. Nothing moves without --offsets or --cycle. Stop the gateway before: an agent serves one client.
     Exit codes: 0 every clause that was tried holds; 1 one does not; 3 there is no agent, or it does not let us in.
     """
-    from gateway.commissioning.agent_test.clause import Moves
-    from gateway.commissioning.agent_test.clauses import CLAUSES
-    from gateway.commissioning.agent_test.connection import AgentUnderTest, Unreachable
-    from gateway.commissioning.agent_test.told import tell
+    from gateway.commissioning.agent_test.told import try_agent
 
-    if unknown := sorted(set(only) - {clause.name for clause in CLAUSES}):
-        raise click.UsageError(f"--only {unknown[0]}: {suggestion(unknown[0], (clause.name for clause in CLAUSES))}")
-    try:
-        host_name(host)
-    except ValueError as error:
-        raise click.BadParameter(str(error), param_hint="HOST") from None
-    allowed = frozenset([Moves.OFFSETS] * offsets + [Moves.CYCLE] * cycle)
-    target = AgentUnderTest(host, port, key_file.read_bytes().strip(), timeout)
-    try:
-        sys.exit(0 if asyncio.run(tell(target, allowed, only, cycle_limit)) else EXIT_DIFFERENT)
-    except Unreachable as error:
-        click.echo(f"nothing was tried: {printable(str(error))}", err=True)
-        sys.exit(EXIT_WORLD)
+    moves = {"offsets": offsets, "cycle": cycle}
+    held = try_agent(host, port, key_file, timeout, moves=moves, only=only, cycle_limit_s=cycle_limit)
+    sys.exit(EXIT_WORLD if held is None else 0 if held else EXIT_DIFFERENT)

@@ -6,10 +6,11 @@ from collections.abc import Callable, Sequence
 from functools import partial, wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar, get_args
-from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
 import click
 from click.core import Context, Parameter
+
+from gateway.runtime.written import host_and_port, time_zone, whole_numbers
 
 if TYPE_CHECKING:
     from pydantic import BaseModel
@@ -37,6 +38,7 @@ LanguageOption = click.option(
 SCAN_LIMIT_S = 600.0
 """How long a scan takes at most, unless the user says otherwise."""
 Decorated = TypeVar("Decorated", bound=Callable[..., object])
+Decorator = Callable[[Callable[..., object]], Callable[..., object]]
 _ACCESS = (
     click.option("--authority", type=OldFile, help="Certificates of the plant's authority, for tls/… endpoints."),
     click.option("--certificate", type=OldFile, help="Your own certificate, if the gateway asks for one; needs --key."),
@@ -46,7 +48,6 @@ _ACCESS = (
 )
 
 Parsed = TypeVar("Parsed")
-_ACCESS_NAMES = ("authority", "certificate", "key", "user", "password_file")
 
 
 class FiniteNumber(click.FloatRange):
@@ -84,21 +85,7 @@ class KeyPrefixText(Written[str]):
 
 def numbers(low: int, high: int) -> Written[tuple[int, ...]]:
     """`1-8,12`: whole numbers within bounds, each once, in order."""
-    return Written("numbers", partial(_numbers, low, high))
-
-
-def _numbers(low: int, high: int, text: str) -> tuple[int, ...]:
-    found: set[int] = set()
-    for part in text.split(","):
-        first, _, last = part.strip().partition("-")
-        if not first.isdecimal() or not (last or first).isdecimal():
-            raise ValueError(f"{text!r}: expected numbers such as 1-8,12")
-        if int(last or first) < int(first):
-            raise ValueError(f"{text!r}: expected the smaller number first, {last}-{first}")
-        found |= set(range(int(first), int(last or first) + 1))
-    if min(found) < low or max(found) > high:
-        raise ValueError(f"{text!r}: expected {low} to {high}")
-    return tuple(sorted(found))
+    return Written("numbers", partial(whole_numbers, low, high))
 
 
 def field_type(settings: type["BaseModel"], field: str) -> "click.Choice[Any] | click.IntRange":
@@ -114,9 +101,9 @@ def field_type(settings: type["BaseModel"], field: str) -> "click.Choice[Any] | 
 def field_option(
     name: str, settings: type["BaseModel"], field: str, what: str | None = None
 ) -> Callable[[Decorated], Decorated]:
-    """An option with the type and the default of a field of these settings."""
+    """An option with the name, the type and the default of a field of these settings."""
     default = settings.model_fields[field].default
-    return click.option(name, type=field_type(settings, field), default=default, show_default=True, help=what)
+    return click.option(name, field, type=field_type(settings, field), default=default, show_default=True, help=what)
 
 
 def read_config(path: Path) -> "GatewayConfig":
@@ -130,63 +117,82 @@ def read_config(path: Path) -> "GatewayConfig":
     return config
 
 
-def heard_options(command: Decorated) -> Decorated:
-    """Add what says whose telemetry a command shows: CONFIG, or endpoints and a prefix."""
+def _ask_password(ctx: Context, _: Parameter, wanted: bool) -> None:
+    if wanted:
+        from gateway.runtime.passwords import ask_password
+
+        ask_password()
+        ctx.exit()
+
+
+def _heard(config: Path | None, connect: tuple[str, ...], prefix: str | None, **where: Any) -> dict[str, Any]:
+    """Raises UsageError."""
+    if config is None and not connect:
+        raise click.UsageError("give CONFIG, or --connect ENDPOINT")
+    read = None if config is None else read_config(config)
+    host, port = where.pop("listen")
+    return {"config": read, "connect": connect, "prefix": prefix, "host": host, "port": port, **where}
+
+
+def serving_options(listen: str, settings: str) -> Decorator:
+    """What a program that shows gateways takes: whom it hears, where it listens, its settings; as one `shown`.
+
+    listen: the usual address; settings: what the file of settings holds
+    """
     from gateway.config.fields import DEFAULT_PREFIX
 
-    options = (
+    return gathered(
+        "shown",
+        _heard,
         click.argument("config", type=AnyFile, required=False),
-        click.option(
-            "--connect",
-            multiple=True,
-            metavar="ENDPOINT",
-            help="Zenoh endpoint of a gateway or a router, such as tcp/192.168.1.5:7447; several for a site.",
-        ),
-        click.option(
-            "--prefix",
-            type=KeyPrefixText(),
-            help=f"First part in the keys. Default: as in CONFIG, otherwise {DEFAULT_PREFIX}.",
-        ),
-    )
-    return _with(options, command)
+        click.option("--connect", multiple=True, metavar="ENDPOINT", help="Zenoh endpoint of a gateway or a router, "
+                     "such as tcp/192.168.1.5:7447; several for a site."),
+        click.option("--prefix", type=KeyPrefixText(),
+                     help=f"First part in the keys. Default: as in CONFIG, otherwise {DEFAULT_PREFIX}."),
+        click.option("--settings", type=AnyFile, help=f"TOML file: {settings}."),
+        click.option("--listen", type=Address, default=listen, show_default=True, metavar="HOST:PORT",
+                     help="Address to serve."),
+        click.option("--make-password", is_flag=True, is_eager=True, expose_value=False, callback=_ask_password,
+                     help="Ask for a password, print its hash for --settings, and end."),
+    )  # fmt: skip
 
 
-def access_options(command: Decorated) -> Decorated:
-    """Add the options by which a reader proves who it is, and whom it believes."""
-    return _with(_ACCESS, command)
+def gathered(name: str, make: Callable[..., object], *options: Callable[[Any], Any]) -> Decorator:
+    """Options of which a command gets one argument of this name: what `make` returns for them, each by its name."""
+
+    def nothing() -> None:
+        """Carries them, to ask them for their names."""
+
+    carried = getattr(_with(options, nothing), "__click_params__")  # noqa: B009
+    names = [option.name for option in carried if option.expose_value]
+
+    def decorate(command: Callable[..., object]) -> Callable[..., object]:
+        @wraps(command)
+        def called(*arguments: Any, **given: Any) -> object:
+            return command(*arguments, **{name: make(**{each: given.pop(each) for each in names})}, **given)
+
+        return _with(options, called)
+
+    return decorate
 
 
-def with_access(command: Callable[..., object]) -> Callable[..., object]:
-    """The same, of which the command gets one `access`."""
-
-    @wraps(command)
-    def called(*arguments: Any, **given: Any) -> object:
-        return command(*arguments, access=_access_of(*(given.pop(name) for name in _ACCESS_NAMES)), **given)
-
-    return access_options(called)
-
-
-def _with(options: Sequence[Callable[[Decorated], Decorated]], command: Decorated) -> Decorated:
+def _with(options: Sequence[Callable[[Any], Any]], command: Decorated) -> Decorated:
     """Decorated from the last to the first, so that the help shows them in this order."""
     for option in reversed(options):
         command = option(command)
     return command
 
 
-def _access_of(
-    authority: Path | None, certificate: Path | None, key: Path | None, user: str | None, password_file: Path | None
-) -> "Access":
-    """What these options say. Raises UsageError when one is missing."""
-    from drivers.section import both_or_neither
-    from gateway.telemetry.session import Access
+def _access_of(**given: Any) -> "Access":
+    from gateway.telemetry.subscriber.places import access_of
 
-    try:
-        both_or_neither("--certificate", certificate, "--key", key)
-        both_or_neither("--user", user, "--password-file", password_file)
-    except ValueError as error:
-        raise click.UsageError(str(error)) from None
-    password = None if password_file is None else password_file.read_text(encoding="utf-8").strip()
-    return Access(authority=authority, certificate=certificate, key=key, user=user, password=password)
+    return access_of(**given)
+
+
+with_access = gathered("access", _access_of, *_ACCESS)
+"""How a reader proves who it is, and whom it believes: an Access."""
+with_proof = gathered("proof", dict, *_ACCESS)
+"""The same options as they are."""
 
 
 def parsed(option: str, parse: Callable[..., Parsed], *given: object) -> Parsed:
@@ -197,41 +203,8 @@ def parsed(option: str, parse: Callable[..., Parsed], *given: object) -> Parsed:
         raise click.BadParameter(str(error), param_hint=option) from None
 
 
-def _time_zone(name: str) -> ZoneInfo:
-    try:
-        return ZoneInfo(name)
-    except (ZoneInfoNotFoundError, ValueError, OSError):
-        raise ValueError(f"{name!r}: unknown time zone on this computer; expected a name like Europe/Zurich") from None
+ZoneName = Written("zone", time_zone)
 
 
-ZoneName = Written("zone", _time_zone)
-
-
-def page_path(wanted: Path | None, source: Path, *others: Path | None) -> Path:
-    """Path of the page to write; never one of the files that it is made from."""
-    page = wanted or source.with_suffix(".html")
-    check_output("page", "-o", page, source, *others)
-    return page
-
-
-def check_output(what: str, option: str, written: Path | None, *sources: Path | None) -> None:
-    """Raises UsageError for a file to be written that is one of its sources, or whose folder does not exist."""
-    if written is None:
-        return
-    if not written.parent.is_dir():
-        raise click.UsageError(f"the {what} cannot be written: there is no folder {written.parent}; see {option}")
-    for used in sources:
-        if used is not None and written.exists() and written.samefile(used):
-            raise click.UsageError(f"the {what} would overwrite {used}; give it another name with {option}")
-
-
-def _address(text: str) -> tuple[str, int]:
-    host, _, port = text.rpartition(":")
-    bare = host[1:-1] if host.startswith("[") and host.endswith("]") else host
-    if not bare or not port.isdecimal() or not 0 <= int(port) <= 65535 or (":" in bare and bare == host):
-        raise ValueError(f"{text!r}: expected HOST:PORT, such as 127.0.0.1:8080")
-    return bare, int(port)
-
-
-Address = Written("address", _address)
+Address = Written("address", host_and_port)
 """Host and port; [::1]:8080 for IPv6."""

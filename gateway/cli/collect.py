@@ -1,10 +1,12 @@
 """`talc-gateway collect`: keeps what the gateways of a site have stored."""
 
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import click
 
-from gateway.cli.arguments import FiniteNumber, KeyPrefixText, OldFile, access_options
+from gateway.cli.arguments import FiniteNumber, KeyPrefixText, OldFile, with_proof
 from gateway.config.fields import DEFAULT_PREFIX
 from gateway.runtime.extras import need_extra
 
@@ -19,18 +21,14 @@ from gateway.runtime.extras import need_extra
 @click.option("--every", type=FiniteNumber(min=0.1), default=30.0, show_default=True,
               help="Seconds after which a gateway is asked again.")  # fmt: skip
 @click.option("--database-password-file", type=OldFile, help="File that contains only the password of ADDRESS's user.")
-@access_options
+@with_proof
 def collect(
     site: str,
     connect: tuple[str, ...],
     prefix: str,
     every: float,
-    authority: Path | None,
-    certificate: Path | None,
-    key: Path | None,
-    user: str | None,
-    password_file: Path | None,
     database_password_file: Path | None,
+    proof: Mapping[str, Any],
 ) -> None:
     """Keep what all gateways at --connect have stored in FOLDER, as Parquet by table, machine and day, or in the
     PostgreSQL database at ADDRESS, such as postgresql://collector@db.plant.example/site.
@@ -44,5 +42,4 @@ def collect(
     from gateway.listeners.collect.run import collect_site
     from gateway.telemetry.subscriber.places import connected_to
 
-    files = {"authority": authority, "certificate": certificate, "key": key}
-    collect_site(site, connected_to(connect, prefix, user, password_file, files), every, database_password_file)
+    collect_site(site, connected_to(connect, prefix, proof), every, database_password_file)

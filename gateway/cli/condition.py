@@ -6,8 +6,7 @@ from pathlib import Path
 import click
 
 from gateway.cli.arguments import ConfigPath, LanguageOption
-
-_EXIT_UNWELL = 3
+from gateway.cli.exits import EXIT_WORLD
 
 
 @click.command()
@@ -23,7 +22,7 @@ def status(config: Path, as_json: bool, language: str) -> None:
     from gateway.config.file import load
     from gateway.service.status import show
 
-    sys.exit(0 if show(load(config), as_json, language) else _EXIT_UNWELL)
+    sys.exit(0 if show(load(config), as_json, language) else EXIT_WORLD)
 
 
 @click.command()
@@ -40,4 +39,4 @@ def doctor(config: Path, language: str) -> None:
     from gateway.commissioning.doctor.health import show
     from gateway.config.file import load
 
-    sys.exit(0 if show(load(config), language=language) else _EXIT_UNWELL)
+    sys.exit(0 if show(load(config), language=language) else EXIT_WORLD)

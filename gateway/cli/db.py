@@ -6,9 +6,9 @@ from pathlib import Path
 import click
 
 from gateway.cli.arguments import AnyFile, OldFile, read_config
+from gateway.cli.exits import EXIT_DIFFERENT
 
 Database = click.argument("database", type=OldFile)
-_DAMAGED = 1
 _MB = 1e6
 
 
@@ -30,7 +30,7 @@ def check(database: Path) -> None:
     for text in found:
         click.echo(f"{database}: {text}")
     click.echo(f"{database}: {'damaged' if found else 'whole'}")
-    sys.exit(_DAMAGED if found else 0)
+    sys.exit(EXIT_DIFFERENT if found else 0)
 
 
 @db.command()

@@ -1,12 +1,13 @@
-"""Exit codes of the commands, and how their errors are reported."""
+"""How commands are found, their exit codes, and how their errors are reported."""
 
 import sys
+from collections.abc import Mapping
+from importlib import import_module
 
 import click
 
 from drivers.base import DriverError, SetupError
 from gateway.acquisition.wire_log import WireLogError
-from gateway.cli.elsewhere import CommandsElsewhere
 from gateway.config.problems import ConfigError
 from gateway.reporting.recordings.problems import RecordingError
 from gateway.storage.faults import StoreError
@@ -17,6 +18,30 @@ EXIT_WORLD = 3
 """A fault outside the program: a port in use, a device absent, an NC that refuses."""
 EXIT_DIFFERENT = 1
 """A comparison found a difference."""
+
+
+class CommandsElsewhere(click.Group):
+    """Loads a command when it is called or listed, so that no command waits for the libraries of another.
+
+    Parameters
+    ----------
+    elsewhere: module of each command that is not added to the group itself, in which it has that name (`-` as `_`);
+        another name follows after a colon
+    """
+
+    def __init__(self, *arguments: object, elsewhere: Mapping[str, str] | None = None, **options: object) -> None:
+        super().__init__(*arguments, **options)  # type: ignore[arg-type]
+        self._elsewhere = dict(elsewhere or {})
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return sorted({*super().list_commands(ctx), *self._elsewhere})
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        if cmd_name not in self._elsewhere:
+            return super().get_command(ctx, cmd_name)
+        module, _, name = self._elsewhere[cmd_name].partition(":")
+        found: click.Command = getattr(import_module(module), name or cmd_name.replace("-", "_"))
+        return found
 
 
 class Commands(CommandsElsewhere):

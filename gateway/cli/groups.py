@@ -2,7 +2,7 @@
 
 import click
 
-from gateway.cli.elsewhere import CommandsElsewhere
+from gateway.cli.exits import CommandsElsewhere
 
 _SCAN = {name: f"gateway.cli.scan:{name}_command" for name in ("can", "ports", "serial", "tcp")}
 _INSPECT = {name: f"gateway.cli.inspect:{name}_command" for name in ("nodes", "objects", "registers", "topics")}

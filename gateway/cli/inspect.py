@@ -1,32 +1,52 @@
 """`talc-gateway inspect`: its commands `registers`, `objects`, `nodes` and `topics`."""
 
 import sys
-from pathlib import Path
+from collections.abc import Callable
+from typing import Any, get_args
 
 import click
 
-from drivers.bus_settings import Parity
 from drivers.canopen.place import CanObject
 from drivers.canopen.settings import CanOpenSettings
-from drivers.modbus.numbers import NumberFormat, NumberType, Order
+from drivers.modbus.numbers import NumberFormat, NumberType
 from drivers.modbus.settings import ModbusRtuSettings, ModbusTcpSettings
 from drivers.mqtt.settings import MqttBusSettings
 from drivers.number_types import ByteNumber
 from drivers.problems import read_settings
 from drivers.section import LONGEST_ANSWER_S
-from gateway.cli.arguments import AnyFile, FiniteNumber, Written, field_option, numbers
+from gateway.cli.arguments import AnyFile, Decorated, FiniteNumber, Written, field_option, gathered, numbers
 from gateway.cli.exits import EXIT_WORLD
+from gateway.commissioning.inspection.draft import Draft
 from gateway.commissioning.scan.drafts import BYTE_KINDS
 
 _MOST_ADDRESSES = 1000
-_TIMEOUT_S = 1.0
-Draft = click.option("--draft", type=AnyFile,
-                     help="Write a profile of what was read; the file must not exist yet.")  # fmt: skip
+with_draft = gathered(
+    "draft",
+    Draft,
+    click.option("--draft", "file", type=AnyFile,
+                 help="Write a profile of what was read; the file must not exist yet."),
+    click.option("--scale", type=FiniteNumber(), default=1.0, show_default=True,
+                 help="Scale in the draft: value = number * scale."),
+    click.option("--quantity", default="degC", show_default=True, help="Unit of the values in the draft."),
+)  # fmt: skip
 
-Scale = click.option(
-    "--scale", type=FiniteNumber(), default=1.0, show_default=True, help="Scale in the draft: value = number * scale."
-)
-Quantity = click.option("--quantity", default="degC", show_default=True, help="Unit of the values in the draft.")
+
+def timeout(default_s: float) -> Callable[[Decorated], Decorated]:
+    """How long an answer may take."""
+    return click.option("--timeout", "timeout_s", type=FiniteNumber(0.01, LONGEST_ANSWER_S), default=default_s,
+                        show_default=True, help="Seconds that one answer may take.")  # fmt: skip
+
+
+with_form = gathered(
+    "form",
+    NumberFormat,
+    click.option("--type", type=click.Choice(get_args(NumberType)), default="int16", show_default=True,
+                 help="Type of the numbers in the draft."),
+    click.option("--byte-order", type=click.Choice(["big", "little"]), default="big", show_default=True,
+                 help="Byte order in the draft; little: bytes swapped."),
+    click.option("--word-order", type=click.Choice(["big", "little"]), default="big", show_default=True,
+                 help="Word order in the draft; little: words swapped."),
+)  # fmt: skip
 
 
 @click.command("registers")
@@ -40,56 +60,22 @@ Quantity = click.option("--quantity", default="degC", show_default=True, help="U
 @field_option("--baud", ModbusRtuSettings, "baud")
 @field_option("--parity", ModbusRtuSettings, "parity")
 @click.option("--rtu", is_flag=True, help="RTU frames over TCP, for a device server; give its port.")
-@click.option("--timeout", "timeout_s", type=FiniteNumber(0.01, LONGEST_ANSWER_S), default=_TIMEOUT_S,
-              show_default=True, help="Seconds that one answer may take.")  # fmt: skip
-@Draft
-@click.option("--type", "kind", type=click.Choice(["int16", "uint16", "int32", "uint32", "int64", "uint64", "float32",
-              "float64"]), default="int16", show_default=True, help="Type of the numbers in the draft.")  # fmt: skip
-@click.option("--word-order", type=click.Choice(["big", "little"]), default="big", show_default=True,
-              help="Word order in the draft; little: words swapped.")  # fmt: skip
-@click.option("--byte-order", type=click.Choice(["big", "little"]), default="big", show_default=True,
-              help="Byte order in the draft; little: bytes swapped.")  # fmt: skip
-@Scale
-@Quantity
+@timeout(1.0)
+@with_form
+@with_draft
 def registers_command(
-    where: str,
-    addresses: tuple[int, ...],
-    unit: int,
-    function: int,
-    baud: int,
-    parity: Parity,
-    rtu: bool,
-    timeout_s: float,
-    draft: Path | None,
-    kind: NumberType,
-    word_order: Order,
-    byte_order: Order,
-    scale: float,
-    quantity: str,
+    where: str, addresses: tuple[int, ...], unit: int, function: int, form: NumberFormat, draft: Draft, **line: Any
 ) -> None:
     """Read registers or bits at ADDRESSES (0-15,100) of one Modbus unit. They count from 0: a manual's 30001 is 0.
 
     WHERE is a serial port (a path), or host or host:port of Modbus TCP.
     """
     from gateway.commissioning.inspection.registers import inspect_registers, modbus_at
-    from gateway.commissioning.scan.registers import Meaning
 
     if len(addresses) > _MOST_ADDRESSES:
         raise click.UsageError(f"{len(addresses)} addresses: expected at most {_MOST_ADDRESSES}")
-    new_file(draft)
-    bus = modbus_at(where, baud, parity, rtu, timeout_s)
-    low, high = bus.units
-    if not low <= unit <= high:
-        raise click.UsageError(f"--unit {unit}: expected {low} to {high} on {bus.kind}")
-    meaning = Meaning(NumberFormat(kind, byte_order, word_order), scale, quantity)
-    sys.exit(0 if inspect_registers(bus, unit, function, addresses, where, draft, meaning) else EXIT_WORLD)
-
-
-def new_file(draft: Path | None) -> None:
-    """Raises click.UsageError if no draft can be written to this file."""
-    if draft is not None and (draft.exists() or draft.suffix != ".toml"):
-        wrong = "already exists, and a draft replaces nothing" if draft.exists() else "does not end in .toml"
-        raise click.UsageError(f"--draft: {draft} {wrong}; give another name")
+    bus = modbus_at(where, unit, **line)
+    sys.exit(0 if inspect_registers(bus, unit, function, addresses, where, draft, form) else EXIT_WORLD)
 
 
 @click.command("objects")
@@ -98,24 +84,12 @@ def new_file(draft: Path | None) -> None:
 @click.argument("objects", type=Written("object", CanObject.of), nargs=-1, required=True)
 @field_option("--interface", CanOpenSettings, "interface")
 @field_option("--bitrate", CanOpenSettings, "bitrate")
-@click.option("--timeout", "timeout_s", type=FiniteNumber(0.01, LONGEST_ANSWER_S), default=1.0, show_default=True)
+@timeout(1.0)
 @field_option("--udp-port", CanOpenSettings, "port", "For udp_multicast only.")
-@Draft
 @click.option("--type", "kind", type=click.Choice(BYTE_KINDS), help="Type of all these objects in the draft.")
-@Scale
-@Quantity
+@with_draft
 def objects_command(
-    channel: str,
-    node: int,
-    objects: tuple[CanObject, ...],
-    interface: str,
-    bitrate: int,
-    timeout_s: float,
-    udp_port: int,
-    draft: Path | None,
-    kind: ByteNumber | None,
-    scale: float,
-    quantity: str,
+    channel: str, node: int, objects: tuple[CanObject, ...], kind: ByteNumber | None, draft: Draft, **place: Any
 ) -> None:
     """Read OBJECTS (2100:01 6000) of one CANopen NODE by SDO. CHANNEL is can0, or the serial port of an slcan adapter.
 
@@ -124,13 +98,10 @@ def objects_command(
     from drivers.canopen.bus import CanOpenBus
     from gateway.commissioning.inspection.named import inspect_objects
 
-    new_file(draft)
-    if draft is not None and kind is None:
+    if draft.file is not None and kind is None:
         raise click.UsageError("--draft needs --type: which of the numbers shown are the values?")
-    place = {"interface": interface, "channel": channel, "bitrate": bitrate, "port": udp_port, "timeout_s": timeout_s}
-    bus = CanOpenBus("inspect", read_settings(CanOpenSettings, place))
-    found = inspect_objects(bus, node, objects, channel, draft, kind, scale, quantity)
-    sys.exit(0 if found else EXIT_WORLD)
+    bus = CanOpenBus("inspect", read_settings(CanOpenSettings, {"channel": channel, **place}))
+    sys.exit(0 if inspect_objects(bus, node, objects, channel, draft, kind) else EXIT_WORLD)
 
 
 @click.command("nodes")
@@ -141,25 +112,10 @@ def objects_command(
 @click.option("--certificate", help="The gateway's certificate; needs --private-key. Without it nothing is encrypted.")
 @click.option("--private-key", help="The certificate's key.")
 @click.option("--server-certificate", help="The server's certificate; no other is accepted.")
-@click.option("--timeout", "timeout_s", type=FiniteNumber(0.01, LONGEST_ANSWER_S), default=5.0, show_default=True)
-@Draft
+@timeout(5.0)
 @click.option("--type", "kind", type=click.Choice(BYTE_KINDS), help="How nodes of bytes hold numbers, for the draft.")
-@Scale
-@Quantity
-def nodes_command(
-    url: str,
-    nodes: tuple[str, ...],
-    user: str | None,
-    password_file: str | None,
-    certificate: str | None,
-    private_key: str | None,
-    server_certificate: str | None,
-    timeout_s: float,
-    draft: Path | None,
-    kind: str | None,
-    scale: float,
-    quantity: str,
-) -> None:
+@with_draft
+def nodes_command(url: str, nodes: tuple[str, ...], kind: str | None, draft: Draft, **given: Any) -> None:
     """Read NODES ('ns=2;s=/Plc/MW200' i=2258) of the OPC UA server at URL (opc.tcp://host:4840).
 
     Shows value, type, status and age by the server's own clock; for a node of bytes, such as the process data of an
@@ -170,19 +126,15 @@ def nodes_command(
     from drivers.opcua.settings import OpcUaBusSettings
     from gateway.commissioning.inspection.named import inspect_nodes
 
-    new_file(draft)
-    given: dict[str, object] = {
-        "url": url, "user": user, "password_file": password_file, "certificate": certificate,
-        "private_key": private_key, "server_certificate": server_certificate, "timeout_s": timeout_s,
-        "security": "none" if certificate is None else "Basic256Sha256",
-    }  # fmt: skip
-    settings = read_settings(OpcUaBusSettings, {key: value for key, value in given.items() if value is not None})
+    security = "none" if given["certificate"] is None else "Basic256Sha256"
+    known = {name: value for name, value in given.items() if value is not None}
+    settings = read_settings(OpcUaBusSettings, {"url": url, "security": security, **known})
     try:
         names = {text: node_name(text) for text in nodes}
     except ValueError as error:
         raise click.UsageError(f"{error}; expected such as 'ns=2;s=/Plc/MW200', i=2258, nsu=urn:maker;s=T1") from error
     bus = OpcUaBus("inspect", settings)
-    sys.exit(0 if inspect_nodes(bus, names, url, draft, kind, scale, quantity) else EXIT_WORLD)
+    sys.exit(0 if inspect_nodes(bus, names, url, draft, kind) else EXIT_WORLD)
 
 
 @click.command("topics")
@@ -202,27 +154,9 @@ def nodes_command(
 @click.option(
     "--allow-unencrypted", is_flag=True, help="Allow mqtt:// beyond this computer, where everyone can read it."
 )
-@click.option("--timeout", "timeout_s", type=FiniteNumber(0.01, LONGEST_ANSWER_S), default=5.0, show_default=True)
-@Draft
-@Scale
-@Quantity
-def topics_command(
-    url: str,
-    topics: tuple[str, ...],
-    seconds: float,
-    most: int,
-    user: str | None,
-    password_file: str | None,
-    authority: str | None,
-    certificate: str | None,
-    key: str | None,
-    client_id: str | None,
-    allow_unencrypted: bool,
-    timeout_s: float,
-    draft: Path | None,
-    scale: float,
-    quantity: str,
-) -> None:
+@timeout(5.0)
+@with_draft
+def topics_command(url: str, topics: tuple[str, ...], seconds: float, most: int, draft: Draft, **given: Any) -> None:
     """Listen to TOPICS ('hall/#', 'hall/+/temperature'; all by default) of the MQTT broker at URL (mqtts://host:port).
 
     Shows each number in the latest payload of each topic, where it is, and how old the payload's own time says it is.
@@ -230,12 +164,7 @@ def topics_command(
     from drivers.mqtt.bus import MqttBus
     from gateway.commissioning.inspection.topics import inspect_topics
 
-    new_file(draft)
-    given: dict[str, object] = {
-        "url": url, "user": user, "password_file": password_file, "authority": authority, "certificate": certificate,
-        "key": key, "client_id": client_id, "allow_unencrypted": allow_unencrypted, "timeout_s": timeout_s,
-    }  # fmt: skip
-    known = {name: value for name, value in given.items() if value not in (None, False)}
+    known = {"url": url} | {name: value for name, value in given.items() if value not in (None, False)}
     bus = MqttBus("inspect", read_settings(MqttBusSettings, known))
     bus.want(topics or ("#",))
-    sys.exit(0 if inspect_topics(bus, known, seconds, most, draft, scale, quantity) else EXIT_WORLD)
+    sys.exit(0 if inspect_topics(bus, known, seconds, most, draft) else EXIT_WORLD)

@@ -5,22 +5,21 @@ import sys
 from datetime import UTC, datetime
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from gateway.cli.arguments import (
     SCAN_LIMIT_S,
-    Address,
     AnyFile,
     ConfigPath,
     FiniteNumber,
     KeyPrefixText,
     LanguageOption,
     OldFile,
-    heard_options,
     parsed,
     read_config,
+    serving_options,
     with_access,
 )
 from gateway.cli.exits import EXIT_WORLD, Commands
@@ -39,7 +38,6 @@ _ELSEWHERE = {
     "doctor": "gateway.cli.condition",
     "inspect": "gateway.cli.groups",
     "nc": "gateway.cli.nc",
-    "opcua": "gateway.cli.opcua",
     "prior": "gateway.cli.recorded",
     "publish": "gateway.cli.publish",
     "replay": "gateway.cli.recorded",
@@ -226,34 +224,18 @@ def run(config: Path, wires: Path | None, record_mb: float) -> None:
     show_default=True,
     help="The emulated control, or the real LinuxCNC if it is installed (then only --folder applies).",
 )
-def demo(
-    hours: float,
-    method: Literal["learner", "models"] | None,
-    preset: str | None,
-    calibration_hours: float | None,
-    speed: float,
-    seed: int,
-    folder: Path,
-    zenoh_port: int,
-    connect: tuple[str, ...],
-    plain: bool,
-    nc: str,
-) -> None:
+def demo(nc: str, **given: Any) -> None:
     """Run an emulated machine and its gateway over real protocols, on this computer only."""
     _with_simulators()
     if nc == "linuxcnc":
         from gateway.demo.demo_linuxcnc import run_linuxcnc_demo
 
-        run_linuxcnc_demo(folder / "linuxcnc")
+        run_linuxcnc_demo(given["folder"] / "linuxcnc")
         return
     need_extra("report")
-    from gateway.demo.demo import run_demo
-    from gateway.demo.demo_machine import Demo
+    from gateway.demo.demo import run_demo, wanted
 
-    if preset is not None and method == "learner":
-        raise click.UsageError(f"--preset {preset} is a system of models, not the learner")
-    chosen = method or ("learner" if preset is None else "models")
-    run_demo(Demo(hours, chosen, preset, calibration_hours, speed, seed, folder, zenoh_port, connect, plain))
+    run_demo(wanted(**given))
 
 
 @main.command()
@@ -286,19 +268,8 @@ def watch(
 
 
 @main.command()
-@heard_options
-@click.option("--settings", type=AnyFile, help="TOML file: TLS, users, tolerances (docs/page.md).")
-@click.option("--listen", type=Address, default="127.0.0.1:8080", show_default=True, metavar="HOST:PORT",
-              help="Address of the page.")  # fmt: skip
-@click.option("--make-password", is_flag=True, help="Ask for a password, print its hash for --settings, and end.")
-def web(
-    config: Path | None,
-    connect: tuple[str, ...],
-    prefix: str | None,
-    settings: Path | None,
-    listen: tuple[str, int],
-    make_password: bool,
-) -> None:
+@serving_options("127.0.0.1:8080", "TLS, users, tolerances (docs/page.md)")
+def web(shown: dict[str, Any]) -> None:
     """Serve the page for operators: whether the machine may cut, and why not.
 
     The page shows the gateway of CONFIG, which runs on this computer, or all that are heard at --connect. It only
@@ -307,11 +278,19 @@ def web(
     """
     need_extra("web")
     from gateway.listeners.web.serve import WebCommand, serve_pages
-    from gateway.runtime.passwords import ask_password
 
-    if make_password:
-        ask_password()
-        return
-    if config is None and not connect:
-        raise click.UsageError("give CONFIG, or --connect ENDPOINT")
-    serve_pages(WebCommand(None if config is None else read_config(config), connect, prefix, settings, *listen))
+    serve_pages(WebCommand(**shown))
+
+
+@main.command()
+@serving_options("127.0.0.1:4840", "nameplates, certificate, users (docs/umati.md)")
+def opcua(shown: dict[str, Any]) -> None:
+    """Show machines to OPC UA clients after OPC UA for Machine Tools (umati), read-only.
+
+    Shows the gateway of CONFIG, which runs on this computer, and the machines that --settings names and --connect
+    reaches. It only listens: no client can touch a machine. An address beyond this computer needs a certificate and
+    users in --settings.
+    """
+    from gateway.listeners.umati.serve import serve_machines
+
+    serve_machines(**shown)

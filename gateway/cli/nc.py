@@ -4,7 +4,6 @@ from pathlib import Path
 
 import click
 
-from drivers.base import SetupError
 from drivers.nc import LARGEST_HEIGHT_MM, LEAST_HEIGHT_MM
 from gateway.cli.arguments import AnyFile, ConfigPath, FiniteNumber, read_config
 
@@ -44,14 +43,7 @@ def sinumerik_files(config: Path, output: Path) -> None:
     in CONFIG: the gateway refuses a program that keeps to others. docs/nc.md, Nine errors; then the checklist for the
     first hour, docs/first-hour.md.
     """
-    from gateway.config.file import load
-    from gateway.config.problems import ConfigError, Problem
-    from gateway.nc.program_file import program_of
+    from gateway.nc.program_file import write_program
 
-    try:
-        text = program_of(load(config))
-    except SetupError as error:
-        raise ConfigError(config, [Problem("[nc.compensation] route", error.what)]) from error
-    path = output / "TALC_ERRORS.SPF"
-    path.write_text(text, encoding="ascii", newline="\r\n")
-    click.echo(f"{path}: {text.count('IDS=')} synchronised actions. Call it at power on instead of TALC_START")
+    path, actions = write_program(config, output)
+    click.echo(f"{path}: {actions} synchronised actions. Call it at power on instead of TALC_START")

@@ -3,6 +3,7 @@
 import sys
 from datetime import datetime
 from pathlib import Path
+from typing import Any
 from zoneinfo import ZoneInfo
 
 import click
@@ -13,11 +14,10 @@ from gateway.cli.arguments import (
     LanguageOption,
     OldFile,
     ZoneName,
-    check_output,
-    page_path,
     parsed,
 )
 from gateway.cli.exits import EXIT_DIFFERENT
+from gateway.reporting.outputs import check_output, page_path
 from gateway.runtime.extras import need_extra
 
 
@@ -25,10 +25,10 @@ from gateway.runtime.extras import need_extra
 @click.argument("file", type=OldFile)
 @click.option("-o", "--output", type=AnyFile, help="HTML page. Default: beside FILE.")
 @click.option("--config", type=OldFile, help="File with [grid] and [talc].")
-@click.option("--time", "time_column", default="time", show_default=True, help="Column of the time.")
-@click.option("--time-of-day", "time_of_day", metavar="COLUMN", default="",
+@click.option("--time", default="time", show_default=True, help="Column of the time.")
+@click.option("--time-of-day", metavar="COLUMN", default="",
               help="Column of the time of day, if the time column contains only the date.")  # fmt: skip
-@click.option("--time-unit", "time_unit", metavar="UNIT", default="",
+@click.option("--time-unit", metavar="UNIT", default="",
               help="Unit of times that are plain numbers: ns, us, ms, s, min, h or days.")  # fmt: skip
 @click.option("--time-format", metavar="FORMAT", default="",
               help="How times are written, such as '%d.%m.%Y %H:%M', or `excel` for its numbers.")  # fmt: skip
@@ -47,7 +47,7 @@ from gateway.runtime.extras import need_extra
     metavar="COLUMN",
     help="Column to use as an input although it resembles an error.",
 )
-@click.option("--ignore", multiple=True, metavar="COLUMN", help="Column that is not an input.")
+@click.option("--ignore", "ignored", multiple=True, metavar="COLUMN", help="Column that is not an input.")
 @click.option("--skip", multiple=True, metavar="LINES",
               help="Lines outside the table, such as 1-11,13: a logger's settings, a row of units.")  # fmt: skip
 @click.option("--missing", multiple=True, metavar="CELL", help="Cell that stands for an unknown value, such as OVL.")
@@ -62,22 +62,11 @@ def replay(
     file: Path,
     output: Path | None,
     config: Path | None,
-    time_column: str,
-    time_of_day: str,
-    time_unit: str,
-    time_format: str,
-    time_zone: ZoneInfo | None,
-    runs: str,
-    errors: tuple[str, ...],
-    units: tuple[str, ...],
-    inputs: tuple[str, ...],
-    ignore: tuple[str, ...],
-    skip: tuple[str, ...],
-    missing: tuple[str, ...],
     calibration_min: float | None,
     out: Path | None,
     every_measurement: bool,
     language: str,
+    **columns: Any,
 ) -> None:
     """Repeat the decisions of a database, or run the controller on a recording.
 
@@ -87,11 +76,8 @@ def replay(
     with gaps (EX0C, ... in µm; EA0C, EB0C, EC0C in µm/m), and every other column is an input. The controller runs on it
     as if it were live and writes the report. The options are for recordings.
     """
-    from gateway.reporting.recordings import options
-    from gateway.reporting.recordings.columns import Columns
     from gateway.reporting.recordings.files import is_database
-    from gateway.reporting.recordings.layout import TextLayout, line_ranges
-    from gateway.reporting.recordings.times import TimeFormat
+    from gateway.reporting.recordings.options import columns_of
 
     if is_database(file):
         from gateway.control.replay.run import show
@@ -100,16 +86,10 @@ def replay(
     need_extra("report")
     from gateway.control.replay.run import Request, run_recording
 
-    unit = parsed("--time-unit", options.time_unit, time_unit, time_format)
-    clock = TimeFormat(time_format, time_zone, unit)
-    layout = TextLayout(parsed("--skip", line_ranges, skip), missing)
-    named = parsed("--error", options.named_errors, errors)
-    error_units = parsed("--unit", options.named_units, units)
-    columns = Columns(time_column, named, ignore, inputs, error_units, clock, time_of_day, runs, layout)
     page = page_path(output, file, config)
     if out is not None and out.suffix not in (".csv", ".parquet"):
         raise click.BadParameter(f"{str(out)!r}: expected a name that ends in .csv or .parquet", param_hint="--out")
-    request = Request(file, columns, page, config, every_measurement, out, calibration_min, language)
+    request = Request(file, columns_of(**columns), page, config, every_measurement, out, calibration_min, language)
     for table in (request.out, request.models_out):
         check_output("table", "--out", table, file, config)
     run_recording(request)

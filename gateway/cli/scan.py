@@ -4,17 +4,26 @@ import sys
 from collections.abc import Awaitable, Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import click
 
-from drivers.bus_settings import Parity
 from drivers.can.survey import Stopped
 from drivers.canopen.settings import CanOpenSettings
 from drivers.micro_epsilon.settings import MeRs485Settings
 from drivers.modbus.settings import ModbusRtuSettings, ModbusRtuTcpSettings, ModbusTcpSettings
 from drivers.problems import read_settings
 from drivers.section import LONGEST_ANSWER_S
-from gateway.cli.arguments import SCAN_LIMIT_S, Decorated, FiniteNumber, Written, field_option, field_type, numbers
+from gateway.cli.arguments import (
+    SCAN_LIMIT_S,
+    Decorated,
+    FiniteNumber,
+    Written,
+    field_option,
+    field_type,
+    gathered,
+    numbers,
+)
 from gateway.cli.exits import EXIT_WORLD
 from gateway.commissioning.scan.can import CanScan, scan_can
 from gateway.commissioning.scan.found import ScanProgress, ScanReport
@@ -28,6 +37,7 @@ from gateway.commissioning.scan.run import (
     PARITIES,
     SERIAL_TIMEOUT_S,
     TCP_TIMEOUT_S,
+    ScanEnding,
     scan_to_file,
 )
 from gateway.commissioning.scan.serial import plan, scan_line, scanned_port
@@ -40,18 +50,16 @@ def timeout(default: float) -> Callable[[Decorated], Decorated]:
                         show_default=True, help="Seconds to wait for an answer.")  # fmt: skip
 
 
-Toml = click.option(
-    "--toml", type=click.Path(dir_okay=False, path_type=Path, allow_dash=True),
-    help="Write a configuration for the devices found, or, after a question, add to one. -: standard output.",
+with_ending = gathered(
+    "ending",
+    ScanEnding,
+    click.option("--limit", type=FiniteNumber(min=1), default=SCAN_LIMIT_S, show_default=True,
+                 help="Stop after this many seconds."),
+    click.option("--toml", type=click.Path(dir_okay=False, path_type=Path, allow_dash=True),
+                 help="Write a configuration for the devices found, or, after a question, add to one. -: standard "
+                 "output."),
+    click.option("--yes", is_flag=True, help="Answer every question with yes."),
 )  # fmt: skip
-
-
-Limit = click.option(
-    "--limit", type=FiniteNumber(min=1), default=SCAN_LIMIT_S, show_default=True, help="Stop after this many seconds."
-)
-
-
-Yes = click.option("--yes", is_flag=True, help="Answer every question with yes.")
 
 
 @click.command("ports")
@@ -81,30 +89,15 @@ def ports_command() -> None:
 @click.option("--function", type=click.Choice([3, 4]), default=3, show_default=True,
               help="Function code for reading; some simple units support only 4 and do not refuse 3.")  # fmt: skip
 @timeout(SERIAL_TIMEOUT_S)
-@Limit
-@Toml
-@Yes
+@with_ending
 def serial_command(
-    port: str,
-    bauds: tuple[int, ...],
-    parities: tuple[Parity, ...],
-    units: tuple[int, ...],
-    me_bauds: tuple[int, ...],
-    me_addresses: tuple[int, ...],
-    protocol: str,
-    function: int,
-    timeout_s: float,
-    limit: float,
-    toml: Path | None,
-    yes: bool,
+    port: str, protocol: str, units: tuple[int, ...], me_addresses: tuple[int, ...], ending: ScanEnding, **line: Any
 ) -> None:
     """Find Modbus RTU units and Micro-Epsilon sensors on the serial PORT."""
-    what = plan(
-        port, bauds=bauds, parities=parities, units=units if protocol != "me_rs485" else (), me_bauds=me_bauds,
-        me_addresses=me_addresses if protocol != "modbus_rtu" else (), timeout_s=timeout_s, function=function,
-    )  # fmt: skip
+    asked = units if protocol != "me_rs485" else ()
+    what = plan(port, units=asked, me_addresses=me_addresses if protocol != "modbus_rtu" else (), **line)
     found = scan_to_file(
-        f"{port}: {what.intro}", what.requests, what.longest_s, limit, toml, yes, lambda p, s, _: scan_line(what, p, s)
+        f"{port}: {what.intro}", what.requests, what.longest_s, ending, lambda p, s, _: scan_line(what, p, s)
     )
     sys.exit(0 if found else EXIT_WORLD)
 
@@ -116,17 +109,13 @@ def serial_command(
 @click.option("--rtu", is_flag=True,
               help="Ask with RTU frames: for a device server that passes on the bytes of its serial line.")  # fmt: skip
 @timeout(TCP_TIMEOUT_S)
-@Limit
-@Toml
-@Yes
+@with_ending
 def tcp_command(
     hosts: tuple[tuple[str, int | None], ...],
     units: tuple[int, ...],
     rtu: bool,
     timeout_s: float,
-    limit: float,
-    toml: Path | None,
-    yes: bool,
+    ending: ScanEnding,
 ) -> None:
     """Find Modbus TCP units behind HOSTS (host or host:port), and Micro-Epsilon controllers. Asks only these hosts.
 
@@ -139,9 +128,7 @@ def tcp_command(
     if rtu and not lowest <= min(units) <= max(units) <= highest:
         raise click.UsageError(f"--units: expected {lowest} to {highest} with --rtu")
     what = TcpScan(hosts, units, timeout_s, rtu)
-    found = scan_to_file(
-        what.intro, what.requests, what.longest_s, limit, toml, yes, lambda p, s, _: scan_hosts(what, p, s)
-    )
+    found = scan_to_file(what.intro, what.requests, what.longest_s, ending, lambda p, s, _: scan_hosts(what, p, s))
     sys.exit(0 if found else EXIT_WORLD)
 
 
@@ -157,9 +144,7 @@ def tcp_command(
               help="Listen this many seconds before asking.")  # fmt: skip
 @timeout(CAN_TIMEOUT_S)
 @field_option("--udp-port", CanOpenSettings, "port", "For udp_multicast only.")
-@Limit
-@Toml
-@Yes
+@with_ending
 def can_command(
     channel: str,
     interface: str,
@@ -167,10 +152,8 @@ def can_command(
     nodes: tuple[int, ...],
     listen_s: float,
     timeout_s: float,
-    udp_port: int,
-    limit: float,
-    toml: Path | None,
-    yes: bool,
+    port: int,
+    ending: ScanEnding,
 ) -> None:
     """Find CANopen nodes and plain CAN frames on CHANNEL: can0, or the serial port of an slcan adapter.
 
@@ -181,12 +164,12 @@ def can_command(
     """
     if len(bitrates) > 1 and interface != "slcan":
         raise click.UsageError(f"--bitrate: the rate of {interface} cannot be changed here; give one rate, or none")
-    settings = read_settings(CanOpenSettings, {"interface": interface, "channel": channel, "port": udp_port})
+    settings = read_settings(CanOpenSettings, {"interface": interface, "channel": channel, "port": port})
     rates = bitrates or (BITRATES if interface == "slcan" else (settings.bitrate,))
     what = CanScan(settings, rates, nodes, listen_s, timeout_s)
 
     def run(tell: ScanProgress, stopped: Stopped, anyway: bool) -> Awaitable[ScanReport]:
         return scan_can(replace(what, anyway=anyway), tell, stopped)
 
-    found = scan_to_file(what.intro, 2 * len(rates), what.longest_s, limit, toml, yes, run)
+    found = scan_to_file(what.intro, 2 * len(rates), what.longest_s, ending, run)
     sys.exit(0 if found else EXIT_WORLD)

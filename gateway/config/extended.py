@@ -23,7 +23,7 @@ from gateway.config.extensions import (
 )
 from gateway.config.model import GatewayConfig, with_database
 from gateway.config.outline import of_any_program
-from gateway.config.problems import Problem
+from gateway.config.problems import ConfigError, Problem, read_sections
 from gateway.config.reading import any_section_of, kinds_in
 
 
@@ -35,6 +35,14 @@ def _sections(union: object) -> dict[str, type[Any]]:
 
 _OWN: Mapping[str, Mapping[str, type[Any]]] = {CONTROLS: _sections(Nc), BUSES: SECTIONS}
 _BASES: Mapping[str, type[Any]] = {CONTROLS: ControlSection, BUSES: OtherBus}
+
+
+def read_configuration(data: Mapping[str, object], path: Path) -> GatewayConfig:
+    """The sections of TOML's data, each valid by itself. Raises ConfigError with every problem found."""
+    kind, unusable = config_class(data)
+    if unusable:
+        raise ConfigError(path, unusable)
+    return read_sections(kind, with_database(data), path)
 
 
 def config_class(data: Mapping[str, object]) -> tuple[type[GatewayConfig], list[Problem]]:

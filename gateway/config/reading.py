@@ -27,7 +27,12 @@ def read_text(path: Path) -> str:
 
 def read_as(kind: type[M], path: Path) -> M:
     """What a TOML file of another kind than a configuration holds. Raises ConfigError with every problem found."""
-    return read_sections(kind, data_of(read_text(path), path), path)
+    return read_sections(kind, read_data(path), path)
+
+
+def read_data(path: Path) -> dict[str, object]:
+    """The data of a file, as `data_of`. Raises ConfigError."""
+    return data_of(read_text(path), path)
 
 
 def data_of(text: str, path: Path) -> dict[str, object]:

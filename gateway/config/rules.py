@@ -1,20 +1,23 @@
-"""Checks across fields: duplicate names, shared addresses, references to missing sections."""
+"""Checks across fields: duplicate names, shared addresses, references to missing sections, profiles and prior."""
 
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator
+from pathlib import Path
 
 import numpy as np
 
 from drivers.base import SetupError
 from drivers.modbus.inputs import addresses_as_in_manuals
 from drivers.modbus.profile import ModbusProfile
+from drivers.profiles import UserProfile, is_users, user_profile
 from gateway.config.controls import Nc, SinumerikNc
 from gateway.config.extensions import asked
 from gateway.config.metrics import metrics_problems
 from gateway.config.model import GatewayConfig
 from gateway.config.polled import BusSection
-from gateway.config.problems import Problem, suggestion
+from gateway.config.prior import PriorError, prior_for
+from gateway.config.problems import ConfigError, Problem, suggestion
 from gateway.config.telemetry_rules import telemetry_cautions, telemetry_problems
 from talc.probing import check_poses
 
@@ -25,6 +28,34 @@ _MOST_CHANNELS = 1000
 _SHORTEST_PLANNED_S = 4.3
 """Planned loads are learnt from two days or more, and the most steps that are kept are 40,320."""
 _UNSTABLE_PORT = re.compile(r"/dev/tty(USB|ACM)\d+")
+
+
+def checked(config: GatewayConfig, path: Path) -> GatewayConfig:
+    """The configuration with the user's own profiles and the prior. Raises ConfigError with every problem found."""
+    config, unreadable = _with_own_profiles(config)
+    problems, prior = problems_between(config), None
+    try:
+        prior = prior_for(config.talc, config.input_names)
+    except PriorError as error:
+        problems.append(Problem("[talc] prior", str(error)))
+    if problems or unreadable:
+        raise ConfigError(path, problems or unreadable)
+    return config.with_prior(prior)
+
+
+def _with_own_profiles(config: GatewayConfig) -> tuple[GatewayConfig, list[Problem]]:
+    """The user's own profiles are read here once, so that what was checked is what runs. Also what cannot be read; a
+    device's check reports it with the device."""
+    profiles: dict[str, UserProfile] = {}
+    unreadable: list[Problem] = []
+    others = {bus.name for bus in config.buses if not bus.has_profiles}
+    devices = (device for device in config.devices if device.bus not in others)
+    for name in dict.fromkeys(device.profile for device in devices if is_users(device.profile)):
+        try:
+            profiles[name] = user_profile(name)
+        except SetupError as error:
+            unreadable.append(Problem("", str(error)))
+    return config.with_profiles(profiles), unreadable
 
 
 def problems_between(config: GatewayConfig) -> list[Problem]:

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from drivers.section import Section
 from gateway.config.problems import read_sections
-from gateway.config.reading import data_of, read_text
+from gateway.config.reading import read_data
 from gateway.config.sections import Grid, Talc
 from talc.settings import TalcSettings
 
@@ -18,5 +18,5 @@ class TalcOnly(Section):
 
 def load_talc_only(path: Path) -> TalcOnly:
     """The sections `[grid]` and `[talc]` of a file, as strict as `load`; others are ignored. Raises ConfigError."""
-    data = data_of(read_text(path), path)
+    data = read_data(path)
     return read_sections(TalcOnly, {name: data[name] for name in ("grid", "talc") if name in data}, path)

@@ -3,6 +3,7 @@
 import asyncio
 import os
 import socket
+from typing import Any, Literal
 
 import click
 from rich.console import Console
@@ -37,6 +38,13 @@ _POLL_S = 2.0
 """Between two looks at it."""
 _USE = "[machine.bench]\ntolerance_um = 8.0\nsphere_radius_mm = 200.0\nsphere_height_mm = 80.0\n"
 """What its page knows of it: a job's tolerance, and [probing] of simulators/bench/gateway.toml."""
+
+
+def wanted(*, method: Literal["learner", "models"] | None, preset: str | None, **given: Any) -> Demo:
+    """What the options ask for; a preset is a system of models. Raises UsageError."""
+    if preset is not None and method == "learner":
+        raise click.UsageError(f"--preset {preset} is a system of models, not the learner")
+    return Demo(method=method or ("learner" if preset is None else "models"), preset=preset, **given)
 
 
 def run_demo(demo: Demo) -> None:

@@ -29,15 +29,16 @@ _LARGEST_BYTES = 2**30
 _LONGEST_STEP_S = 1e6
 _SHAPES = {
     "held": "j", "trusted": "j", "learner.doubt": "j", "learner.covariance": "ii",
-    "learner.level": "il", "learner.origin": "il",
+    "learner.level": "il", "learner.origin": "il", "learner.habit": "ih", "learner.fault": "i2",
     **{f"learner.{name}": "i" for name in ("span", "wide", "reference", "known", "last", "away", "mean")},
     **{f"mixture.{name}": "r" for name in ("time", "weight")}, "mixture.x": "rp",
     **{f"mixture.{name}": "rj" for name in ("jolt", "y", "noise")},
     "mixture.evidence": "jw", "mixture.relevance": "jei", "mixture.zero": "j4",
     **{f"mixture.{name}": "j" for name in ("reference", "jolted", "elapsed", "count", "suspect", "off", "last")},
 }  # fmt: skip
-"""j: the errors, i: the inputs, l: the lags, p: the features, r: the rows, e: the processes, w: the experts."""
-_ADDED = frozenset({"learner.origin"})
+"""j: the errors, i: the inputs, l: the lags, p: the features, r: the rows, e: the processes, w: the experts, h: the
+habits of an input."""
+_ADDED = frozenset({"learner.origin", "learner.habit", "learner.fault"})
 """Not in the files of earlier programs."""
 
 
@@ -158,7 +159,7 @@ def _arrays(plain: object, inputs: int) -> dict[str, NDArray[Any]]:
     if not isinstance(plain, dict):
         raise ValueError(f"arrays = {shown(plain)}: expected a table")  # noqa: TRY004 -- of a file
     arrays = {str(name): _unpacked(str(name), packed) for name, packed in plain.items()}
-    known = {"j": len(THERMAL_ERRORS), "i": inputs, "4": 4}
+    known = {"j": len(THERMAL_ERRORS), "i": inputs, "h": 6, "2": 2, "4": 4}
     for name, shape in _SHAPES.items():
         if name not in arrays:
             if ("mixture.x" in arrays and name not in _ADDED) or name == "held":

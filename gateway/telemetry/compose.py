@@ -219,6 +219,7 @@ def _reading(stamp: _Stamp, r: Sample, now_s: float) -> ReadingMessage:
         age_s=round(max(0.0, now_s - r.monotonic_s), 3),
         sequence=r.sequence,
         detail=r.detail,
+        detail_coded=coded(r.detail),
     )
 
 

@@ -38,6 +38,7 @@ class ReadingMessage(Message, frozen=True):
     age_s: Annotated[float, Meta(description="How long ago the value was taken when this was published", ge=0.0)]
     sequence: Annotated[int, Meta(description="The same for all channels of one read; none occurs twice in a boot")]
     detail: Annotated[str, Meta(description="Why the quality is not good")]
+    detail_coded: Coded | None = None
 
 
 class FrameMessage(Message, frozen=True):

@@ -24,6 +24,7 @@ from talc.indicators import TWO_SIDED_95
 from talc.learner.experts import EXPERTS, OTHERS_EXPERTS
 from talc.learner.learner import Estimate, LearnerState, RowLearner
 from talc.learner.mixture import Surprise
+from talc.learner.plausible import InputFault
 from talc.learner.prior import Prior
 from talc.learner.reasons import reasons_for
 from talc.names import ERROR_UNITS, MICROMETRE, THERMAL_ERRORS
@@ -111,7 +112,7 @@ class LearningCourse(Strategy):
                 self._last_measured -= max(0, self._unknown_gap - gap)
             gap = max(gap, self._unknown_gap)
         moved = self._learner.advance(np.where(valid, frame.inputs, 0.0), valid, gap)
-        self._note_inputs(valid, moved, events)
+        self._note_inputs(valid, moved, frame.inputs, events)
         if gap > self._long_gap:
             self._wanted = Why.NOVELTY
         if frame.new_reference:
@@ -211,9 +212,15 @@ class LearningCourse(Strategy):
 
     # Parts of a step -------------------------------------------------------------------------------------------------
 
-    def _note_inputs(self, valid: BoolArray, moved: BoolArray, events: list[Event]) -> None:
-        missing = frozenset(name for name, ok in zip(self._names, valid, strict=True) if not ok)
-        told = [(EventCode.VALUE_ESTIMATED, name) for name in sorted(missing - self._substituted)]
+    def _note_inputs(self, valid: BoolArray, moved: BoolArray, inputs: FloatArray, events: list[Event]) -> None:
+        for found in self._learner.suspicions:
+            exchanged = found.fault is InputFault.EXCHANGED
+            code = EventCode.INPUTS_EXCHANGED if exchanged else EventCode.VALUE_IMPLAUSIBLE
+            events.append(Event(EventKind.INPUT_SUBSTITUTED, code=code, values=found.told(self._names, inputs)))
+        doubted = self._learner.doubted & valid
+        missing = frozenset(name for name, ok in zip(self._names, valid & ~doubted, strict=True) if not ok)
+        without = frozenset(name for name, ok in zip(self._names, valid, strict=True) if not ok)
+        told = [(EventCode.VALUE_ESTIMATED, name) for name in sorted(without - self._substituted)]
         for name in sorted(self._substituted - missing):
             far = moved[self._names.index(name)]
             told.append((EventCode.VALUE_GOOD_BUT_FAR if far else EventCode.VALUE_GOOD_AGAIN, name))
@@ -231,7 +238,14 @@ class LearningCourse(Strategy):
             limit_exceeded(self._errors[i], self._units[i], float(residual[i]), float(self._limits[i]))
             for i in np.flatnonzero(exceeded)
         )
-        for i in np.flatnonzero(surprise.outlier):
+        for i in np.flatnonzero(surprise.forgotten).tolist():
+            n = int(surprise.forgotten[i])
+            self._reject(i, EventCode.TAKEN_BACK, {"error": self._errors[i], "n": n}, events)
+        for i, fault in surprise.faults.items():
+            values = {"error": self._errors[i], "value": float(measured[i]), "unit": self._units[i]}
+            self._reject(i, EventCode.NO_MEASUREMENT, values | {"measurement_fault": fault.value}, events)
+            self._wanted = Why.RETRY
+        for i in np.flatnonzero(surprise.outlier).tolist():
             name = self._errors[i]
             values = {
                 "error": name,
@@ -239,13 +253,16 @@ class LearningCourse(Strategy):
                 "unit": self._units[i],
                 "n": float(abs(surprise.ratio[i])),
             }
-            events.append(Event(EventKind.MEASUREMENT_REJECTED, error=name, code=EventCode.OUTLIER, values=values))
+            self._reject(i, EventCode.OUTLIER, values, events)
             self._wanted = Why.RETRY
         if self._stage.phase is Phase.NO_GOOD:
             if self._stage.measured >= self._settings.no_good_measurements:
                 self._stage.enter(Phase.COMPENSATION, events, measured=1)  # unlike after the reference, much is known
         elif exceeded.any() and self._settings.no_good_measurements:
             self._stage.enter(Phase.NO_GOOD, events)
+
+    def _reject(self, i: int, code: EventCode, values: dict[str, object], events: list[Event]) -> None:
+        events.append(Event(EventKind.MEASUREMENT_REJECTED, error=self._errors[i], code=code, values=values))
 
     def _note_trust(self, trusted: BoolArray, events: list[Event]) -> None:
         for i in np.flatnonzero(trusted != self._trusted):

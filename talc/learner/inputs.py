@@ -11,6 +11,8 @@ _LEAST_ROWS = 24
 """Until this many rows, a missing input keeps its last value."""
 _RIDGE = 1e-4
 """Relative ridge of the regression on the other inputs."""
+_LEAST_VARIANCE = 0.01
+"""K²: what the others imply of an input is never more certain."""
 _AWAY_STEPS = 2
 _MOVED_SIGMA = 5.0
 """An input that returns this many standard deviations from its expected value is another sensor, or is mounted
@@ -46,16 +48,18 @@ class InputMemory:
         """The present values are the reference."""
         self.reference = self.last.copy()
 
-    def fill(self, values: FloatArray, valid: BoolArray) -> tuple[FloatArray, FloatArray | None, BoolArray]:
+    def fill(
+        self, values: FloatArray, valid: BoolArray, same: BoolArray | None = None
+    ) -> tuple[FloatArray, FloatArray | None, BoolArray]:
         """Take in one row: (n,) values without gaps, the (n, n) covariance of what was filled in (None: nothing), and
-        (n,) which inputs returned as other sensors."""
+        (n,) which inputs returned as other sensors. same: (n,) those that did not; None: none is known not to have."""
         new = valid & ~self.known
         if new.any():
             self.reference[new] = self.mean[new] = self.last[new] = values[new]
             self.known |= new
         missing = self.known & ~valid
         moved = np.zeros(len(values), dtype=np.bool_)
-        back = valid & self.known & (self.away >= _AWAY_STEPS)
+        back = valid & self.known & (self.away >= _AWAY_STEPS) & ~(np.False_ if same is None else same)
         if back.any() and self.rows >= _LEAST_ROWS:
             moved = self._moved(values, valid, back)
         self.away = np.where(valid, 0, self.away + 1)
@@ -67,6 +71,19 @@ class InputMemory:
         self._remember(filled, doubt)
         self.last = filled
         return filled, doubt, moved
+
+    def as_exchanged(self, values: FloatArray, valid: BoolArray, i: int, j: int) -> float:
+        """How much nearer to what the other inputs imply two inputs are, if their values are exchanged: the difference
+        of squared Mahalanobis distances; 0: too little is known."""
+        if self.rows < _LEAST_ROWS:
+            return 0.0
+        pair = [i, j]
+        wanted = np.zeros(len(values), dtype=np.bool_)
+        wanted[pair] = True
+        mean, among = self._conditional(values, valid & ~wanted, wanted)
+        among = among + _LEAST_VARIANCE * np.eye(2)
+        here, there = values[np.sort(pair)] - mean, values[np.sort(pair)[::-1]] - mean
+        return float(here @ np.linalg.solve(among, here) - there @ np.linalg.solve(among, there))
 
     def _conditional(self, values: FloatArray, given: BoolArray, wanted: BoolArray) -> tuple[FloatArray, FloatArray]:
         """Mean and covariance of the wanted inputs, given others: of a joint normal distribution."""

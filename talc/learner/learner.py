@@ -6,10 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from talc.explanation import Explanation, Weights
-from talc.frame import BoolArray, FloatArray
+from talc.frame import BoolArray, FloatArray, IntArray
 from talc.learner.features import LagBank
 from talc.learner.inputs import InputMemory
 from talc.learner.mixture import Mixture, MixtureState, Surprise
+from talc.learner.plausible import SHORT_GAP, InputCheck, Suspicion
 from talc.learner.process import OtherMachines
 
 TIME_CONSTANTS_S = (0.0, 900.0, 2700.0, 8100.0, 24300.0)
@@ -63,6 +64,8 @@ class LearnerState:
     anchored: bool
     scale: float
     doubt: FloatArray
+    habit: FloatArray
+    fault: IntArray
 
 
 class RowLearner:
@@ -89,6 +92,9 @@ class RowLearner:
         self._mixture = Mixture(
             inputs, self._bank.lags, step_s, others=None if others is None else others[1], errors=self._errors
         )
+        self._check = InputCheck(inputs, step_s)
+        self.suspicions: list[Suspicion] = []
+        """Faults of inputs that the latest row began."""
         self._short_gap = round(_SHORT_GAP_S / step_s)
         self._noise = noise
         self._anchored = False
@@ -97,15 +103,21 @@ class RowLearner:
         """(9,) variance that missing inputs add at present."""
 
     @property
+    def doubted(self) -> BoolArray:
+        """(n,) inputs whose values are none at present: they are estimated from the others, or mended."""
+        return self._check.doubted
+
+    @property
     def scale(self) -> float:
         """Factor on the experts' standard deviations, because measurements were further off than these said."""
         return self._scale
 
     def advance(self, values: FloatArray, valid: BoolArray, gap: int) -> BoolArray:
         """The next row, after `gap` steps without one. Returns (n,) the inputs that returned as other sensors."""
-        memory, bank, mixture = self._memory, self._bank, self._mixture
+        memory, bank, mixture, check = self._memory, self._bank, self._mixture, self._check
         before = memory.last - memory.reference
-        filled, missing, moved = memory.fill(values, valid)
+        self.suspicions = check.judge(values, valid, memory, gap=gap > SHORT_GAP)
+        filled, missing, moved = memory.fill(check.mended(values), valid & ~check.lost, check.same)
         before = np.where(moved, before + memory.last - filled, before)
         deviation = filled - memory.reference
         if not self._anchored:
@@ -245,6 +257,8 @@ class RowLearner:
             anchored=self._anchored,
             scale=self._scale,
             doubt=self._doubt.copy(),
+            habit=self._check.habit.copy(),
+            fault=self._check.fault.copy(),
         )
 
     def restore(self, state: LearnerState) -> None:
@@ -256,6 +270,7 @@ class RowLearner:
         m.reference, m.known, m.last = state.reference.copy(), state.known.copy(), state.last.copy()
         m.away, m.mean, m.covariance = state.away.astype(np.int64), state.mean.copy(), state.covariance.copy()
         m.rows, self._anchored, self._scale, self._doubt = state.rows, state.anchored, state.scale, state.doubt.copy()
+        self._check.habit, self._check.fault = state.habit.copy(), state.fault.copy()
 
     def _cross(self, before: FloatArray, now: FloatArray, gap: int) -> None:
         """Cross a gap, in which the inputs are unknown. Its effect is judged by the difference of two guesses."""

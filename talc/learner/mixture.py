@@ -1,13 +1,15 @@
 """The experts of all thermal errors: Gaussian processes, mixed by how well they predict measurements."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from enum import StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
 
 from talc.frame import FloatArray
 from talc.learner.experts import EXPERTS, OTHERS_EXPERTS, UNIT, Expert
-from talc.learner.process import OTHER_REFERENCE, OtherMachines, Process, Rows
+from talc.learner.process import NEWEST, OTHER_REFERENCE, OtherMachines, Process, Rows
 from talc.names import THERMAL_ERRORS
 
 _ERRORS = len(THERMAL_ERRORS)
@@ -38,6 +40,11 @@ _FASTEST = 0.3
 """UNIT in 5 min."""
 _TWICE_OFF = 2.0
 """If two measurements in a row are so many standard deviations off to the same side, the level is moving fast."""
+_RIGHT = 2.0
+"""A far measurement that is within so many standard deviations of what was predicted before the level moved far takes
+that back: measurements of a bad day, stuck or in another unit, are no change of the machine."""
+_TAKEN_BACK_S = 86400.0
+"""The longest such day. It has no more measurements than are never merged."""
 _FIRST_FAR = 4.0
 """If the first measurement is this many standard deviations from zero, the reference is not the present state."""
 _EVIDENCE_FROM = 6
@@ -83,8 +90,30 @@ class MixtureState:
     """(9,) the last measurement that was not an outlier; NaN before the first."""
     cursor: int
     """The next error whose prior variances are renewed."""
+    before: NDArray[np.int64]
+    """(9,) rows before the first far measurement of a day that may be taken back; -1: none. `former_`: as then."""
+    former_jolted: FloatArray
+    former_last: FloatArray
+    former_evidence: FloatArray
+    former_zero: FloatArray
+    refused: FloatArray
+    """(9,) the last measurement, if it was an outlier; else NaN."""
     references: int = 0
     """Times that errors have begun to count anew."""
+
+
+class MeasurementFault(StrEnum):
+    """What is reported instead of a measurement."""
+
+    STUCK = "stuck"
+    """The last outlier again, to the last digit: a displacement sensor at its limit."""
+    THOUSANDTH = "thousandth"
+    """As expected if it is in mm instead of µm."""
+    THOUSANDFOLD = "thousandfold"
+    """As expected if it is in nm."""
+
+
+_TIMES = {MeasurementFault.THOUSANDTH: 1e-3, MeasurementFault.THOUSANDFOLD: 1e3}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -95,6 +124,10 @@ class Surprise:
     """(9,) innovations over their standard deviations."""
     outlier: NDArray[np.bool_]
     """(9,) treated as an outlier: it has little effect."""
+    faults: Mapping[int, MeasurementFault]
+    """Of errors whose measurement is none, and was not learnt from."""
+    forgotten: NDArray[np.int64]
+    """(9,) measurements before it that this one has shown to be wrong, and that are forgotten."""
     variance: FloatArray
     """(9,) of what was expected, a measurement's own noise aside."""
 
@@ -148,6 +181,9 @@ class Mixture:
         self._suspect, self._off = np.zeros((2, errors))
         self._last = np.full(errors, np.nan)
         self._reference, self._references = np.zeros(errors), 0
+        self._before, self._refused = np.full(errors, -1, dtype=np.int64), np.full(errors, np.nan)
+        self._former_jolted, self._former_last = np.zeros((2, errors))
+        self._former_evidence, self._former_zero = np.zeros_like(self._evidence), np.zeros_like(self._zero)
         self._weights: FloatArray | None = None
 
     @property
@@ -208,6 +244,12 @@ class Mixture:
             last=self._last.copy(),
             cursor=self._cursor,
             references=self._references,
+            before=self._before.copy(),
+            former_jolted=self._former_jolted.copy(),
+            former_last=self._former_last.copy(),
+            former_evidence=self._former_evidence.copy(),
+            former_zero=self._former_zero.copy(),
+            refused=self._refused.copy(),
         )
 
     def restore(self, state: MixtureState) -> None:
@@ -223,6 +265,9 @@ class Mixture:
         self._now, self._jolted, self._elapsed = state.now, state.jolted.copy(), state.elapsed.copy()
         self._count, self._cursor = state.count.copy(), state.cursor
         self._suspect, self._off, self._last = state.suspect.copy(), state.off.copy(), state.last.copy()
+        self._before, self._refused = state.before.copy(), state.refused.copy()
+        self._former_jolted, self._former_last = state.former_jolted.copy(), state.former_last.copy()
+        self._former_evidence, self._former_zero = state.former_evidence.copy(), state.former_zero.copy()
         for e, process in enumerate(self._processes):
             process.restore(state.relevance[:, e])
         self._weights = None
@@ -250,6 +295,7 @@ class Mixture:
         self._zero[:, 3] = -2.0 * self._evidence[:, 0]
         self._last, self._elapsed = np.where(known, 0.0, np.nan), np.zeros(self._errors)
         self._suspect, self._off = np.zeros((2, self._errors))
+        self._before[:], self._refused[:] = -1, np.nan
         self._weights = None
 
     def add_level_variance(self, variance: FloatArray) -> None:
@@ -326,7 +372,18 @@ class Mixture:
         for j in measured[self._count[measured] == 0]:
             self._begin(int(j), float(errors[j]), float(noise[j]))
         mean, variance = self._each(x, 0, reference=True)
+        forgotten, faults = np.zeros(self._errors, dtype=np.int64), {}
+        for j in measured:
+            forgotten[j] = self._take_back(int(j), x, float(errors[j]), float(noise[j]), mean[j], variance[j])
+        if (self._before[measured] >= 0).any() or forgotten.any():  # it has looked from fewer rows
+            mean, variance = self._each(x, 0, reference=True)
         expected = self._mixed(mean, variance)
+        for j in measured.tolist():
+            fault = self._fault(j, float(errors[j]), float(noise[j]), mean[j], variance[j])
+            if fault is not None:
+                faults[j], noise[j] = fault, np.inf
+        measured = np.array([j for j in measured.tolist() if j not in faults], dtype=np.int64)
+        errors = np.where(np.isfinite(noise), errors, np.nan)
         for j in measured:
             ratio[j], outlier[j] = self._weigh(int(j), float(errors[j]), noise, mean[j], variance[j])
         self._share = self._shares()
@@ -335,12 +392,13 @@ class Mixture:
         self._elapsed[measured] = 0.0
         self._renew()
         self._weights = None
-        return Surprise(ratio, outlier, expected[1])
+        return Surprise(ratio, outlier, faults, forgotten, variance=expected[1])
 
     def _append(self, x: FloatArray, y: FloatArray, noise: FloatArray) -> None:
         """One more row, at whose features (p,) the processes have just looked."""
         if self._rows.is_full():
             self._rows.thin()
+            self._before[:] = -1
             for process in self._processes:
                 process.rebuild()
                 process.look(x, self._now, self._jolted, reference=True)
@@ -372,12 +430,15 @@ class Mixture:
         outlier = jump = False
         change = 2.0 * own + (_FASTEST * UNIT) ** 2 * self._elapsed[j]
         if abs(ratio) > _FAR:
+            self._remember(j)
             sudden = (y - self._last[j]) ** 2 > _FAR**2 * change  # NaN compares false
             outlier = bool(sudden and self._suspect[j] * centre <= 0.0)
             jump = not outlier
         elif min(abs(ratio), abs(self._off[j])) > _TWICE_OFF and ratio * self._off[j] > 0.0:
             jump = True
-        self._off[j] = ratio
+        if not (jump or outlier) and self._jolted[j] == self._former_jolted[j]:
+            self._before[j] = -1
+        self._off[j], self._refused[j] = ratio, y if outlier else np.nan
         self._suspect[j] = centre if outlier else 0.0
         if not outlier:
             self._last[j] = y
@@ -397,10 +458,62 @@ class Mixture:
         self._evidence[j] = evidence
         return float(ratio), outlier
 
-    def _shares(self) -> FloatArray:
-        """(9, E + 1) weights of the experts, by their evidence."""
+    def _fault(self, j: int, y: float, own: float, mean: FloatArray, variance: FloatArray) -> MeasurementFault | None:
+        """What a measurement y is instead of one, if (E + 1,) means and variances expected another."""
+        off = abs(_ratio(y, own, self._share[j], mean, variance))
+        if off > _FAR and y == self._refused[j]:
+            return MeasurementFault.STUCK
+        for fault, times in _TIMES.items():
+            scaled = abs(_ratio(y / times, own, self._share[j], mean, variance))
+            # An error within its noise is zero in any unit.
+            if off > _TWICE_OFF and scaled < min(off / 2.0, _FIRST_FAR) and abs(y / times) > _FIRST_FAR * np.sqrt(own):
+                return fault
+        return None
+
+    def _remember(self, j: int) -> None:
+        """What is known before a far measurement, unless it is one of a day that may still be taken back."""
+        first = int(self._before[j])
+        if first < 0 or not self._is_of_a_day(first):
+            self._before[j] = self._rows.n
+            self._former_jolted[j], self._former_last[j] = self._jolted[j], self._last[j]
+            self._former_evidence[j], self._former_zero[j] = self._evidence[j], self._zero[j]
+
+    def _is_of_a_day(self, first: int) -> bool:
+        n = self._rows.n
+        return n - first <= NEWEST and (
+            first == n or (self._now - self._rows.time[first]) * _DRIFT_STEP_S <= _TAKEN_BACK_S
+        )
+
+    def _take_back(self, j: int, x: FloatArray, y: float, own: float, mean: FloatArray, variance: FloatArray) -> int:
+        """Forget the measurements of a bad day, if y is far from the (E + 1,) present means and near to what was
+        predicted from the rows before that day. Returns how many."""
+        first = int(self._before[j])
+        if first < 0 or first >= self._rows.n or not self._is_of_a_day(first):
+            return 0
+        if abs(_ratio(y, own, self._share[j], mean, variance)) <= _FAR:
+            return 0
+        jolted = self._jolted.copy()
+        jolted[j] = self._former_jolted[j]
+        then, spread = mean.copy(), variance.copy()
+        for e, process in enumerate(self._processes, start=1):
+            found = process.look(x, self._now, jolted, reference=True, rows_used=first)
+            then[e], spread[e] = found[0][j], found[1][j] + self._misfit[e]
+        share = self._shares(self._former_evidence)[j]
+        if abs(_ratio(y, own, share, then, spread)) > _RIGHT:
+            return 0
+        many = int(self._rows.known[j, first : self._rows.n].sum())
+        self._rows.forget(j, first, float(jolted[j]))
+        for process in self._processes:
+            process.rebuild(j)
+        self._jolted, self._last[j], self._before[j] = jolted, self._former_last[j], -1
+        self._evidence[j], self._zero[j] = self._former_evidence[j], self._former_zero[j]
+        self._share[j], self._suspect[j], self._off[j], self._refused[j] = share, 0.0, 0.0, np.nan
+        return many
+
+    def _shares(self, evidence: FloatArray | None = None) -> FloatArray:
+        """(9, E + 1) weights of the experts, by their evidence; None: the present one."""
         with np.errstate(divide="ignore"):
-            likely = np.log(self._first) + _TEMPER * self._evidence
+            likely = np.log(self._first) + _TEMPER * (self._evidence if evidence is None else evidence)
         share = np.exp(likely - likely.max(axis=1, keepdims=True))
         return np.asarray((1.0 - _SHARED) * share / share.sum(axis=1, keepdims=True) + _SHARED * self._first)
 
@@ -411,3 +524,10 @@ class Mixture:
                 for process in self._processes:
                     process.renew(int(j))
         self._cursor = (self._cursor + many) % self._errors
+
+
+def _ratio(y: float, own: float, share: FloatArray, mean: FloatArray, variance: FloatArray) -> float:
+    """Innovation over its standard deviation, of a measurement y with its own variance; (E + 1,) of the experts."""
+    innovation = y - mean
+    centre = float(share @ innovation)
+    return centre / float(np.sqrt(float(share @ (variance + (innovation - centre) ** 2)) + own))

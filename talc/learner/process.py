@@ -15,7 +15,7 @@ _FEWER = 200
 OTHER_REFERENCE = 1e5
 """µm² or (µm/m)²: variance of the level from one reference to the next, so large that neither tells of the other's.
 Rows on either side of as large a change are not merged."""
-_NEWEST = 40
+NEWEST = 40
 """Rows that are never merged."""
 _PRIOR_COUNTS = 0.5
 """Weights that the prior variance before counts for when it is renewed."""
@@ -85,6 +85,11 @@ class Rows:
         self.jolt[n], self.y[n], self.noise[n] = jolt, y, noise
         self.known[:, n] = np.isfinite(noise)
 
+    def forget(self, j: int, first: int, jolt: float) -> None:
+        """One error was not measured from a row on, and its level did not move since then."""
+        self.noise[first : self.n, j], self.known[j, first : self.n] = np.inf, 0.0
+        self.y[first : self.n, j], self.jolt[first : self.n, j] = 0.0, jolt
+
     def rescale(self, factor: FloatArray) -> None:
         """Features become (p,) factor times themselves."""
         self.x[: self.n] *= factor
@@ -98,8 +103,8 @@ class Rows:
         x, time, weight = list(self.x[: self.n]), self.time[: self.n].tolist(), self.weight[: self.n].tolist()
         jolt, y, noise = list(self.jolt[: self.n]), list(self.y[: self.n]), list(self.noise[: self.n])
         while len(x) > _FEWER:
-            apart = np.diff(time[: len(time) - _NEWEST])
-            apart[np.diff([float(each.max()) for each in jolt[: len(time) - _NEWEST]]) > OTHER_REFERENCE / 2.0] = np.inf
+            apart = np.diff(time[: len(time) - NEWEST])
+            apart[np.diff([float(each.max()) for each in jolt[: len(time) - NEWEST]]) > OTHER_REFERENCE / 2.0] = np.inf
             i = int(np.argmin(apart))
             a, b = weight[i], weight[i + 1]
             told = a / noise[i], b / noise[i + 1]  # an error that only one measured keeps that one's value and noise
@@ -174,12 +179,18 @@ class Process:
         """(m, rows) what the level adds to the covariance of a row with a later one."""
         return np.asarray(self._level * self._rows.time + self._rows.jolt.T)
 
-    def look(self, x: FloatArray, now: float, jolted: FloatArray, *, reference: bool) -> tuple[FloatArray, FloatArray]:
-        """(m,) means and variances with features x (p,) at a time; of the errors, or with the reference's noise."""
+    def look(
+        self, x: FloatArray, now: float, jolted: FloatArray, *, reference: bool, rows_used: int | None = None
+    ) -> tuple[FloatArray, FloatArray]:
+        """(m,) means and variances with features x (p,) at a time; of the errors, or with the reference's noise.
+
+        rows_used: as if there were only so many rows, the oldest; None: all
+        """
         rows, c, square = self._rows, self._times_prior(x), float(_square(x))
         levels = self._levels() + rows.reference[:, None] if reference else self._levels()
         given = c, x, square, self._smooth, self._inverse, levels, rows.known, self._lower, self._z
-        _kernel.process_look(rows.x, rows.square, rows.n, *given, self._v, self._centre, self._spread)
+        n = rows.n if rows_used is None else rows_used
+        _kernel.process_look(rows.x, rows.square, n, *given, self._v, self._centre, self._spread)
         self._alone = self._own(c, x, square)
         level = self._level * now + jolted + (rows.reference if reference else 0.0)
         return self._centre + self._mean @ x, self._alone + level - self._spread

@@ -35,7 +35,9 @@ SIGNALS: Final = ("x-drive", "y-drive", "z-drive", "a-drive", "c-drive", "sphere
 DEEP_MM: Final = APPROACH_MM_PER_S**2 / (ACCELERATION_MM_PER_S2 * (1.0 - OFFSETS_SHARE)) + APPROACH_MM_PER_S * 0.004
 """How far the stylus gives way: the way to stop from APPROACH_FEED, as LinuxCNC brakes with half of the acceleration
 where it may blend moves, and what it takes four servo periods to notice it."""
-MORE_MM, STANDS_MM = 3.5, 1e-6
+MORE_MM = 3.5
+STANDS_MM: Final = 1.5e-6
+"""One in the last of a record's six decimals."""
 CEILING_MM, NO_CEILING_MM = 5.0, 1e6
 """Over the spindle, which is lower than at SAFE_Z: whatever goes up meets it."""
 AUTO: Final = 2
@@ -124,8 +126,9 @@ async def _disturb(bench: AgentBench, kind: str, draw: random.Random) -> None:
             await lower_ceiling(bench)
         case "hand":
             await _turn_wheel(bench, draw.choice((-1, 1)) * 20)
-        case "block":
-            await hal.ask("hal", "setp", "motion.analog-in-20", str(1 + draw.randrange(len(BLOCKS))))
+        case "block" | "G43.1 Z1":
+            number = BLOCKS.index(kind) if kind in BLOCKS else draw.randrange(len(BLOCKS))
+            await hal.ask("hal", "setp", "motion.analog-in-20", str(1 + number))
         case "mdi":
             await hal.ask("send_mdi", draw.choice(QUEUED))
         case "mode":

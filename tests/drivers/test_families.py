@@ -106,6 +106,7 @@ def command(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
     )  # fmt: skip
 
 
+@pytest.mark.slow
 def test_a_family_of_another_package_is_a_bus_with_profiles_of_its_own(tmp_path: Path) -> None:
     rows = {"talc_gateway.buses": {"toy": "toy_package:FAMILY"}}
     install(files_of("toy", rows, {"toy_package.py": TOY}), tmp_path / "site")

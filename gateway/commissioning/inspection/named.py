@@ -3,7 +3,6 @@
 import asyncio
 import struct
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Literal
 
 import click
@@ -16,7 +15,7 @@ from drivers.number_types import BYTE_FORMATS, ByteNumber
 from drivers.opcua.bus import OpcUaBus
 from drivers.opcua.nodes import NodeName, NodeValue, node_name
 from gateway.acquisition.text import number_text
-from gateway.commissioning.inspection.registers import now_text, write_draft
+from gateway.commissioning.inspection.draft import Draft, now_text, write_draft
 from gateway.commissioning.scan.drafts import BYTE_KINDS, node_draft, object_draft
 from gateway.commissioning.scan.found import open_bus
 from gateway.runtime.boundary import contained
@@ -33,10 +32,8 @@ def inspect_objects(
     node: int,
     objects: Sequence[CanObject],
     channel: str,
-    draft: Path | None,
+    draft: Draft,
     kind: ByteNumber | None,
-    scale: float,
-    quantity: str,
 ) -> bool:
     """Read the objects, print a table and write the draft, which needs `kind`; False if nothing was read."""
     seen, refused = asyncio.run(_read_objects(bus, node, objects))
@@ -51,14 +48,14 @@ def inspect_objects(
         console.print(table)
     for text in refused:
         console.print(f"- {text}", highlight=False, soft_wrap=True)
-    if draft is not None and kind is not None and seen:
+    if draft.file is not None and kind is not None and seen:
         size = struct.calcsize(BYTE_FORMATS[kind])
         fitting = {found: _number(data, kind) for found, data in seen.items() if len(data) == size}
         if not fitting:
             raise click.UsageError(f"--type {kind}: none of the objects has {size} bytes")
         where = f"node {node} at {channel}"
-        text = object_draft(fitting, kind=kind, scale=scale, unit=quantity, place=where, when=now_text())
-        write_draft(draft, text, node)
+        text = object_draft(fitting, kind=kind, scale=draft.scale, unit=draft.quantity, place=where, when=now_text())
+        write_draft(draft.file, text, node)
     return bool(seen)
 
 
@@ -66,10 +63,8 @@ def inspect_nodes(
     bus: OpcUaBus,
     nodes: Mapping[str, NodeName],
     url: str,
-    draft: Path | None,
+    draft: Draft,
     kind: str | None,
-    scale: float,
-    quantity: str,
 ) -> bool:
     """Read the nodes, print the tables and write the draft; False if no node holds a number."""
     found = dict(zip(nodes, asyncio.run(_read_nodes(bus, list(nodes.values()))), strict=True))
@@ -84,15 +79,15 @@ def inspect_nodes(
     for name, bytes_held in data.items():
         terminal().print(_bytes_table(name, bytes_held))
     numbers: dict[str, object] = {n: one.value for n, one in good.items() if isinstance(one.value, int | float)}
-    if draft is not None:
+    if draft.file is not None:
         drafted = {
             _by_uri(bus, nodes[name]): one for name, one in (numbers | (data if kind is not None else {})).items()
         }
         if not drafted:
             hint = "; --type says how its bytes hold one" if data else ""
             raise click.UsageError(f"no node holds a good number{hint}: no draft was written")
-        text = node_draft(drafted, scale=scale, unit=quantity, place=url, when=now_text(), kind=kind)
-        write_draft(draft, text, 1)
+        text = node_draft(drafted, scale=draft.scale, unit=draft.quantity, place=url, when=now_text(), kind=kind)
+        write_draft(draft.file, text, 1)
     return bool(numbers or data)
 
 

@@ -2,25 +2,22 @@
 
 import asyncio
 from collections.abc import Mapping, Sequence
-from datetime import UTC, datetime
 from pathlib import Path
 
 import click
 from rich.table import Table
 
-from drivers.base import SetupError
 from drivers.bus_settings import Parity
 from drivers.modbus.bus import ModbusBus, ModbusTcpBus
 from drivers.modbus.numbers import NumberFormat, NumberType
 from drivers.modbus.rtu import ModbusRtuBus, ModbusRtuTcpBus
 from drivers.modbus.settings import ModbusRtuSettings, ModbusRtuTcpSettings, ModbusTcpSettings
 from drivers.problems import read_settings
-from drivers.profiles import load_profile
 from gateway.acquisition.text import number_text
+from gateway.commissioning.inspection.draft import Draft, now_text, write_draft
 from gateway.commissioning.scan.found import open_bus
 from gateway.commissioning.scan.registers import ORDERS, Meaning, SeenWords, profile_draft, read_words
 from gateway.commissioning.scan.tcp import scanned_host
-from gateway.config.wires import toml_value
 from gateway.runtime.boundary import contained
 from gateway.runtime.terminal import terminal
 
@@ -41,8 +38,8 @@ def inspect_registers(
     function: int,
     addresses: Sequence[int],
     where: str,
-    draft: Path | None,
-    meaning: Meaning,
+    draft: Draft,
+    form: NumberFormat,
 ) -> bool:
     """Read the addresses, print the tables and write the draft; False if nothing was read."""
     seen = asyncio.run(_read(bus, unit, function, addresses))
@@ -51,13 +48,22 @@ def inspect_registers(
         console.print(table)
     for refused in seen.refusals():
         console.print(f"- unit {unit} refuses {refused}", highlight=False, soft_wrap=True)
-    if draft is not None and seen.words:
-        _write(draft, seen, meaning, unit, where)
+    if draft.file is not None and seen.words:
+        _write(draft.file, seen, Meaning(form, draft.scale, draft.quantity), unit, where)
     return bool(seen.words)
 
 
-def modbus_at(where: str, baud: int, parity: Parity, rtu: bool, timeout_s: float) -> ModbusBus:
-    """The bus at a serial port, or at host or host:port. Raises SetupError, or click.UsageError."""
+def modbus_at(where: str, unit: int, *, baud: int, parity: Parity, rtu: bool, timeout_s: float) -> ModbusBus:
+    """The bus at a serial port, or at host or host:port, which can have this unit. Raises SetupError, or
+    click.UsageError."""
+    bus = _bus_at(where, baud, parity, rtu, timeout_s)
+    low, high = bus.units
+    if not low <= unit <= high:
+        raise click.UsageError(f"--unit {unit}: expected {low} to {high} on {bus.kind}")
+    return bus
+
+
+def _bus_at(where: str, baud: int, parity: Parity, rtu: bool, timeout_s: float) -> ModbusBus:
     if "/" in where or Path(where).exists():
         if rtu:
             raise click.UsageError(f"--rtu: {where} is a serial port; give host:port of a device server")
@@ -140,23 +146,3 @@ def _write(path: Path, seen: SeenWords, meaning: Meaning, unit: int, where: str)
     except ValueError as error:
         raise click.UsageError(str(error)) from error
     write_draft(path, text, unit)
-
-
-def now_text() -> str:
-    """The time, for a draft."""
-    return f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC"
-
-
-def write_draft(path: Path, text: str, unit: int) -> None:
-    """Write a profile and say how to use it. Raises SetupError, and leaves no file, if the text is not a profile."""
-    path.write_text(text, encoding="utf-8")
-    try:
-        profile = load_profile(str(path))
-    except SetupError:
-        path.unlink()
-        raise
-    click.echo(f"{path} written: {profile.channels} channels. Compare and change what says CONFIRM; then, for a bus:")
-    click.echo(
-        f'[[device]]\nname = "new"\nbus = "..."\nprofile = {toml_value(str(path))}\nunit = {unit}\n[device.channels]'
-    )
-    click.echo("\n".join(f"new_in{number} = {number}" for number in range(profile.channels)))

@@ -4,14 +4,13 @@ import asyncio
 import math
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
-from pathlib import Path
 
 import click
 from rich.table import Table
 
 from drivers.mqtt.bus import MqttBus, TopicMessage
 from gateway.acquisition.text import number_text
-from gateway.commissioning.inspection.registers import now_text, write_draft
+from gateway.commissioning.inspection.draft import Draft, now_text, write_draft
 from gateway.commissioning.scan.found import open_bus
 from gateway.commissioning.scan.topics import SeenTopic, bus_period_s, seen_topics, topic_draft
 from gateway.config.wires import toml_value
@@ -27,9 +26,7 @@ def inspect_topics(
     settings: Mapping[str, object],
     seconds: float,
     most: int,
-    draft: Path | None,
-    scale: float,
-    quantity: str,
+    draft: Draft,
 ) -> bool:
     """Listen to what the bus wants, print a table and write the draft; False if nothing was heard.
 
@@ -44,13 +41,13 @@ def inspect_topics(
         console.print(f"no message in {seconds:g} s", highlight=False)
     if len(seen) >= most:
         console.print(f"stopped at {most} topics; name fewer, or give --most", highlight=False)
-    if draft is not None and seen:
+    if draft.file is not None and seen:
         try:
-            text = topic_draft(seen, scale=scale, unit=quantity, place=url, when=now_text())
+            text = topic_draft(seen, scale=draft.scale, unit=draft.quantity, place=url, when=now_text())
         except ValueError as error:
             raise click.UsageError(f"{error}: no draft was written") from error
         lines = [f"{name} = {toml_value(value)}" for name, value in settings.items() if name != "timeout_s"]
-        write_draft(draft, text, 1)
+        write_draft(draft.file, text, 1)
         head = ["[[bus]]  # of the device above; CONFIRM: the longest usual time between messages", 'name = "..."']
         click.echo("\n".join([*head, 'kind = "mqtt"', *lines, f"period_s = {bus_period_s(seen)}"]))
     return bool(seen)

@@ -3,6 +3,7 @@
 import asyncio
 from collections.abc import Awaitable, Callable
 from contextlib import nullcontext
+from dataclasses import dataclass
 from pathlib import Path
 
 import click
@@ -33,13 +34,24 @@ CAN_TIMEOUT_S = 0.3
 LISTEN_S = 3.0
 
 
-def scan_to_file(
-    intro: str, total: int, longest_s: float, limit_s: float, toml: Path | None, yes: bool, run: ScanRun
-) -> bool:
+@dataclass(frozen=True, slots=True)
+class ScanEnding:
+    """When a scan ends, and what becomes of what it found."""
+
+    limit: float
+    """s"""
+    toml: Path | None
+    """File for a configuration; `-`: standard output."""
+    yes: bool
+    """Answer every question with yes."""
+
+
+def scan_to_file(intro: str, total: int, longest_s: float, ending: ScanEnding, run: ScanRun) -> bool:
     """Check the file, print the longest duration, scan with a progress bar, print the table, write the file.
 
     Returns whether anything was found.
     """
+    toml, limit_s, yes = ending.toml, ending.limit, ending.yes
     _existing(toml)
     said = terminal(stderr=True)
     said.print(

@@ -3,11 +3,13 @@
 import hashlib
 import json
 import shlex
+from collections import Counter
 from dataclasses import asdict, dataclass, replace
 from datetime import UTC
 from pathlib import Path
 
 import numpy as np
+from rich.console import Console
 from rich.progress import Progress
 
 from gateway.config.prior import PriorError, PriorFile, described, prior_for
@@ -15,12 +17,15 @@ from gateway.config.problems import ConfigError, Problem
 from gateway.config.talc_only import TalcOnly, load_talc_only
 from gateway.control.replay.stored import replay
 from gateway.model.text import Language
+from gateway.reporting.data import ReportData
 from gateway.reporting.recordings.columns import Columns
 from gateway.reporting.recordings.grid import Recording, read_recording
 from gateway.reporting.recordings.layout import ranges_text
 from gateway.reporting.recordings.table import write_table
 from gateway.runtime.terminal import terminal
 from gateway.storage.history import History
+from talc.kinds import EventCode
+from talc.learner.plausible import strange_cells
 from talc.names import ERROR_UNITS, MICROMETRE, THERMAL_ERRORS, TINY_UM
 
 _DAY_H = 24.0
@@ -129,6 +134,7 @@ def run_recording(request: Request) -> None:
             explained=request.out is not None,
             progress=lambda steps: bar.update(task, completed=steps),
         )
+    _tell_no_values(console, recording, data, said)
     found = summary(data)
     if found.rows:
         console.print(table(found, said))
@@ -190,6 +196,32 @@ def _tiny(recording: Recording, said: Language) -> list[str]:
                 unit = shlex.quote(f"{name}=mm")
                 lines.append(said("replay.tiny", name=name, um=largest, unit=unit))
     return lines
+
+
+def _tell_no_values(console: Console, recording: Recording, data: ReportData, said: Language) -> None:
+    """What is no value: the cells of which input, how many and why; and the measurements that were not learnt from."""
+    lines = []
+    for cells in strange_cells(recording.input_names, recording.inputs, recording.k, recording.step_s):
+        why = (
+            said("replay.exchanged", name=cells.other)
+            if cells.other != cells.input
+            else said.word("input_fault", cells.fault)
+        )
+        hours = (int(recording.k[cells.first]) - int(recording.k[0])) * recording.step_s / 3600.0
+        lines.append(said("replay.no_value", name=cells.input, n=cells.count, hours=hours, why=why))
+    told = [event for _, event in data.events if event.code in (EventCode.NO_MEASUREMENT, EventCode.TAKEN_BACK)]
+    faults = Counter(
+        (str(e.error), str(e.values["measurement_fault"])) for e in told if e.code == EventCode.NO_MEASUREMENT
+    )
+    for (error, fault), count in faults.items():
+        why = said.word("measurement_fault", fault)
+        lines.append(said("replay.not_learnt", name=error, n=count, why=why))
+    forgotten = Counter[str]()
+    for event in told:
+        forgotten[str(event.error)] += int(event.values.get("n", 0))
+    lines += [said("replay.forgotten", name=error, n=n) for error, n in forgotten.items() if n]
+    for line in lines:
+        console.print(line, soft_wrap=True, markup=False, highlight=False)
 
 
 def _calibrated(sections: TalcOnly, recording: Recording, minutes: float, file: Path) -> TalcOnly:

@@ -9,7 +9,7 @@ from pydantic import Field, create_model, model_validator
 from drivers.section import FilePath, NotEmpty, Section, user_and_password
 from gateway.config.fields import DEFAULT_PREFIX, LOOPBACK, KeyPrefix, Name
 from gateway.config.problems import ConfigError, Problem, read_sections
-from gateway.config.reading import any_section_of, data_of, kinds_in, read_text
+from gateway.config.reading import any_section_of, kinds_in, read_data
 from gateway.config.telemetry import Endpoint, Telemetry, TelemetryTls, endpoint
 from gateway.listeners.outlets.feed import Feed
 from gateway.listeners.outlets.influxdb import InfluxDbSettings
@@ -119,7 +119,7 @@ def _problems(file: OutletFile) -> Iterator[Problem]:
 
 def load_outlets(path: Path) -> OutletFile:
     """The checked file. Raises ConfigError with every problem found."""
-    data = data_of(read_text(path), path)
+    data = read_data(path)
     sections, problems = _others(data)
     if problems:
         raise ConfigError(path, problems)

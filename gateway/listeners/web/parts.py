@@ -102,7 +102,7 @@ class ShownChannel:
     quality: str
     """Key of the catalogue."""
     good: bool
-    detail: str
+    detail: Sentence | None
     body: str
     """Part of the machine in the sketch, by its name; empty: none."""
 
@@ -126,7 +126,7 @@ def channels(seen: MachineSeen) -> Iterator[ShownChannel]:
             None if r.value is None else Amount(r.value, _unit(r.unit), d=1),
             f"quality.{r.quality}",
             r.quality == Quality.GOOD,
-            r.detail,
+            told(text_from(r.detail, r.detail_coded)) if r.detail else None,
             _body(r.channel),
         )
         for r in seen.readings.values()

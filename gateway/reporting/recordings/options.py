@@ -1,10 +1,40 @@
 """What the options of `replay` say of a recording's columns."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from zoneinfo import ZoneInfo
 
-from gateway.reporting.recordings.times import TIME_UNITS
+import click
+
+from gateway.reporting.recordings.columns import Columns
+from gateway.reporting.recordings.layout import TextLayout, line_ranges
+from gateway.reporting.recordings.times import TIME_UNITS, TimeFormat
 from talc.names import THERMAL_ERRORS, like_an_error
 from talc.units import COLUMN_UNITS, plain_unit
+
+
+def columns_of(
+    *, time: str, errors: Sequence[str], units: Sequence[str], ignored: tuple[str, ...], inputs: tuple[str, ...],
+    time_of_day: str, time_unit: str, time_format: str, time_zone: ZoneInfo | None, runs: str,
+    skip: Sequence[str], missing: tuple[str, ...],
+) -> Columns:  # fmt: skip
+    """What the options say together. Raises click.BadParameter."""
+    with _said_by("--time-unit"):
+        clock = TimeFormat(time_format, time_zone, unit_of_time(time_unit, time_format))
+    with _said_by("--skip"):
+        layout = TextLayout(line_ranges(skip), missing)
+    with _said_by("--error"):
+        named = named_errors(errors)
+    with _said_by("--unit"):
+        return Columns(time, named, ignored, inputs, named_units(units), clock, time_of_day, runs, layout)
+
+
+@contextmanager
+def _said_by(option: str) -> Iterator[None]:
+    try:
+        yield
+    except ValueError as error:
+        raise click.BadParameter(str(error), param_hint=option) from None
 
 
 def named_errors(pairs: Iterable[str]) -> dict[str, str]:
@@ -26,7 +56,7 @@ def named_units(pairs: Iterable[str]) -> dict[str, str]:
     return found
 
 
-def time_unit(text: str, form: str) -> str:
+def unit_of_time(text: str, form: str) -> str:
     """The unit of times that are plain numbers; empty if none is given. Raises ValueError.
 
     form: how other times are written

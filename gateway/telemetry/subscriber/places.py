@@ -3,14 +3,16 @@
 from collections.abc import Mapping
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 from pydantic import ValidationError
 
+from drivers.section import both_or_neither
 from gateway.config.fields import DEFAULT_PREFIX
 from gateway.config.telemetry import Telemetry, TelemetryTls, endpoint
 from gateway.config.telemetry_rules import credential_problems
+from gateway.telemetry.session import Access
 from gateway.telemetry.subscriber.site import listened_to
 
 if TYPE_CHECKING:
@@ -40,22 +42,33 @@ def heard_at(config: "GatewayConfig | None", connect: tuple[str, ...], prefix: s
     return telemetry.model_copy(update={"connect": places, "prefix": prefix or telemetry.prefix})
 
 
-def connected_to(
-    connect: tuple[str, ...],
-    prefix: str,
-    user: str | None,
-    password_file: Path | None,
-    files: Mapping[str, Path | None],
-) -> Telemetry:
-    """Where to connect and how. Raises click.UsageError."""
+def access_of(
+    authority: Path | None, certificate: Path | None, key: Path | None, user: str | None, password_file: Path | None
+) -> Access:
+    """What a reader's options say. Raises click.UsageError when one is missing."""
+    try:
+        both_or_neither("--certificate", certificate, "--key", key)
+        both_or_neither("--user", user, "--password-file", password_file)
+    except ValueError as error:
+        raise click.UsageError(str(error)) from None
+    password = None if password_file is None else password_file.read_text(encoding="utf-8").strip()
+    return Access(authority=authority, certificate=certificate, key=key, user=user, password=password)
+
+
+def connected_to(connect: tuple[str, ...], prefix: str, proof: Mapping[str, Any]) -> Telemetry:
+    """Where to connect and how. Raises click.UsageError.
+
+    proof: `user`, `password_file`, and the files of TelemetryTls
+    """
+    login = {"user": proof["user"], "password_file": proof["password_file"]}
+    files = {name: file for name, file in proof.items() if name not in login}
     try:
         telemetry = Telemetry(
             listen=(),
             connect=connect,
             prefix=prefix,
             tls=TelemetryTls(**files),
-            user=user,
-            password_file=password_file,
+            **login,
         )
     except ValidationError as error:
         first = error.errors()[0]

@@ -11,6 +11,7 @@ from drivers.nc import ProbingState, RequestStatus
 from tests.benches.linuxcnc_bench import until
 from tests.benches.linuxcnc_foreign import (
     BALL_MM,
+    BLOCKS,
     DEEP_MM,
     FINAL,
     KINDS,
@@ -33,6 +34,7 @@ LEAST_MM = 15.0
 """BALL and twice REACH of the bench's machine."""
 REASONS = {
     "block": "somebody else moved the machine or changed its modes",
+    "G43.1 Z1": "somebody else moved the machine or changed its modes",
     "mdi": "somebody else moved the machine or changed its modes",
     "mode": "somebody changed the operating mode",
     "limit": "the machine is off or not homed",
@@ -44,9 +46,9 @@ REASONS = {
 async def test_a_cycle_that_was_not_alone_has_no_result_and_leaves_the_probe_safe(tmp_path: Path) -> None:
     draw = random.Random(7)
     async with disturbable(tmp_path) as bench:
-        kinds = ("block", "mdi", "mode", "limit", "contact", "probe", "may-start", "hand")
+        kinds = ("block", "mdi", "mode", "limit", "contact", "probe", "may-start", "hand", "G43.1 Z1")
         for number, kind in enumerate(kinds, start=1):
-            assert kind in KINDS
+            assert kind in (*KINDS, *BLOCKS)
             one = await disturbed(bench, kind, number, draw)
             assert one.safe, one
             assert kind not in REASONS or one.status.reason == REASONS[kind]

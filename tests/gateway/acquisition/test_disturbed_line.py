@@ -237,9 +237,8 @@ async def test_few_readings_are_lost(case: str) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("case", CASES)
 @pytest.mark.parametrize("timeout_s", [None, TIMEOUT_S])
-async def test_few_readings_are_lost_by_other_seeds(case: str, timeout_s: float | None) -> None:
-    for seed in range(1, 3):
-        await judge(case, seed, timeout_s)
+async def test_few_readings_are_lost_by_another_seed(case: str, timeout_s: float | None) -> None:
+    await judge(case, 1, timeout_s)
 
 
 def test_a_master_that_asks_for_two_blocks_loses_the_periods_in_which_both_answers_are_late() -> None:

@@ -55,6 +55,7 @@ def without_times(events: tuple[WireEvent, ...]) -> list[WireEvent]:
     return [WireEvent(0.0, e.bus, e.passed, e.data, e.identifier, e.extended, e.note) for e in events]
 
 
+@pytest.mark.slow
 @given(calls=st.lists(CALL, max_size=8), config=CONFIG)
 def test_what_was_written_is_read(folder: Path, calls: list[tuple[object, ...]], config: list[str]) -> None:
     file = folder / "whole.wire"
@@ -65,6 +66,7 @@ def test_what_was_written_is_read(folder: Path, calls: list[tuple[object, ...]],
     assert [event.at_s for event in log.events] == sorted(event.at_s for event in log.events)
 
 
+@pytest.mark.slow
 @given(calls=st.lists(CALL, min_size=1, max_size=4), config=CONFIG, data=st.data())
 def test_cut_anywhere_it_holds_the_lines_that_are_whole(
     folder: Path, calls: list[tuple[object, ...]], config: list[str], data: st.DataObject
@@ -80,6 +82,7 @@ def test_cut_anywhere_it_holds_the_lines_that_are_whole(
     assert "\n".join(config).startswith(log.config)
 
 
+@pytest.mark.slow
 @given(lines=st.lists(LINE, max_size=6), ended=st.booleans())
 def test_any_bytes_are_read_or_refused_with_the_line(folder: Path, lines: list[bytes], ended: bool) -> None:
     file = folder / "any.wire"

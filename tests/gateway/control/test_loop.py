@@ -155,6 +155,7 @@ async def test_a_cycle_that_keeps_failing_is_requested_only_a_few_times_and_the_
     assert "Clean the sphere" in told.texts(EventKind.OPERATOR)[0]
 
 
+@pytest.mark.slow
 async def test_the_learner_says_why_after_each_measurement_and_each_hour() -> None:
     bench, told = LinkBench("monitor"), KeptEvents()
     bench.control.answer = RequestStatus(0, ProbingState.DONE, NOWHERE)

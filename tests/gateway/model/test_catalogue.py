@@ -30,6 +30,8 @@ WORDS = {"quality": "comm_fault", "why": "interval", "standing": "blocked", "pha
     "moment": "lately",
     "slowed": "hot",
     "file_word": "lines",
+    "input_fault": "fahrenheit",
+    "measurement_fault": "stuck",
 }
 
 

@@ -33,11 +33,9 @@ async def test_a_connection_lost_while_it_probes_is_no_measurement_and_the_next_
         await at.clock.run_until(70.0)
         at.wire.silent = False
         lost = await first
-        await at.clock.run_until(400.0)  # meanwhile the control has ended the cycle by itself
+        await at.clock.run_until(220.0)  # meanwhile the control has ended the cycle by itself
         assert at.control.nck.cycle.answer.centres_mm
-        second = asyncio.create_task(at.link.measure(Why.INTERVAL))
-        await at.clock.run_until(700.0)
-        found = await second
+        found = await at.ended(asyncio.create_task(at.link.measure(Why.INTERVAL)), 250.0)
     assert (lost.measurement, lost.end) == (None, End.REFUSED)
     assert "lost" in lost.reason or "answer" in lost.reason or "connect" in lost.reason
     assert found.measurement is not None
@@ -67,7 +65,7 @@ async def test_a_cycle_that_nobody_waits_for_is_withdrawn_and_the_offsets_stand_
             at.wire.silent = False
         else:
             cycle.cancel()  # the next run takes back what this one asked for
-        await at.clock.run_until(300.0)
+        await at.clock.run_until(220.0)
         await asyncio.gather(cycle, return_exceptions=True)
         assert nck.r[R_WITHDRAW] == 41.0
         assert len(nck.cycle.ended) == 1
@@ -97,7 +95,7 @@ async def test_offsets_stand_still_also_while_another_client_has_the_control_pro
         again = asyncio.create_task(at.link.measure(Why.INTERVAL))
         await at.clock.run_until(65.0)
         assert again.result().end is refused.end is End.REFUSED
-        await at.clock.run_until(300.0)
+        await at.clock.run_until(220.0)
         assert (await other.probing_status(900)).state is ProbingState.DONE
         await other.close()
         assert "request 900 waits" in refused.reason

@@ -24,7 +24,7 @@ def wrong(acts: list[DiskAct], seeds: range, folder: Path) -> list[str]:
 
 
 def test_no_power_cut_tears_the_store_or_loses_what_was_reported_as_stored(acts: list[DiskAct], tmp_path: Path) -> None:
-    assert wrong(acts, range(50), tmp_path) == []
+    assert wrong(acts, range(20), tmp_path) == []
 
 
 def test_a_disk_that_does_not_synchronise_is_found_out(acts: list[DiskAct], tmp_path: Path) -> None:

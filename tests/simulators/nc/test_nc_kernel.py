@@ -154,6 +154,7 @@ def test_compensation_adds_up_offset_slope_and_parameters() -> None:
     assert nck.shift_um((50.0, 0.0, 300.0)) == pytest.approx((10.0, 3.0, -4.0))
 
 
+@pytest.mark.slow
 def test_mean_loads_are_what_a_fine_sum_gives_cycles_included() -> None:
     nck = Nck(Drifting(), LoadCase.random(4, 7200.0), cycle=QUIET)
     for number, start in enumerate((100.0, 400.0, 1000.0), start=1):

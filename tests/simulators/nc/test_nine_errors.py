@@ -94,6 +94,7 @@ def test_the_emulated_control_does_what_the_program_does(ramp_um_per_s: float) -
     assert bounded > 10
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("make", [interpreted, meant])
 def test_what_stood_still_in_a_cycle_is_right_where_the_cycle_begins_and_ends(make: Callable[[], Nck]) -> None:
     """So the offsets fit wherever the axes are before it, on the way to the sphere, and at once after it."""

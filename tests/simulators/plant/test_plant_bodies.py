@@ -137,31 +137,26 @@ def follow(joined: Joined, name: str = "base") -> FloatArray:
     return np.array(out)
 
 
-@pytest.fixture(scope="module")
-def exact() -> FloatArray:
-    """The result of the whole model."""
-    return follow(join(machine_tables().machine, assemble_bodies(read_shape()), SparseSum))
+def follows(small: FloatArray, exact: FloatArray) -> None:
+    count = len(THERMAL_ERRORS) + 1
+    assert abs(small - exact)[:, :count].max() < 1.0  # µm, µm/m
+    assert np.sqrt(np.mean((small - exact)[:, :count] ** 2)) < 0.25
+    assert abs(small - exact)[:, count:].max() < 0.25  # K
 
 
 @pytest.mark.slow
-def test_reduced_machine_follows_the_whole_one(exact: FloatArray) -> None:
+def test_reduced_machines_follow_the_whole_ones(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One test, because the whole machine takes ten seconds: the committed bodies of both machines, those that the
+    command of docs/plant.md makes with a quarter of the snapshots, and a coarser mesh."""
+    exact = follow(join(machine_tables().machine, assemble_bodies(read_shape()), SparseSum))
     assert np.ptp(exact[:, 0]) > 10
     follows(follow(join(machine_tables().machine, reduced("base"))), exact)
 
-
-@pytest.mark.slow
-def test_reduced_stiff_machine_follows_its_own_whole_one_and_not_the_base_one(exact: FloatArray) -> None:
     chosen = machine_tables("stiff")
-    whole = follow(join(chosen.machine, assemble_bodies(read_shape(chosen.shape)), SparseSum), "stiff")
-    follows(follow(join(chosen.machine, reduced(chosen.reduced)), "stiff"), whole)
-    assert abs(whole - exact)[:, : len(THERMAL_ERRORS)].max() > 2.0  # else this test could not tell them apart
+    stiff = follow(join(chosen.machine, assemble_bodies(read_shape(chosen.shape)), SparseSum), "stiff")
+    follows(follow(join(chosen.machine, reduced(chosen.reduced)), "stiff"), stiff)
+    assert abs(stiff - exact)[:, : len(THERMAL_ERRORS)].max() > 2.0  # else this test could not tell them apart
 
-
-@pytest.mark.slow
-def test_generate_writes_bodies_that_follow_the_whole_machine(
-    exact: FloatArray, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The command of docs/plant.md, for one machine and another folder, with a quarter of the snapshots."""
     monkeypatch.setattr(generate, "CONDITIONS", generate.CONDITIONS[2:])
     monkeypatch.setattr(generate, "SHIFTS", generate.SHIFTS[1::2])
     done = CliRunner().invoke(generate.main, ["base", "--folder", str(tmp_path)], catch_exceptions=False)
@@ -173,16 +168,6 @@ def test_generate_writes_bodies_that_follow_the_whole_machine(
     assert abs(errors).max() < 2.5  # µm, µm/m; of 60
     assert np.sqrt(np.mean(errors**2)) < 0.6
 
-
-def follows(small: FloatArray, exact: FloatArray) -> None:
-    count = len(THERMAL_ERRORS) + 1
-    assert abs(small - exact)[:, :count].max() < 1.0  # µm, µm/m
-    assert np.sqrt(np.mean((small - exact)[:, :count] ** 2)) < 0.25
-    assert abs(small - exact)[:, count:].max() < 0.25  # K
-
-
-@pytest.mark.slow
-def test_a_coarser_mesh_gives_nearly_the_same(exact: FloatArray) -> None:
     coarse = assemble_bodies(
         read_shape(), coarser=4.0
     )  # 900 instead of 1400 cells; edges of faces are lines of every mesh

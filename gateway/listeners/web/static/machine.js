@@ -18,7 +18,7 @@ const line = (c) => {
   item.append(make("span", c.channel, "name"), " ");
   if (c.good || c.value) item.append(make("span", c.value ? amount(c.value) : "–", "number"));
   if (!c.good) item.append(" ", make("span", word(c.quality), "mark m-bad"));
-  if (c.detail) item.title = c.detail;
+  if (c.detail) item.title = sentence(c.detail);
   return item;
 };
 // Those that fail come first and need more room: as much as SPARE of them need with the longest name and fault.
@@ -27,7 +27,7 @@ const reserveHeat = (channels) => {
   const names = channels.map((c) => c.channel).sort();
   if (!names.length || !changed("heat-room", names)) return;
   const longestName = names.reduce((a, b) => (b.length > a.length ? b : a));
-  const failed = { channel: longestName, good: false, value: null, quality: QUALITY, detail: "" };
+  const failed = { channel: longestName, good: false, value: null, quality: QUALITY, detail: null };
   $("channels-room").replaceChildren(...channels.map((c, i) => line(i < SPARE ? failed : { ...c, good: true })));
   $("doubts-room").replaceChildren(doubt({ say: "doubt.failed", values: { names: { s: longestName } } }));
 };

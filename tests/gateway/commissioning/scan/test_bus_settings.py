@@ -36,6 +36,7 @@ def files(*rooms: str) -> Iterator[tuple[str, ast.Module]]:
             yield str(place), ast.parse(file.read_text(encoding="utf-8"))
 
 
+@pytest.mark.slow
 def test_no_settings_of_a_bus_are_made_where_a_mistake_would_be_a_traceback() -> None:
     classes = {settings.__name__ for settings in BUS_KINDS.values()}
     made = [

@@ -299,6 +299,7 @@ def test_a_folder_that_is_not_there_is_reported_before_anything_runs(tmp_path: P
     assert "errors: EX0C" not in answer.together
 
 
+@pytest.mark.slow
 def test_the_calibration_interval_is_of_the_trained_models(tmp_path: Path) -> None:
     path, config = table(tmp_path, "time,t1,t2,EX0C"), tmp_path / "models.toml"
     refused = "own.csv: --calibration-interval: the learner has no calibration"

@@ -84,6 +84,7 @@ def test_a_replay_is_identical_whatever_became_of_the_file(here: Path) -> None:
     assert not all(same)
 
 
+@pytest.mark.slow
 def test_another_prior_after_a_restart_is_reported_and_replayed(here: Path) -> None:
     first = load(written(here, "mill"))
     found = frames(day(20))

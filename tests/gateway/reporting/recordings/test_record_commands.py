@@ -128,6 +128,7 @@ async def recorded_site(folder: Path) -> AsyncIterator[Path]:
         await adapter.stop()
 
 
+@pytest.mark.slow
 @pytest.mark.simulated_time
 def test_commands_record_play_and_probe_alike(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     wire, folder = tmp_path / "field.wire", tmp_path / "played"
