@@ -5,7 +5,7 @@ is called directly. The checks of a measurement and the latencies of the wires a
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
@@ -283,14 +283,29 @@ def _figures(found: Sequence[Sequence[SummaryRow]], before: str = "") -> Iterato
     """The figures of one error or direction after the other; found: those of each run."""
     for same in zip(*found, strict=True):
         name, unit = same[0].name, same[0].unit
-        for kind, figures in (
-            ("E_RMS", [(r.e_rms, r.compensated_e_rms) for r in same]),
-            ("E_PV", [(r.e_pv, r.compensated_e_pv) for r in same]),
-        ):
+        for kind, of in (("E_RMS", _e_rms), ("E_PV", _e_pv)):
+            figures = [of(r) for r in same]
             without, left = zip(*figures, strict=True)
             less = [reduction(*pair) for pair in figures]
-            beside = f"{spread(without)} without; {spread(less, 0)} % less"
+            beside = f"{spread(without)} without; {spread(less, 0)} % less{_apart([r.parts for r in same], of)}"
             yield BenchRow(f"{before}{name}, {kind}, {unit}", spread(left), beside)
+
+
+def _e_rms(row: SummaryRow) -> tuple[float, float]:
+    return row.e_rms, row.compensated_e_rms
+
+
+def _e_pv(row: SummaryRow) -> tuple[float, float]:
+    return row.e_pv, row.compensated_e_pv
+
+
+def _apart(parts: Sequence[Sequence[SummaryRow]], of: Callable[[SummaryRow], tuple[float, float]]) -> str:
+    """The first hour and the rest, as medians; parts: those of each run, which may have none."""
+    told = []
+    for said, same in zip(("first hour", "after it"), zip(*parts, strict=False), strict=False):
+        without, left = np.median([of(row) for row in same], axis=0)
+        told.append(f"{said} {left:.2f} of {without:.2f}")
+    return f"; {', '.join(told)}" if told else ""
 
 
 def spread(values: Sequence[float], digits: int = 2) -> str:

@@ -57,6 +57,7 @@ def series_of(days: Days, on: BoolArray, inputs: Sequence[int]) -> Series:
         about=tuple(InputColumn() for _ in inputs),
         inputs=days.inputs[on][:, list(inputs)],
         error_names=tuple(f"e{e}" for e in range(_POSITIONS)),
+        units=("um",) * _POSITIONS,
         angle=np.zeros(_POSITIONS, dtype=np.bool_),
         truth=days.truth[on][:, :_POSITIONS],
         noise=np.zeros(_POSITIONS),

@@ -62,8 +62,8 @@ def user_profile(name: str) -> UserProfile:
         key, path = profile.other_file
         try:
             parts.append(content := path.read_bytes())
-            other = key, _one_line_end(content.decode(OTHER_ENCODING))
-        except (OSError, UnicodeDecodeError) as error:
+            other = key, _one_line_end(content.decode(OTHER_ENCODING, "replace"))
+        except OSError as error:
             raise SetupError(f"profile {name}: {path} cannot be read: {in_words(error)}") from error
     return UserProfile(profile, text, other, sha256(b"".join(sha256(part).digest() for part in parts)).hexdigest())
 

@@ -8,7 +8,7 @@ from pydantic import field_validator, model_validator
 from drivers.bus_settings import is_loopback
 from drivers.section import FilePath, Section, host_name, without_brackets, wrong
 
-_URL = re.compile(r"(?P<scheme>[a-z]+)://(?P<host>\[[0-9A-Fa-f:.]+\]|[A-Za-z0-9._-]+)(?::(?P<port>\d{1,5}))?/?")
+_URL = re.compile(r"(?P<scheme>[A-Za-z]+)://(?P<host>\[[0-9A-Fa-f:.]+\]|[A-Za-z0-9._-]+)(?::(?P<port>\d{1,5}))?/?")
 
 
 class UrlServer(Section):
@@ -31,6 +31,8 @@ class UrlServer(Section):
     @field_validator("url")
     @classmethod
     def _named(cls, url: str) -> str:
+        scheme, mark, rest = url.partition("://")
+        url = f"{scheme.lower() if mark else scheme}{mark}{rest}"
         found, (safe, plain) = _URL.fullmatch(url), cls.schemes
         if found is None or found["scheme"] not in cls.schemes:
             raise ValueError(f"{url!r}: expected {safe}://HOST:PORT, or {plain}://HOST:PORT for a server without TLS")

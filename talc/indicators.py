@@ -15,6 +15,7 @@ An error of 40 µm peak to peak, of which a tenth is left, and 35 cycles of 2 mi
 98.4
 """
 
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -23,6 +24,29 @@ from talc.frame import FloatArray
 
 TWO_SIDED_95: Final = 1.96
 """Standard deviations on each side of a 95 % interval, of a normal distribution."""
+
+FIRST_HOUR_S: Final = 3600.0
+"""Of a run, judged apart: little has been learnt, so its peak says nothing of the rest."""
+
+
+@dataclass(frozen=True, slots=True)
+class Spread:
+    """E_PV and E_RMS. NaN: without values."""
+
+    pv: float
+    rms: float
+
+    @classmethod
+    def of(cls, values: FloatArray) -> "Spread":
+        """Of a course (T,), or of several (T, m) together: the largest E_PV of any, and E_RMS over all."""
+        each = [peak_to_peak(course) for course in np.atleast_2d(np.asarray(values, dtype=np.float64).T)]
+        return cls(max((pv for pv in each if not np.isnan(pv)), default=float("nan")), rms(values))
+
+
+def first_hour_apart(time_s: FloatArray, values: FloatArray) -> tuple[Spread, Spread]:
+    """Of the first hour, and of the rest. time_s: (T,) since the beginning; values: (T,) or (T, m)."""
+    early = np.asarray(time_s) < FIRST_HOUR_S
+    return Spread.of(values[early]), Spread.of(values[~early])
 
 
 def pv(measured: FloatArray, predicted: FloatArray) -> float:

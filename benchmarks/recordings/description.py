@@ -14,7 +14,7 @@ from gateway.config.problems import ConfigError, Problem, place, suggestion
 from gateway.reporting.recordings.layout import line_ranges
 from gateway.reporting.recordings.times import TIME_UNITS
 from talc.names import MICROMETRE_PER_METRE
-from talc.units import COLUMN_UNITS, plain_unit
+from talc.units import COLUMN_UNITS, named_unit, plain_unit
 
 
 def _one_of(units: Collection[str]) -> AfterValidator:
@@ -31,6 +31,8 @@ ErrorUnit = Annotated[str, _one_of(COLUMN_UNITS)]
 RecordedTimeUnit = Annotated[str, _one_of(TIME_UNITS)]
 ColumnKind = Literal["temperature", "speed", "power", "length", "state", "other"]
 _TABLES = (".csv", ".parquet")
+_NOISE = 0.5
+"""Standard deviation of recorded values, if the file states none: µm or µm/m."""
 
 
 class _DescriptionSection(BaseModel):
@@ -90,9 +92,10 @@ class Description(_DescriptionSection):
     """Lines that are not of the table, such as "1-11"."""
     missing: tuple[str, ...] = ()
     """Cells that stand for an unknown value, besides the usual ones."""
-    unit: ErrorUnit = "um"
-    noise: NotNegative = 0.5
-    """Standard deviation of the noise in the recorded errors, in their own unit."""
+    unit: ErrorUnit | None = None
+    """Of all errors; None: what each column's name states, else µm."""
+    noise: NotNegative | None = None
+    """Standard deviation of the noise in the recorded errors, in their own unit; None: 0.5 µm or µm/m."""
     probing: NotNegative = 0.0
     """Standard deviation of noise that is added to each measurement that a method receives."""
     seed: int = Field(default=0, ge=0)
@@ -119,6 +122,16 @@ class Description(_DescriptionSection):
         twice = [name for name in self.errors if name == self.time.column or self.ignores(name)]
         if twice:
             raise ValueError(f"errors: {twice[0]!r} is also the time or in `ignore`; it can be one of them")
+        for name in self.errors:
+            named = named_unit(name)
+            if (
+                self.unit
+                and self.errors[name].unit is None
+                and named
+                and COLUMN_UNITS[named] != COLUMN_UNITS[self.unit]
+            ):
+                remedy = f'say which one it is in [errors]: {name!r} = {{ unit = "{named}" }}'
+                raise ValueError(f"unit: {self.unit!r} is not what the name of {name!r} says, {named}; {remedy}")
         return self
 
     @property
@@ -137,11 +150,8 @@ class Description(_DescriptionSection):
         return next((said for pattern, said in self.inputs.items() if fnmatchcase(column, pattern)), None)
 
     def unit_of(self, error: str) -> ErrorUnit:
-        return self.errors[error].unit or self.unit
-
-    def says_unit_of(self, error: str) -> bool:
-        """Whether the file states the unit of an error: its own, or one for all errors."""
-        return self.errors[error].unit is not None or "unit" in self.model_fields_set
+        """Its own, else that of all errors, else what its name states, else µm."""
+        return self.errors[error].unit or self.unit or named_unit(error) or "um"
 
     def scale_of(self, error: str) -> float:
         """µm or µm/m per unit of the error."""
@@ -152,8 +162,9 @@ class Description(_DescriptionSection):
 
     def noise_of(self, error: str) -> float:
         """Standard deviation of the recorded values' own noise, µm or µm/m."""
-        said = self.errors[error].noise
-        return (self.noise if said is None else said) * self.scale_of(error)
+        own = self.errors[error].noise
+        said = self.noise if own is None else own
+        return _NOISE if said is None else said * self.scale_of(error)
 
     def probing_of(self, error: str) -> float:
         """Standard deviation of the added noise, µm or µm/m."""

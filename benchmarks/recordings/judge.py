@@ -9,7 +9,7 @@ import numpy as np
 from benchmarks.recordings.methods import Method, MethodCourse, given_of
 from benchmarks.recordings.series import Series
 from talc.frame import BoolArray, FloatArray
-from talc.indicators import TWO_SIDED_95
+from talc.indicators import TWO_SIDED_95, Spread, first_hour_apart, rms
 
 FIRST_HOURS = (0.0, 2.0, 6.0, 24.0, np.inf)
 """Edges of the learning curve's windows, in hours since the beginning."""
@@ -28,6 +28,9 @@ class Figures:
     """RMSE divided by that of no compensation in each window of FIRST_HOURS; NaN: no row there."""
     by_error: tuple[float, ...]
     """RMSE of each error."""
+    first_hour: Spread
+    later: Spread
+    """The first hour after the beginning, and the rest: the largest E_PV of any error, and RMSE."""
 
 
 def rows_to_measure(series: Series, dense_h: float, interval_min: float, measure_first: bool = True) -> BoolArray:
@@ -85,16 +88,19 @@ def judge_course(series: Series, course: MethodCourse, dense_h: float, errors: S
     judged = np.abs(left[after])
     known = judged[np.isfinite(judged)]
     hours = series.on_h
+    first_hour, later = first_hour_apart((hours[after] - dense_h) * 3600.0, left[after])
     curve = tuple(
         _over(left[window], truth[window]) for a, b in pairwise(FIRST_HOURS) for window in [(hours >= a) & (hours < b)]
     )
     return Figures(
-        rms=_rms(known),
+        rms=rms(known),
         p99=float(np.quantile(known, 0.99)) if known.size else np.nan,
         largest=float(known.max()) if known.size else np.nan,
         inside=coverage(left[after], course.sigma[after][:, chosen], series.noise[chosen]),
         curve=curve,
-        by_error=tuple(_rms(e[np.isfinite(e)]) for e in left[after].T),
+        by_error=tuple(rms(e) for e in left[after].T),
+        first_hour=first_hour,
+        later=later,
     )
 
 
@@ -107,11 +113,7 @@ def coverage(left: FloatArray, sigma: FloatArray, noise: FloatArray) -> float:
     return float(inside[stated].mean())
 
 
-def _rms(values: FloatArray) -> float:
-    return float(np.sqrt(np.mean(values**2))) if values.size else float("nan")
-
-
 def _over(left: FloatArray, truth: FloatArray) -> float:
     known = np.isfinite(truth)
-    without = _rms(truth[known])
-    return _rms(left[known]) / without if without > 0 else float("nan")
+    without = rms(truth[known])
+    return rms(left[known]) / without if without > 0 else float("nan")

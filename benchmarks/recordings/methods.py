@@ -8,12 +8,7 @@ import numpy as np
 
 from benchmarks.recordings.description import InputColumn
 from benchmarks.recordings.series import Series, steps_on
-from studies import filled
 from talc.frame import BoolArray, FloatArray, IntArray
-
-_STRENGTHS = (1e-3, 1e-2, 1e-1, 1.0, 10.0, 100.0, 1000.0)
-"""Strengths of the ridge, in rows' worth of a standardised input."""
-_LEAST_SPREAD = 1e-9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -130,50 +125,3 @@ class HoldLast:
             counted = np.maximum.accumulate(np.where(given.new_reference, rows, -1))
             estimate[before < counted, e] = 0.0
         return [MethodCourse(estimate, np.full(estimate.shape, np.nan))]
-
-
-@dataclass(frozen=True, slots=True)
-class Ridge:
-    """A linear regression on all inputs, fitted again at each measurement to all so far.
-
-    Its strength, and whether its level is the fit's or the last measurement's, are chosen in hindsight. Inputs are
-    scaled by their spread over the whole recording, which is also hindsight in its favour.
-    """
-
-    name: str = "ridge, best in hindsight"
-
-    def courses(self, given: Given) -> Sequence[MethodCourse]:
-        x = filled(given.inputs)
-        spread = x.std(axis=0)
-        x = (x - x.mean(axis=0))[:, spread > _LEAST_SPREAD] / spread[spread > _LEAST_SPREAD]
-        estimate = np.full((2, len(_STRENGTHS), *given.measured.shape), np.nan)
-        by_rows: dict[bytes, list[int]] = {}
-        for e, measured in enumerate(given.measured.T):
-            by_rows.setdefault(np.isfinite(measured).tobytes(), []).append(e)
-        for errors in by_rows.values():
-            estimate[..., errors] = _fits(x, given.measured[:, errors])
-        unknown = np.full(given.measured.shape, np.nan)
-        return [MethodCourse(way, unknown) for level in estimate for way in level]
-
-
-def _fits(x: FloatArray, measured: FloatArray) -> FloatArray:
-    """(2, strengths, T, m): level of the fit, level of the last measurement. All m are measured in the same rows."""
-    rows = np.flatnonzero(np.isfinite(measured[:, 0]))
-    n, m = x.shape[1], measured.shape[1]
-    found = np.full((2, len(_STRENGTHS), len(x), m), np.nan)
-    gram, moment, sum_x, sum_y = np.zeros((n, n)), np.zeros((n, m)), np.zeros(n), np.zeros(m)
-    until = np.append(rows[1:], len(x) - 1) + 1
-    for count, (row, end) in enumerate(zip(rows.tolist(), until.tolist(), strict=True), start=1):
-        gram += np.outer(x[row], x[row])
-        moment += np.outer(x[row], measured[row])
-        sum_x, sum_y = sum_x + x[row], sum_y + measured[row]
-        mean_x, mean_y = sum_x / count, sum_y / count
-        values, vectors = np.linalg.eigh(gram - count * np.outer(mean_x, mean_x))
-        target = vectors.T @ (moment - count * np.outer(mean_x, mean_y))
-        here = slice(row + 1, end)
-        from_mean, from_last = (x[here] - mean_x) @ vectors, (x[here] - x[row]) @ vectors
-        for s, strength in enumerate(_STRENGTHS):
-            gains = target / (np.maximum(values, 0.0) + strength)[:, None]
-            found[0, s, here] = mean_y + from_mean @ gains
-            found[1, s, here] = measured[row] + from_last @ gains
-    return found

@@ -11,9 +11,10 @@ from typing import Any
 import numpy as np
 
 from benchmarks.recordings.judge import FIRST_HOURS, Figures
-from benchmarks.recordings.policy import Saving
+from benchmarks.recordings.policy import Point, Saving
 from benchmarks.recordings.series import Series
 from benchmarks.rows import BenchRow
+from talc.indicators import Spread
 
 JUDGED_UNITS = ("µm", "µm/m")
 
@@ -38,8 +39,8 @@ class Result:
 
     series: Series
     cells: Sequence[Cell]
-    savings: dict[tuple[str, float], Sequence[Saving]]
-    """Savings of the policy, by unit and hours of dense beginning."""
+    savings: dict[tuple[str, str, float], Sequence[Saving]]
+    """Savings of policies, by method, unit and hours of dense beginning."""
 
     @property
     def units(self) -> list[str]:
@@ -82,15 +83,39 @@ def table_rows(result: Result, method: str, goals: Mapping[tuple[float, float], 
             ]
             found.append(
                 BenchRow(
-                    f"{result.series.name}, {_beginning(dense_h)}, then each {interval_min:g} min "
-                    f"({ours.measurements} measurements): RMSE {unit} of {method}",
+                    f"{result.series.name}, {result.series.units_read}, {_beginning(dense_h)}, then each "
+                    f"{interval_min:g} min ({ours.measurements} measurements): RMSE {unit} of {method}",
                     f"{f.rms:.2f}: {over}P99 {f.p99:.1f}, largest {f.largest:.1f}; "
+                    f"first hour {_written(f.first_hour)}, after it {_written(f.later)}; "
                     f"95 % intervals hold {_share(f.inside)}",
                     ", ".join(others),
                     goals.get((dense_h, interval_min), ""),
                 )
             )
     return found
+
+
+def policy_rows(result: Result, method: str) -> list[BenchRow]:
+    """A row for each beginning and limit: the method that decides when to measure, and the others that do."""
+    found = []
+    for (name, unit, dense_h), savings in result.savings.items():
+        if name != method:
+            continue
+        others = {n: s for (n, u, h), s in result.savings.items() if n != method and (u, h) == (unit, dense_h)}
+        found += [
+            BenchRow(
+                f"{result.series.name}, {result.series.units_read}, {_beginning(dense_h)}, then measured by {method} "
+                f"within {saving.point.what}",
+                f"{_told(saving.point, unit)}; {_plain(saving.at_equal_p99)} of a fixed interval's at equal P99",
+                "; ".join(f"{other} {_told(same[i].point, unit)}" for other, same in others.items()),
+            )
+            for i, saving in enumerate(savings)
+        ]
+    return found
+
+
+def _told(point: Point, unit: str) -> str:
+    return f"{point.measurements} measurements after it, RMSE {point.rms:.2f} {unit}, P99 {point.p99:.1f}"
 
 
 def markdown(result: Result) -> str:
@@ -102,7 +127,7 @@ def markdown(result: Result) -> str:
         "",
         f"{len(s.k)} steps of {s.step_s:g} s, {s.on_h[-1]:.1f} h in {int(s.run[-1]) + 1} runs, {off_h:.1f} h off "
         f"between them; {len(s.input_names)} inputs, {np.isnan(s.inputs).mean():.1%} of their values missing; "
-        f"errors {', '.join(s.error_names)}.",
+        f"errors {', '.join(s.error_names)}, {s.units_read}.",
         "",
         *(f"- {note}" for note in s.notes),
         "",
@@ -119,9 +144,9 @@ def _main_table(result: Result, unit: str) -> list[str]:
     lines = [
         f"## Left of the errors in {unit}, all rows after the beginning, judged before each measurement",
         "",
-        "| beginning | then each | measurements | method | RMSE | P99 | largest | over none | over hold | 95 % hold | "
-        "seconds |",
-        "|---|---|---:|---|---:|---:|---:|---:|---:|---:|---:|",
+        "| beginning | then each | measurements | method | RMSE | P99 | largest | first hour: RMSE | E_PV | "
+        "after it: RMSE | E_PV | over none | over hold | 95 % hold | seconds |",
+        f"|---|---|---:|---|{'---:|' * 11}",
     ]
     for dense_h, interval_min in result.ways:
         none, hold = (_figures(result, name, dense_h, interval_min, unit) for name in ("none", "hold"))
@@ -131,11 +156,12 @@ def _main_table(result: Result, unit: str) -> list[str]:
             if cell is None:
                 continue
             if unit not in cell.figures:
-                lines.append(f"{where} {cell.measurements} | {name} | – | – | – | – | – | – | {cell.seconds:.1f} |")
+                lines.append(f"{where} {cell.measurements} | {name} | {'– | ' * 10}{cell.seconds:.1f} |")
                 continue
             f = cell.figures[unit]
             lines.append(
                 f"{where} {cell.measurements} | {name} | {f.rms:.2f} | {f.p99:.2f} | {f.largest:.2f} | "
+                f"{_cells(f.first_hour)} | {_cells(f.later)} | "
                 f"{_ratio(f, none)} | {_ratio(f, hold)} | {_share(f.inside)} | {cell.seconds:.1f} |"
             )
     return [*lines, ""]
@@ -162,22 +188,22 @@ def _curve_table(result: Result, unit: str) -> list[str]:
 
 
 def _policy_table(result: Result, unit: str) -> list[str]:
-    if not any(u == unit for u, _ in result.savings):
+    if not any(u == unit for _, u, _ in result.savings):
         return []
     lines = [
         f"## Measuring when it is needed, {unit}",
         "",
-        "| beginning | limit | measurements after it | RMSE | P99 | 95 % hold | "
+        "| beginning | method | limit | measurements after it | RMSE | P99 | 95 % hold | "
         "of a fixed interval's at equal RMSE | at equal P99 |",
-        "|---|---|---:|---:|---:|---:|---:|---:|",
+        "|---|---|---|---:|---:|---:|---:|---:|---:|",
     ]
-    for (u, dense_h), savings in result.savings.items():
+    for (method, u, dense_h), savings in result.savings.items():
         if u != unit:
             continue
         for s in savings:
             p = s.point
             lines.append(
-                f"| {_beginning(dense_h)} | {p.what} | {p.measurements} | {p.rms:.2f} | {p.p99:.2f} | "
+                f"| {_beginning(dense_h)} | {method} | {p.what} | {p.measurements} | {p.rms:.2f} | {p.p99:.2f} | "
                 f"{_share(p.inside)} | {_plain(s.at_equal_rms)} | {_plain(s.at_equal_p99)} |"
             )
     return [*lines, ""]
@@ -210,13 +236,14 @@ def as_json(result: Result) -> str:
         "steps": len(result.series.k),
         "runs": int(result.series.run[-1]) + 1,
         "errors": list(result.series.error_names),
+        "units": list(result.series.units),
         "inputs": list(result.series.input_names),
         "notes": list(result.series.notes),
         "first_hours": [a for a in FIRST_HOURS if math.isfinite(a)],
         "cells": [asdict(cell) for cell in result.cells],
         "policy": [
-            {"unit": unit, "dense_h": dense_h, **asdict(saving)}
-            for (unit, dense_h), savings in result.savings.items()
+            {"method": method, "unit": unit, "dense_h": dense_h, **asdict(saving)}
+            for (method, unit, dense_h), savings in result.savings.items()
             for saving in savings
         ],
     }
@@ -250,6 +277,14 @@ def _beginning(dense_h: float) -> str:
 
 def _ratio(figures: Figures, beside: Figures | None) -> str:
     return _plain(figures.rms / beside.rms) if beside is not None and beside.rms > 0 else "–"
+
+
+def _cells(spread: Spread) -> str:
+    return f"{_plain(spread.rms)} | {_plain(spread.pv)}"
+
+
+def _written(spread: Spread) -> str:
+    return f"{_plain(spread.rms)} (E_PV {_plain(spread.pv)})"
 
 
 def _plain(value: float) -> str:

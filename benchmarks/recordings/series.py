@@ -45,6 +45,8 @@ class Series:
     inputs: FloatArray
     """(T, n); NaN without a value."""
     error_names: tuple[str, ...]
+    units: tuple[str, ...]
+    """(m,) in which each error was read, of talc.units.COLUMN_UNITS."""
     angle: BoolArray
     """(m,) in µm/m, not in µm."""
     truth: FloatArray
@@ -62,6 +64,16 @@ class Series:
     def on_h(self) -> FloatArray:
         """(T,) recorded hours since the beginning, not counting the time between runs."""
         return np.asarray(steps_on(self.k, self.run) * self.step_s / 3600.0, dtype=np.float64)
+
+    @property
+    def units_read(self) -> str:
+        """`read in mm`; if they differ, `read dx, dy in mm; pitch in arcsec`."""
+        by_unit: dict[str, list[str]] = {}
+        for name, unit in zip(self.error_names, self.units, strict=True):
+            by_unit.setdefault(f"in {unit.replace('um', 'µm').replace('urad', 'µrad')}", []).append(name)
+        if len(by_unit) == 1:
+            return f"read {next(iter(by_unit))}"
+        return "read " + "; ".join(f"{', '.join(names)} {unit}" for unit, names in by_unit.items())
 
 
 def steps_on(k: IntArray, run: IntArray) -> IntArray:
@@ -84,9 +96,9 @@ def read_series(description: Path) -> tuple[Description, Series]:
     problems.refuse()
     notes = [*table.notes, *(f"column {name!r}: does not contain numbers; left out" for name in strange_kinds)]
     notes += [
-        f"column {name!r}: its name says {named_unit(name)}, read in {said.unit_of(name)}, as the file says no unit"
+        f"column {name!r}: its name says {named_unit(name)}, read in {said.unit_of(name)}, as the file says"
         for name in said.errors
-        if named_unit(name) not in ("", said.unit_of(name)) and not said.says_unit_of(name)
+        if named_unit(name) not in ("", said.unit_of(name))
     ]
     unknown = Unknown(said.missing)
     errors = [
@@ -160,6 +172,7 @@ def _gridded(
         about=tuple(said.input_of(name) or InputColumn() for name in kept),
         inputs=on_grid,
         error_names=tuple(said.errors),
+        units=tuple(said.unit_of(e) for e in said.errors),
         angle=np.array([said.is_angle(e) for e in said.errors]),
         truth=truth,
         noise=np.array([said.noise_of(e) for e in said.errors]),

@@ -10,13 +10,12 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.recordings.chosen import methods
 from benchmarks.recordings.description import Description, recordings_in
 from benchmarks.recordings.judge import apply_method, judge_course, rows_to_measure
-from benchmarks.recordings.learner import Learning
-from benchmarks.recordings.methods import HoldLast, Method, Nothing, Ridge
-from benchmarks.recordings.models import papers
-from benchmarks.recordings.policy import FIXED_MIN, LIMITS_UM, Saving, Sweep, savings
-from benchmarks.recordings.result import JUDGED_UNITS, Cell, Result, table_rows, write_result
+from benchmarks.recordings.methods import Method
+from benchmarks.recordings.policy import FIXED_MIN, LIMITS_UM, Deciding, Saving, Sweep, savings
+from benchmarks.recordings.result import JUDGED_UNITS, Cell, Result, policy_rows, table_rows, write_result
 from benchmarks.recordings.series import Series, read_series
 from benchmarks.rows import BenchRow
 from gateway.config.problems import ConfigError
@@ -43,18 +42,6 @@ def is_shipped() -> bool:
     return folder().resolve() == SHIPPED.resolve() and not os.environ.get("METHODS")
 
 
-def methods(series: Series) -> list[Method]:
-    """All methods, or those that METHODS of the environment names, separated by commas. SystemExit: an unknown one."""
-    gaps = bool(np.diff(series.k).max() > 1)
-    known: list[Method] = [Nothing(), HoldLast(), Ridge(), *papers(gaps=gaps), Learning()]
-    wanted = [name.strip() for name in os.environ.get("METHODS", "").split(",") if name.strip()]
-    words = [method.name.split(",")[0].strip("`") for method in known]
-    unknown = [name for name in wanted if name not in words]
-    if unknown:
-        raise SystemExit(f"METHODS: no method {unknown[0]!r}; available: {', '.join(dict.fromkeys(words))}")
-    return [method for method, word in zip(known, words, strict=True) if not wanted or word in wanted]
-
-
 def rows() -> list[BenchRow]:
     """Every recording; one that cannot be used is reported and skipped. SystemExit: none could be used."""
     found, wrong = [], []
@@ -71,12 +58,13 @@ def rows() -> list[BenchRow]:
                 wrong.append(str(error))
                 print(error, file=sys.stderr, flush=True)
                 continue
-            chosen = methods(series)
+            chosen = methods(series, os.environ.get("METHODS", ""))
             result = carry_out_all(said, series, chosen, pool)
             write_result(result, OUT)
             print(f"{series.name}: {time.perf_counter() - begin:.0f} s; {OUT}/", file=sys.stderr, flush=True)
             ours = _DEFAULT if _DEFAULT in result.methods else chosen[-1].name
             found += table_rows(result, ours, _GOALS if is_shipped() else {})
+            found += policy_rows(result, ours)
     if wrong and not found:
         raise SystemExit("no recording could be used")
     return found
@@ -88,29 +76,27 @@ def carry_out_all(said: Description, series: Series, chosen: Sequence[Method], p
     ways = list(product(hours, said.intervals_min))
     jobs = [(said, series, method, h, minutes) for h, minutes in ways for method in chosen]
     cells = list(pool.map(cell, *zip(*jobs, strict=True)))
-    learner = next((method for method in chosen if isinstance(method, Learning)), None)
-    saved = (
-        {}
-        if learner is None
-        else _savings(said, series, learner, hours[1:2] if series.on_h[-1] > _LONG_H else hours[:2], pool)
-    )
-    return Result(series, cells, saved)
+    deciding = sorted((m for m in chosen if isinstance(m, Deciding)), key=lambda m: m.name != _DEFAULT)
+    swept = hours[1:2] if series.on_h[-1] > _LONG_H else hours[:2]
+    return Result(series, cells, _savings(said, series, deciding, swept, pool) if deciding else {})
 
 
 def _savings(
-    said: Description, series: Series, method: Learning, hours: Sequence[float], pool: ProcessPoolExecutor
-) -> dict[tuple[str, float], Sequence[Saving]]:
-    """Limits against fixed intervals, by unit and beginning."""
-    found: dict[tuple[str, float], Sequence[Saving]] = {}
+    said: Description, series: Series, deciding: Sequence[Deciding], hours: Sequence[float], pool: ProcessPoolExecutor
+) -> dict[tuple[str, str, float], Sequence[Saving]]:
+    """Limits of each method against fixed intervals of the first one, by method, unit and beginning."""
+    found: dict[tuple[str, str, float], Sequence[Saving]] = {}
     units = [unit for unit, there in zip(JUDGED_UNITS, (~series.angle, series.angle), strict=True) if there.any()]
     for dense_h in hours:
-        sweeps = [Sweep(dense_h, limit=limit) for limit in LIMITS_UM]
-        sweeps += [Sweep(dense_h, interval_min=interval) for interval in FIXED_MIN]
-        jobs = [(sweep, method, series, said.seed, said.runs.measure_first) for sweep in sweeps]
+        sweeps = [(method, Sweep(dense_h, limit=limit)) for method in deciding for limit in LIMITS_UM]
+        sweeps += [(deciding[0], Sweep(dense_h, interval_min=interval)) for interval in FIXED_MIN]
+        jobs = [(sweep, method, series, said.seed, said.runs.measure_first) for method, sweep in sweeps]
         points = list(pool.map(Sweep.points, *zip(*jobs, strict=True)))
         for u, unit in enumerate(units):
-            ours = [point[u] for point in points]
-            found[unit, dense_h] = savings(ours[: len(LIMITS_UM)], ours[len(LIMITS_UM) :])
+            of = [point[u] for point in points]
+            for n, method in enumerate(deciding):
+                ours = of[n * len(LIMITS_UM) : (n + 1) * len(LIMITS_UM)]
+                found[method.name, unit, dense_h] = savings(ours, of[len(deciding) * len(LIMITS_UM) :])
     return found
 
 

@@ -1,21 +1,19 @@
-"""Profiles of CANopen nodes that follow no device profile known here: which objects are channels.
-
-The library reads the EDS; it is imported where there is such a file.
-"""
+"""Profiles of CANopen nodes that follow no device profile known here: which objects are channels."""
 
 from collections.abc import Mapping
 from functools import cached_property
 from pathlib import Path
-from typing import Any, ClassVar, Final, Literal, Self
+from typing import ClassVar, Final, Literal, Self
 
 from pydantic import Field, PrivateAttr, model_validator
 
+from drivers.canopen.eds import EdsFile
 from drivers.canopen.place import CanObject
 from drivers.error_words import in_words
 from drivers.faults import NumberRule
 from drivers.number_types import ByteNumber, raw_number
 from drivers.profile import DeviceProfile, LinearValue
-from drivers.section import OTHER_ENCODING, FilePath, wrong
+from drivers.section import FilePath, wrong
 
 _IN_EDS: Final[Mapping[int, ByteNumber]] = {
     0x01: "bool", 0x02: "int8", 0x03: "int16", 0x04: "int32", 0x05: "uint8", 0x06: "uint16", 0x07: "uint32",
@@ -59,11 +57,11 @@ class CanOpenProfile(DeviceProfile):
 
     @model_validator(mode="after")
     def _typed(self) -> Self:
-        dictionary = None if self.eds is None else _read(self.eds)
+        file = None if self.eds is None else _read(self.eds)
         types = []
         for number, entry in enumerate(self.objects):
             at: tuple[str | int, ...] = ("object", number)
-            kind = entry.type if dictionary is None else _in(dictionary, entry, *at)
+            kind = entry.type if file is None else _in(file, entry, *at)
             if kind is None:
                 raise wrong("missing; state it, or give the node's EDS file as eds", *at, "type")
             for i, rule in enumerate(entry.invalid):
@@ -88,36 +86,31 @@ class CanOpenProfile(DeviceProfile):
         return self._types
 
 
-def _read(path: Path) -> Any:
-    """The object dictionary of a file, as the library has it."""
-    from canopen.objectdictionary.eds import import_eds
-
+def _read(path: Path) -> EdsFile:
     try:
-        with path.open(encoding=OTHER_ENCODING) as file:  # the library would read it in the system's encoding
-            return import_eds(file, None)  # type: ignore[no-untyped-call]
-    except Exception as error:  # the library checks little: configparser's, KeyError, ValueError, OSError
-        why = in_words(error) if isinstance(error, OSError) else f"{type(error).__name__}: {error}"
-        raise wrong(f"{path} cannot be read: {why}", "eds") from error
+        file = EdsFile(path)
+    except OSError as error:
+        raise wrong(f"{path} cannot be read: {in_words(error)}", "eds") from error
+    if file.is_empty:
+        raise wrong(f"{path} cannot be read: it has no sections, such as [1000]", "eds")
+    return file
 
 
-def _in(dictionary: Any, entry: ObjectEntry, *at: str | int) -> ByteNumber:
-    """The type of an object by the EDS. Raises an error if it is not there, not readable, or of another type."""
-    from canopen.objectdictionary import ODVariable
+def _in(file: EdsFile, entry: ObjectEntry, *at: str | int) -> ByteNumber | None:
+    """The type of an object by the EDS; None: it states none, nor does the entry.
 
-    found = dictionary.get(entry.index)
-    if found is None:
-        raise wrong(f"the EDS has no object {entry.index:04X}", *at, "index")
-    if not isinstance(found, ODVariable):
-        found = found.subindices.get(entry.subindex)
-        if found is None:
-            raise wrong(f"the EDS has no object {entry.place}", *at, "subindex")
-    elif entry.subindex:
-        raise wrong(
-            f"{entry.subindex}: by the EDS object {entry.index:04X} is one number, sub-index 0", *at, "subindex"
-        )
-    if not found.readable:
+    Raises an error if it is not there, not readable, or of another type.
+    """
+    try:
+        found = file.entry(entry.place)
+        data_type = found.data_type
+    except ValueError as error:
+        raise wrong(str(error), *at, "index" if entry.subindex == 0 else "subindex") from error
+    if not found.is_readable:
         raise wrong(f"by the EDS object {entry.place} ({found.name}) cannot be read", *at, "index")
-    kind = _IN_EDS.get(found.data_type)
+    if data_type is None:
+        return entry.type
+    kind = _IN_EDS.get(data_type)
     if kind is None:
         raise wrong(f"by the EDS object {entry.place} ({found.name}) is no number", *at, "index")
     if entry.type not in (None, kind):

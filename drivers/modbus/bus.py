@@ -26,8 +26,8 @@ from drivers.modbus.frames import (
     tcp_messages,
 )
 from drivers.modbus.numbers import BIT_FUNCTIONS, Block
-from drivers.modbus.refusals import refusal
-from drivers.modbus.rests import Rests
+from drivers.modbus.refusals import is_target_silent, refusal
+from drivers.modbus.rests import MinimumRests, Rests
 from drivers.modbus.settings import ModbusTcpSettings
 from drivers.patience import Patience
 from drivers.tap import Tap
@@ -36,6 +36,8 @@ _SHORTEST_S = 0.03
 """A request that must be answered sooner than this is not sent: its answer would disturb the next period."""
 DOES_NOT_FIT = "does the profile fit the device?"
 _LATE = "it answers later: raise timeout_s"
+_MOST_BEHIND = 4
+"""So often in a row a server may answer only earlier requests, until the connection is opened again."""
 _MOST_HEARD = 4096
 """How many bytes are searched for the answer to one request."""
 
@@ -60,7 +62,7 @@ class ModbusBus(StreamBus, ABC):
         super().__init__(name, stream, timeout_s)
         self._patience = patience
         self._until_s = inf
-        self._rests = Rests()
+        self._rests, self._minimum = Rests(), MinimumRests()
         self._wanted = False
         """Whether the connection is to be open: `connect` succeeded and nobody has called `close`."""
 
@@ -122,6 +124,15 @@ class ModbusBus(StreamBus, ABC):
             )
         await asyncio.sleep(rest_s)
 
+    async def _let_settle(self, device: str, unit: int) -> None:
+        """Wait for as long as the unit needs after its last answer; call it just before a request is sent."""
+        loop = asyncio.get_running_loop()
+        if (rest_s := self._minimum.left_s(unit, loop.time(), first=isinf(self.left_s))) > 0:
+            if self.left_s - rest_s < _SHORTEST_S:
+                what = f"unit {unit} needs a rest after each answer, and no time was left to ask it then"
+                raise NotAsked(what, hurried=True, heard=True, bus=self._name, device=device)
+            await asyncio.sleep(rest_s)
+
     async def _answer(self, device: str, unit: int, block: Block, again: bool) -> ModbusPDU:
         """As `_exchange`, on a connection that may have to be opened again."""
         if self.left_s < _SHORTEST_S:
@@ -168,6 +179,8 @@ class ModbusTcpBus(ModbusBus):
         super().__init__(name, stream, Patience(settings.timeout_s), settings.timeout_s)
         self._number = 0
         self._perhaps_busy_until, self._mute = 0.0, False
+        self._behind = 0
+        """How many requests in a row were answered only by answers to earlier ones."""
         self._sent: dict[tuple[int, Block], dict[int, float]] = {}
         """Requests whose answers are as good as the next one's, as the question has not changed: number and time."""
         self._late: set[int] = set()
@@ -175,6 +188,7 @@ class ModbusTcpBus(ModbusBus):
 
     def _opened(self) -> None:
         self._perhaps_busy_until, self._mute = 0.0, False
+        self._behind = 0
         self._sent = {}
         self._late.clear()
 
@@ -189,6 +203,9 @@ class ModbusTcpBus(ModbusBus):
         began = loop.time()
         found = _any_answer(heard, sent)
         if found is None:
+            await self._let_settle(device, unit)
+            began = loop.time()
+            self._minimum.sent(unit, began)
             self._number = self._number % 0xFFFF + 1
             pdu = request_pdu(block)
             self._stream.write(TCP_HEADER.pack(self._number, 0, len(pdu) + 1, unit) + pdu)
@@ -208,6 +225,9 @@ class ModbusTcpBus(ModbusBus):
                 found = _any_answer(heard, sent)
         except TimeoutError:
             self._patience.missed(unit)
+            if not heard:
+                self._minimum.missed(unit, loop.time())
+            await self._reopen_if_behind(heard)
             # Not a byte within the full timeout, not even of a late answer: this is not a busy gateway.
             self._mute = not heard and (self._mute or wait_s >= self._timeout_s)
             self._perhaps_busy_until = 0.0 if self._mute else loop.time() + self._timeout_s
@@ -216,10 +236,20 @@ class ModbusTcpBus(ModbusBus):
         self._late.discard(unit)
         del self._sent[unit, block]
         number, answering, answer = found
+        self._behind = 0
+        (self._minimum.refused if is_target_silent(answer) else self._minimum.answered)(unit, loop.time())
         if answering == unit and answer[0] == block.function:
             self._patience.answered(unit, block, min(self._timeout_s, loop.time() - sent[number]))
         self._check(device, unit, block, answering, answer)
         return decode_pdu(answer, self._name, device)
+
+    async def _reopen_if_behind(self, heard: bytearray) -> None:
+        """Close a connection on which each answer is an earlier request's, again and again: a new one is in order."""
+        messages, end = tcp_messages(heard)
+        is_behind = bool(messages) and end == len(heard) and self._number not in messages
+        self._behind = self._behind + 1 if is_behind else 0
+        if self._behind >= _MOST_BEHIND:
+            await self._stream.close()
 
     def _note_late(self, heard: bytearray) -> None:
         for number, (unit, _) in tcp_messages(heard)[0].items():

@@ -337,7 +337,9 @@ class ModbusDevice:
             plan.reset(silent=silent)
 
     def _plan(self, places: Iterable[AddressRange]) -> ReadPlan:
-        return ReadPlan(places, self._profile.max_registers, self._profile.max_gap, self._silence)
+        profile = self._profile
+        wholes = [Block(one.function, one.address + self._offset, one.count) for one in profile.wholes]
+        return ReadPlan(places, profile.max_registers, profile.max_gap, self._silence, wholes)
 
     def _apart(self) -> Iterator[AddressRange]:
         """What must be read again after the values, so that a sensor that recovers in between is noticed.

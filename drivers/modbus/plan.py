@@ -33,14 +33,20 @@ class ReadPlan:
     places: what is to be read
     max_registers, max_gap: as in `plan_blocks`
     silence: the error of a request that is left out
+    wholes: requests that the unit answers only as they are
     """
 
     def __init__(
-        self, places: Iterable[AddressRange], max_registers: int, max_gap: int, silence: Callable[[Block], NoAnswer]
+        self,
+        places: Iterable[AddressRange],
+        max_registers: int,
+        max_gap: int,
+        silence: Callable[[Block], NoAnswer],
+        wholes: Sequence[Block] = (),
     ) -> None:
         self._places = sorted(set(places))
-        self._max_registers = max_registers
-        self._whole = plan_blocks(self._places, max_registers, max_gap)
+        self._max_registers, self._wholes = max_registers, wholes
+        self._whole = plan_blocks(self._places, max_registers, max_gap, wholes)
         self._silences = Silences(silence)
         self._unanswered: Counter[Block] = Counter()
         """How often in a row each request went unanswered while the unit answered others."""
@@ -106,7 +112,7 @@ class ReadPlan:
 
     def unused(self, request: Block) -> str:
         """The addresses that the request reads and nothing needs, in words; empty: none."""
-        inside = self._inside(request)
+        inside = [] if request in self._wholes else self._inside(request)
         gaps = [(one[1] + one[2], other[1] - 1) for one, other in pairwise(inside) if other[1] > one[1] + one[2]]
         return ", ".join(f"{first}" if first == last else f"{first}-{last}" for first, last in gaps)
 
@@ -138,8 +144,8 @@ class ReadPlan:
         inside = self._inside(request)
         self._divided.update(inside)
         at = self.requests.index(request)
-        if len(inside) == 1:
-            self.refused[inside[0]] = error
+        if len(inside) == 1 or request in self._wholes:
+            self.refused.update(dict.fromkeys(inside, error))
             del self.requests[at]
             return
         self.requests[at : at + 1] = [_cover(part) for part in _halves(inside)]
@@ -170,7 +176,7 @@ class ReadPlan:
             self._silences.remove(one)
             self._unanswered.pop(request, None)
             self.requests = sorted((*self.requests, request), key=lambda block: (block.function, block.address))
-        elif len(one.places) > 1:
+        elif len(one.places) > 1 and request not in self._wholes:
             self._silences.remove(one)
             for part in _halves(one.places):
                 self._silences.add(_cover(part), part, now_s)
@@ -181,7 +187,7 @@ class ReadPlan:
         """The requests for what is not left out of this one."""
         inside = [place for place in self._places if holds(block, place)]
         spoken = [place for place in inside if place not in self._silences.places]
-        return [block] if len(spoken) == len(inside) else plan_blocks(spoken, self._max_registers, 0)
+        return [block] if len(spoken) == len(inside) else plan_blocks(spoken, self._max_registers, 0, self._wholes)
 
     def _inside(self, request: Block) -> list[AddressRange]:
         """The places that it is to read."""
@@ -199,7 +205,7 @@ class ReadPlan:
         lost = self.lost
         parts = {place for place in self._divided if place not in lost}
         kept = [r for r in self.requests if not any(holds(r, place) for place in parts)]
-        joined = plan_blocks(parts, self._max_registers, 0)
+        joined = plan_blocks(parts, self._max_registers, 0, self._wholes)
         self.requests = sorted((*kept, *joined), key=lambda block: (block.function, block.address))
 
     def read_together(self, one: AddressRange, other: AddressRange) -> bool:
@@ -207,13 +213,19 @@ class ReadPlan:
         return any(holds(request, one) and holds(request, other) for request in self.requests)
 
 
-def plan_blocks(places: Iterable[AddressRange], max_registers: int, max_gap: int) -> tuple[Block, ...]:
+def plan_blocks(
+    places: Iterable[AddressRange], max_registers: int, max_gap: int, wholes: Sequence[Block] = ()
+) -> tuple[Block, ...]:
     """The read requests that cover all places (function, address, width): as few as the device's limit allows.
 
-    Neighbours are joined over a gap of up to max_gap addresses: one request costs about as much as 8 registers.
+    Neighbours are joined over a gap of up to max_gap addresses: one request costs about as much as 8 registers. Places
+    in one of the wholes are read by that.
     """
     blocks: list[Block] = []
-    for function, address, width in sorted(set(places)):
+    places = set(places)
+    used = {whole for place in places for whole in wholes if holds(whole, place)}
+    apart = {place for place in places if not any(holds(whole, place) for whole in used)}
+    for function, address, width in sorted(apart):
         limit = _MOST_BITS if function in BIT_FUNCTIONS else max_registers
         if blocks:
             last = blocks[-1]
@@ -223,7 +235,7 @@ def plan_blocks(places: Iterable[AddressRange], max_registers: int, max_gap: int
                 blocks[-1] = Block(function, last.address, end - last.address)
                 continue
         blocks.append(Block(function, address, width))
-    return tuple(blocks)
+    return tuple(sorted((*blocks, *used), key=lambda block: (block.function, block.address)))
 
 
 def holds(block: Block, place: AddressRange) -> bool:

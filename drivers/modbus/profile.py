@@ -22,6 +22,8 @@ from drivers.profile import DeviceProfile, Unit
 from drivers.section import Section, wrong
 
 _MOST_CHANNELS = 1000
+_MOST_BITS = 2000
+"""Of one answer."""
 
 
 class Values(Scaled):
@@ -181,6 +183,17 @@ class Setting(Section):
         return self
 
 
+class WholeBlock(Section):
+    """Addresses that the device returns only together, as one request."""
+
+    function: int = Field(ge=1, le=4)
+    """Function code."""
+    address: Address
+    """First address."""
+    count: int = Field(ge=1, le=_MOST_BITS)
+    """How many registers or bits."""
+
+
 def _one_table(value: object) -> object:
     if isinstance(value, list):
         raise wrong("expected one table; a device with several kinds of values has a [[block]] for each")
@@ -205,6 +218,7 @@ class ModbusProfile(DeviceProfile, Judged):
     values: Annotated[Values | None, BeforeValidator(_one_table)] = Field(default=None, alias="value")
     own_blocks: tuple[ChannelBlock, ...] = Field(default=(), alias="block")
     settings: tuple[Setting, ...] = Field(default=(), alias="setting")
+    wholes: tuple[WholeBlock, ...] = Field(default=(), alias="whole")
 
     @model_validator(mode="after")
     def _whole(self) -> Self:
@@ -233,6 +247,11 @@ class ModbusProfile(DeviceProfile, Judged):
             if block.width > self.max_registers:
                 what = f"{self.max_registers}, but a {block.type} takes {block.width} registers"
                 raise wrong(what, "max_registers")
+        for number, whole in enumerate(self.wholes):
+            if whole.function in REGISTER_FUNCTIONS and whole.count > self.max_registers:
+                raise wrong(
+                    f"{whole.count}: expected at most max_registers, {self.max_registers}", "whole", number, "count"
+                )
         return self
 
     @cached_property

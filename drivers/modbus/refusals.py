@@ -22,6 +22,11 @@ _ABSENT = (1, _ILLEGAL_ADDRESS, 3)
 to a count that is too large."""
 
 
+def is_target_silent(message: bytes) -> bool:
+    """Whether an answer (function code and data) says that a gateway could not ask the unit."""
+    return len(message) == 2 and bool(message[0] & 0x80) and message[1] in _TARGET_SILENT
+
+
 def refusal(bus: str, device: str, unit: int, block: Block, code: int) -> NoAnswer | Refused:
     """The error for a unit that answered this request with an exception code."""
     meaning = _EXCEPTIONS.get(code, "unknown exception")

@@ -23,6 +23,7 @@ from drivers.modbus.frames import (
     rtu_request,
 )
 from drivers.modbus.numbers import Block
+from drivers.modbus.refusals import is_target_silent
 from drivers.modbus.repeats import Repeats
 from drivers.modbus.settings import ModbusRtuSettings, ModbusRtuTcpSettings
 from drivers.modbus.strangers import Strangers
@@ -36,6 +37,8 @@ _MOST_SENT = 2
 _GROWTH = 2.0
 """Factor of the wait, each time a question is repeated. A wait that was too short costs one more request and no value,
 as the late answer is as good."""
+_MOST_CROSSED = 3
+"""How often an answer that may be another master's is asked for again."""
 _FOLLOWS_S = 0.05
 """How soon the answer to a repeated request follows the answer to the first one."""
 _SERVER_GAP_S = 3.5 * 11 / 9600
@@ -66,6 +69,8 @@ class RtuFramedBus(ModbusBus):
         self._unanswered = Unanswered()
         self._strangers = Strangers()
         self._repeats = Repeats()
+        self._crossed = False
+        """Whether another master's request was heard just before the latest answer, which may be the answer to that."""
 
     def other_master(self) -> str:
         """What shows that another master is on the line, in words; empty if nothing does."""
@@ -89,6 +94,18 @@ class RtuFramedBus(ModbusBus):
             await self._separate(device, unit, separator, block)
         await self._let_repetition_pass(unit, block)
         message = await self._request(device, unit, block, block)
+        for _ in range(_MOST_CROSSED):
+            if not self._crossed:
+                break
+            await self._separate(device, unit, self._unanswered.another(unit, block), block)
+            message = await self._request(device, unit, block, block)
+        if self._crossed:
+            raise BadAnswer(
+                f"another master asks unit {unit} for as many values, and it cannot be told whose the answers are",
+                bus=self._name,
+                device=device,
+                hint="a line has one master; disconnect the other, or let it ask for another count",
+            )
         now_s = asyncio.get_running_loop().time()
         if self._repeats.is_doubtful(unit, block, message, now_s):
             await self._separate(device, unit, self._unanswered.another(unit, block), block)
@@ -115,9 +132,10 @@ class RtuFramedBus(ModbusBus):
         """Send the request and wait about as long as the unit usually takes for the one that it is like; the message
         that answers it (function code and data)."""
         loop = asyncio.get_running_loop()
+        await self._let_settle(device, unit)
         if (gap_s := self._quiet_since + self._gap_s - loop.time()) > 0:
             await asyncio.sleep(gap_s)
-        self._note(self._stream.discard())
+        before = await self._let_others_be_answered(unit, block)
         self._strangers.asked(unit, block)
         asked = self._unanswered.asked(unit, block)
         began = loop.time()
@@ -134,6 +152,7 @@ class RtuFramedBus(ModbusBus):
                 with suppress(TimeoutError):
                     message = await self._hear(heard, unit, block, began + wait_s / 2, wait_s)
             if message is None:
+                self._minimum.sent(unit, loop.time())
                 self._stream.write(rtu_request(unit, block))
                 asked.sent += 1
                 asked.last_s = loop.time()
@@ -145,6 +164,8 @@ class RtuFramedBus(ModbusBus):
             if (message := self._foreign_refusal(heard, unit)) is not None:
                 self._came(unit, block)
                 return message
+            if not heard:
+                self._minimum.missed(unit, loop.time())
             late = {other for other, due in self._unanswered.due if find_rtu_answer(heard, other, due)}
             self._missed(unit, block, like, heard)
             raise self._nothing_valid(device, unit, block, heard, wait_s, late) from None
@@ -154,12 +175,39 @@ class RtuFramedBus(ModbusBus):
         finally:
             self._quiet_since = loop.time()
         answered_s = loop.time()
+        await self._look_for_others(unit, block, before + heard[: heard.find(bytes((unit,)) + message)], heard)
+        (self._minimum.refused if is_target_silent(message) else self._minimum.answered)(unit, answered_s)
         all_came = await self._settle(unit, block, heard)
         # If each of several equal requests was answered, the unit is slow; otherwise an answer was lost.
         took_s = answered_s - (asked.since_s if all_came else asked.last_s)
         self._patience.answered(unit, like, min(self._timeout_s, took_s))
         self._owing_until = None
         return message
+
+    async def _let_others_be_answered(self, unit: int, block: Block) -> bytes:
+        """Wait for the answer to another master's request that looks like the one to this; returns the end of what was
+        heard, which may be the beginning of such a request."""
+        self._note(self._stream.discard())
+        if self._strangers.waits(unit, block, asyncio.get_running_loop().time() - self._timeout_s):
+            heard = bytearray()
+            await self._let_pass(heard, min(self._timeout_s, self.left_s))
+            self._note(heard)
+        return self._strangers.tail
+
+    async def _look_for_others(self, unit: int, block: Block, before: bytes, heard: bytearray) -> None:
+        """Whether another master's request came before the answer, which may then be the answer to that."""
+        self._crossed = self._strangers.asks(before, unit, block)
+        if self._crossed:
+            await self._let_pass(heard, self._pause_s)
+
+    async def _let_pass(self, heard: bytearray, wait_s: float) -> None:
+        """Hear what others are answered, and then a pause."""
+        loop = asyncio.get_running_loop()
+        until = loop.time() + wait_s
+        with suppress(TimeoutError, ConnectError):
+            while True:
+                heard += await self._stream.read(until - loop.time())
+                until = min(until, loop.time() + self._pause_s)
 
     async def _hear(self, heard: bytearray, unit: int, block: Block, latest_s: float, wait_s: float) -> bytes:
         """The answer, once it is complete in `heard`.
@@ -237,8 +285,11 @@ class RtuFramedBus(ModbusBus):
         if not heard:
             return
         is_only_answer = block is not None and len(heard) == rtu_length(block)
-        if not is_only_answer:
+        if is_only_answer:
+            self._strangers.forget()
+        else:
             now_s = asyncio.get_running_loop().time()
+            self._strangers.hear(heard, now_s)
             self._repeats.note(heard, now_s, (*self._unanswered.due, *([] if block is None else [(unit, block)])))
             if not _is_frame_of(heard, unit):  # its own answer, though not to what it was asked
                 self._strangers.note(heard, now_s)

@@ -6,7 +6,7 @@ Disturbed bytes do not count: only whole frames with their checksum, three of th
 from collections import deque
 from collections.abc import Iterator
 
-from drivers.modbus.frames import data_bytes, is_rtu_frame, rtu_request
+from drivers.modbus.frames import alike, data_bytes, find_rtu_answer, is_rtu_frame, rtu_request
 from drivers.modbus.numbers import BIT_FUNCTIONS, REGISTER_FUNCTIONS, Block
 
 _READS = (*BIT_FUNCTIONS, *REGISTER_FUNCTIONS)
@@ -15,6 +15,7 @@ _FIXED = (*_READS, 5, 6, 15, 16)
 _LAST_UNIT = 247
 _ENOUGH = 3
 _WITHIN_S = 60.0
+_REQUEST_BYTES = 8
 _SEARCHED = 512
 """How many of the bytes heard are searched: a line that babbles must not cost more."""
 
@@ -27,6 +28,8 @@ class Strangers:
         self._answers: set[tuple[int, ...]] = set()
         self._known: set[tuple[int, Block]] = set()
         self._heard: deque[tuple[float, str]] = deque(maxlen=100)
+        self._latest = bytearray()
+        self._latest_s = 0.0
 
     def asked(self, unit: int, block: Block) -> None:
         """This was sent: neither it nor its answers are another's, however often and late they come."""
@@ -40,6 +43,33 @@ class Strangers:
         for frame in _frames(bytes(heard[-_SEARCHED:])):
             if frame not in self._requests and self._form(frame) not in self._answers:
                 self._heard.append((now_s, _told(frame)))
+
+    def hear(self, heard: bytes | bytearray, now_s: float) -> None:
+        """All that is heard on the line, in order. now_s: monotonic"""
+        self._latest += heard
+        del self._latest[:-_SEARCHED]
+        self._latest_s = now_s
+
+    def forget(self) -> None:
+        """A request of ours is answered, so that all before it is, too."""
+        self._latest.clear()
+
+    @property
+    def tail(self) -> bytes:
+        """What may be the beginning of a request."""
+        return bytes(self._latest[1 - _REQUEST_BYTES :])
+
+    def waits(self, unit: int, block: Block, since_s: float) -> bool:
+        """Whether another's request to this unit, heard since then, has no answer yet and looks like the block's."""
+        if self._latest_s < since_s:
+            self._latest.clear()
+        at = _last_request(self._latest, unit, block)
+        return at >= 0 and find_rtu_answer(self._latest[at:], unit, block) is None
+
+    @staticmethod
+    def asks(heard: bytes | bytearray, unit: int, block: Block) -> bool:
+        """Whether these bytes hold another's request to this unit whose answer looks like the block's."""
+        return _last_request(heard, unit, block) >= 0
 
     def evidence(self, now_s: float) -> str:
         """What shows that there is another master, in words; empty if nothing does."""
@@ -76,6 +106,18 @@ def _lengths(heard: bytes, start: int) -> Iterator[int]:
     if function in _FIXED:
         possible.append(8)
     yield from (length for length in possible if start + length <= len(heard))
+
+
+def _last_request(heard: bytes | bytearray, unit: int, block: Block) -> int:
+    """Where another's last request to the unit begins whose answer looks like the block's; -1: there is none."""
+    own, begin, at = rtu_request(unit, block), bytes((unit, block.function)), len(heard)
+    while (at := heard.rfind(begin, 0, at + 1)) >= 0:
+        frame = bytes(heard[at : at + _REQUEST_BYTES])
+        if len(frame) == _REQUEST_BYTES and frame != own and is_rtu_frame(frame):
+            address, count = (int.from_bytes(frame[k : k + 2], "big") for k in (2, 4))
+            if alike(Block(block.function, address, count), block):
+                return at
+    return -1
 
 
 def _told(frame: bytes) -> str:

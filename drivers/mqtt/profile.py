@@ -2,6 +2,7 @@
 
 import json
 import math
+from collections.abc import Iterator, Sequence
 from datetime import UTC, datetime
 from typing import Annotated, ClassVar, Literal
 
@@ -27,7 +28,7 @@ class MqttTopic(LinearValue):
     """The topic, with all its levels."""
     number: NotEmpty | None = None
     """Where the number is in a JSON payload: names, and numbers of list elements, separated by dots, such as
-    `sensors.0.temperature`. None: the payload is the number itself."""
+    `sensors.0.temperature`; a name may have dots itself. None: the payload is the number itself."""
     time: NotEmpty | None = None
     """Where the payload holds the time at which the value was measured, in the same form: ISO 8601, or a number since
     1970. None: the age counts from the arrival of the message."""
@@ -38,8 +39,10 @@ class MqttTopic(LinearValue):
         """The value and its time, UTC, or what is wrong."""
         if len(payload) > MOST_BYTES:
             return Fault(Quality.SENSOR_FAULT, f"the payload has more than {MOST_BYTES} bytes"), None
+        payload = payload.rstrip(b"\0")  # of a text that its sender counts with its end
+        plain = payload.decode("ascii", "replace").strip()
         try:
-            content = json.loads(payload)
+            content = plain if self.number is None and WRITTEN_NUMBER.fullmatch(plain) else json.loads(payload)
         except (ValueError, RecursionError):
             return Fault(Quality.SENSOR_FAULT, f"the payload is neither a number nor JSON: {_quoted(payload)}"), None
         found = _at(content, self.number)
@@ -78,15 +81,22 @@ class MqttProfile(DeviceProfile):
 
 
 def _at(content: object, path: str | None) -> object:
-    """What is at that place; None: nothing."""
-    for part in path.split(".") if path is not None else ():
-        if isinstance(content, dict):
-            content = content.get(part)
-        elif isinstance(content, list) and part.isdecimal() and int(part) < len(content):
-            content = content[int(part)]
-        else:
-            return None
-    return content
+    """What is at that place; None: nothing, or more than one thing, as names may have dots."""
+    if path is None:
+        return content
+    found = list(_all_at(content, path.split(".")))
+    return found[0] if len(found) == 1 else None
+
+
+def _all_at(content: object, parts: Sequence[str]) -> Iterator[object]:
+    if not parts:
+        yield content
+    elif isinstance(content, dict):
+        for end in range(1, len(parts) + 1):
+            if (name := ".".join(parts[:end])) in content:
+                yield from _all_at(content[name], parts[end:])
+    elif isinstance(content, list) and parts[0].isdecimal() and int(parts[0]) < len(content):
+        yield from _all_at(content[int(parts[0])], parts[1:])
 
 
 def instant_in(found: object, unit: TimeUnit) -> datetime | None:

@@ -7,6 +7,7 @@ from time import monotonic
 
 from drivers.base import Clock, Quality, Reading, WrongDevice
 from drivers.faults import Fault
+from drivers.number_types import WRITTEN_NUMBER
 from drivers.opcua.bus import OpcUaBus
 from drivers.opcua.nodes import NodeValue
 from drivers.opcua.profile import OpcUaNode, OpcUaProfile
@@ -77,10 +78,14 @@ class OpcUaDevice:
             number = _number_in(found, node, node.form)
             invalid = None if isinstance(number, Fault) else node.raw.fault(node.invalid, number)
             return number if isinstance(number, Fault) else invalid or node.value(number)
-        if node.element is not None:
+        if isinstance(raw, list) and len(raw) == 1 and node.element is None:
+            (raw,) = raw
+        if node.element is not None and not (node.element == 0 and isinstance(raw, int | float)):
             if not isinstance(raw, Sequence) or isinstance(raw, str | bytes) or len(raw) <= node.element:
                 return Fault(Quality.SENSOR_FAULT, f"the node holds no element {node.element}: {shown(raw)}")
             raw = raw[node.element]
+        if isinstance(raw, str) and WRITTEN_NUMBER.fullmatch(raw.strip()):
+            raw = float(raw)
         if not isinstance(raw, int | float):
             return Fault(Quality.SENSOR_FAULT, f"the node holds no number: {shown(raw)}")
         if isinstance(raw, bool) and (node.unit or self._profile.unit) != "1":

@@ -349,8 +349,16 @@ class OpcUaSession:
             if self._settings.security != "none":
                 hint = "is server_certificate this control's own, and does the control trust the gateway's certificate?"
             return NoAnswer(f"{url} does not answer within {self._settings.timeout_s:g} s", device=device, hint=hint)
+        return self._cannot_open(error)
+
+    def _cannot_open(self, error: Exception) -> ConnectError:
+        settings = self._settings
         hint = "is it on, is its OPC UA server licensed and running, and is the port correct?"
-        return ConnectError(f"cannot open {url}: {in_words(error)}", device=device, hint=hint)
+        if isinstance(error, UaStatusCodeError):  # it answers
+            hint = "the server ends the connection; its own log says why"
+            if settings.server_certificate is not None:
+                hint = "is server_certificate still this server's own? one that has renewed it cannot read what is sent"
+        return ConnectError(f"cannot open {settings.url}: {in_words(error)}", device=self._device, hint=hint)
 
     async def _secure(self, client: Client) -> None:
         settings = self._settings

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from typing import Annotated, ClassVar, Literal, Self
 from urllib.parse import urlsplit
 
-from pydantic import model_validator
+from pydantic import AfterValidator, model_validator
 
 from drivers.bus_settings import BusSettings, Here
 from drivers.credential_files import secret_cautions
@@ -12,7 +12,15 @@ from drivers.section import FilePath, NotEmpty, Section, ServerTime, matching, u
 
 _DEFAULT_PORT = 4840
 
-ServerUrl = Annotated[str, matching(r"opc\.tcp://[^/:\s]+(:\d+)?(/\S*)?", "opc.tcp://host:port")]
+_FORM = r"(?i:opc\.tcp)://(\[[0-9A-Fa-f:.]+\]|[^/:\s\[\]]+)(:\d+)?(/\S*)?"
+
+
+def _scheme_lower(url: str) -> str:
+    scheme, mark, rest = url.partition("://")
+    return f"{scheme.lower()}{mark}{rest}"
+
+
+ServerUrl = Annotated[str, matching(_FORM, "opc.tcp://host:port"), AfterValidator(_scheme_lower)]
 
 
 class OpcUaServer(Section):

@@ -17,6 +17,8 @@ log = logging.getLogger(__name__)
 
 _CLOSE_LIMIT_S = 5.0
 """Real seconds that closing a bus or device may take."""
+_SETTLE_S = 5.0
+"""How long a new connection may stay without an answer: some servers swallow what comes soon after connecting."""
 
 
 class PolledBus:
@@ -25,6 +27,9 @@ class PolledBus:
     def __init__(self, line: Line) -> None:
         self.breaker = Breaker(line.period_s, line.period_s * line.retry_max_periods)
         self.is_open = False
+        self.answers = False
+        """Whether a device has been heard since it was opened."""
+        self._opened_s = -math.inf
         self._bus, self._limit_s = line.bus, line.read_limit_s
         self.subject = Text(NoticeCode.BUS, name=line.bus.name)
         """Its name in reports."""
@@ -44,15 +49,22 @@ class PolledBus:
         finally:
             self._limited.limit(math.inf)
 
-    async def open(self) -> None:
-        """Open the bus. Raises its errors, or TimeoutError after the line's `read_limit_s`; the bus is then closed."""
+    def settles(self, now_s: float) -> bool:
+        """Whether nothing can be concluded yet from the silence of its devices. now_s: monotonic"""
+        return self.is_open and not self.answers and now_s - self._opened_s < _SETTLE_S
+
+    async def open(self, now_s: float) -> None:
+        """Open the bus; now_s: monotonic.
+
+        Raises its errors, or TimeoutError after the line's `read_limit_s`; the bus is then closed.
+        """
         try:
             async with asyncio.timeout(self._limit_s):
                 await uncancelled(self._bus.connect())
         except Exception:
             await self.close()
             raise
-        self.is_open = True
+        self.is_open, self.answers, self._opened_s = True, False, now_s
 
     async def close(self) -> None:
         """Close the bus, even if it is closed already."""

@@ -123,6 +123,7 @@ class BusRunner:
         for device in self.devices:
             try:
                 await device.greet()
+                self._bus.answers = True
             except MemoryError:
                 raise
             except Exception as error:  # noqa: BLE001 - a driver's bug must not end the other buses
@@ -153,7 +154,8 @@ class BusRunner:
         await self._ask_again(due)
         await self._try_failing(waiting, due)
         await self._ask_later(due)
-        if not any(device.heard for device in self.devices):
+        self._bus.answers |= any(device.heard for device in self.devices)
+        if not (self._bus.settles(due) or any(device.heard for device in self.devices)):
             # No device answers: the connection itself may be at fault (half-open TCP, adapter unplugged).
             await self.close()
 
@@ -165,8 +167,9 @@ class BusRunner:
         return self._clock.monotonic() - device.wavered_s >= self._steady_s
 
     def _waiting(self, due: float) -> list[PolledDevice]:
-        """Failing devices that are due, the longest waiting first."""
-        waiting = [d for d in self.devices if d.breaker.failing and d.breaker.allows(due)]
+        """Failing devices that are due, the longest waiting first; on a new connection all are."""
+        settles = self._bus.settles(due)
+        waiting = [d for d in self.devices if d.breaker.failing and (settles or d.breaker.allows(due))]
         return sorted(waiting, key=lambda device: device.breaker.retry_at)
 
     async def _ask_again(self, due: float) -> None:
@@ -235,7 +238,7 @@ class BusRunner:
         if not self._bus.breaker.allows(due):
             return False
         try:
-            await self._bus.open()
+            await self._bus.open(self._clock.monotonic())
         except MemoryError:
             raise
         except Exception as error:  # noqa: BLE001 - a driver's bug must not end the other buses
@@ -291,6 +294,7 @@ class BusRunner:
             return error
         if device.answered_s is not None:
             self._answered_s[device.driver.device] = device.answered_s
+        self._bus.answers = True
         device.breaker.succeeded()
         self._reports.answered(device.subject, readings)
         self._publish(samples(readings, self._sequence()))
@@ -315,7 +319,8 @@ class BusRunner:
             device.breaker.succeeded()
             return
         device.silent += 1
-        device.breaker.failed(due)
+        if device.breaker.allows(due):  # else it was asked early, as the connection is new
+            device.breaker.failed(due)
         await device.close()
         if lost:
             for other in self.devices:

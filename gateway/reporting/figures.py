@@ -1,6 +1,6 @@
 """Figures of a run: each error without and with compensation, and the basis of each figure."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -9,13 +9,15 @@ from rich.table import Table
 from gateway.model.text import Language
 from gateway.reporting.data import ReportData
 from gateway.reporting.tool import ToolCourse, at_tool
-from talc.frame import EventKind, FloatArray
-from talc.indicators import peak_to_peak, productivity, reduction, rms
+from talc.frame import BoolArray, EventKind, FloatArray
+from talc.indicators import FIRST_HOUR_S, Spread, productivity, reduction
 from talc.names import ERROR_UNITS, MICROMETRE, THERMAL_ERRORS
 
 CYCLE_S = 120.0
 """Duration of a probing cycle (Z22)."""
 _LEAST_PERCENT = 0.5
+_LEAST_VALUES = 2
+"""E_PV of a single value is 0, whatever it is."""
 _MOST_PERCENT = 100.0
 
 
@@ -52,9 +54,15 @@ class SummaryRow:
     """Standard uncertainty of one measurement; NaN: unknown."""
     axis: str = ""
     """X, Y or Z at the tool; empty: it is a thermal error."""
+    period: Literal["", "first_hour", "later"] = ""
+    """Of which these figures are; empty: the whole time."""
+    parts: tuple["SummaryRow", ...] = ()
+    """The first hour and the rest; none while there is only one of them."""
 
     def written(self, said: Language) -> str:
-        """Its name."""
+        """Its name, or the period's."""
+        if self.period:
+            return said(f"report_period.{self.period}")
         return said("report.tool", axis=self.axis) if self.axis else self.name
 
     @property
@@ -118,16 +126,17 @@ def summary(data: ReportData) -> Summary:
         hours = total_s / 3600
         return Summary("nothing", (), (), hours, hours, 0.0, 0, 0, 0, data.rejected_cycles, course=course)
     begin_s = float(time_s[first])
+    since_s = time_s[first:] - begin_s
     basis: Literal["simulated", "recorded", "measured"]
     if data.truth is not None:
         basis = "simulated"
         rows = _rows(data, *_against_truth(data, begin_s))
     elif data.recorded is not None:
         basis = "recorded"
-        rows = _recorded(data, data.recorded[first:], data.predicted[first:])
+        rows = _recorded(data, since_s, data.recorded[first:], data.predicted[first:])
     else:
         basis = "measured"
-        rows = _rows(data, data.measured[first:], data.measured[first:] - data.predicted[first:])
+        rows = _rows(data, since_s, data.measured[first:], data.measured[first:] - data.predicted[first:])
     after = int(np.isfinite(data.measured[first:]).any(axis=1).sum())
     return Summary(
         basis=basis,
@@ -144,29 +153,48 @@ def summary(data: ReportData) -> Summary:
         rejected_cycles=data.rejected_cycles,
         held=()
         if data.recorded is None or data.held is None
-        else _recorded(data, data.recorded[first:], data.held[first:]),
+        else _recorded(data, since_s, data.recorded[first:], data.held[first:]),
     )
 
 
-def _recorded(data: ReportData, errors: FloatArray, estimate: FloatArray) -> tuple[SummaryRow, ...]:
+def _recorded(
+    data: ReportData, since_s: FloatArray, errors: FloatArray, estimate: FloatArray
+) -> tuple[SummaryRow, ...]:
     """Figures of the errors that were recorded since corrections began."""
-    return tuple(row for row in _rows(data, errors, errors - estimate) if np.isfinite(row.e_pv))
+    return tuple(row for row in _rows(data, since_s, errors, errors - estimate) if np.isfinite(row.e_pv))
 
 
-def _against_truth(data: ReportData, begin_s: float) -> tuple[FloatArray, FloatArray]:
-    """Truth, and truth minus the latest estimate at or before each of its instants."""
+def _against_truth(data: ReportData, begin_s: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Times since then; truth; and truth minus the latest estimate at or before each of its instants."""
     truth = data.truth
     if truth is None:
         raise ValueError("data.truth is None")
     times, errors = truth.time_s, truth.errors
     use = (times >= begin_s) & data.truth_ran
-    return errors[use], errors[use] - data.corrected[data.rows_at(times[use])]
+    return times[use] - begin_s, errors[use], errors[use] - data.corrected[data.rows_at(times[use])]
 
 
-def _rows(data: ReportData, before: FloatArray, after: FloatArray) -> tuple[SummaryRow, ...]:
+def _row(
+    label: str, unit: str, course: tuple[FloatArray, FloatArray, FloatArray], noise: float, axis: str = ""
+) -> SummaryRow:
+    """course: (m,) times since corrections began, and one error or direction without and with compensation."""
+    since_s, before, after = course
+
+    def figures(use: BoolArray, period: Literal["", "first_hour", "later"]) -> SummaryRow:
+        without, left = Spread.of(before[use]), Spread.of(after[use])
+        return SummaryRow(label, unit, without.pv, without.rms, left.pv, left.rms, noise, axis, period)
+
+    known, early = np.isfinite(after), since_s < FIRST_HOUR_S
+    whole = figures(np.ones(len(known), dtype=np.bool_), "")
+    if min(int((known & early).sum()), int((known & ~early).sum())) < _LEAST_VALUES:
+        return whole
+    return replace(whole, parts=(figures(early, "first_hour"), figures(~early, "later")))
+
+
+def _rows(data: ReportData, since_s: FloatArray, before: FloatArray, after: FloatArray) -> tuple[SummaryRow, ...]:
     noise = np.full(len(THERMAL_ERRORS), np.nan) if data.noise is None else data.noise
     return tuple(
-        SummaryRow(label, ERROR_UNITS[n], peak_to_peak(b), rms(b), peak_to_peak(a), rms(a), u)
+        _row(label, ERROR_UNITS[n], (since_s, b, a), u)
         for label, n, b, a, u in zip(data.labels, THERMAL_ERRORS, before.T, after.T, noise.tolist(), strict=True)
     )
 
@@ -174,7 +202,7 @@ def _rows(data: ReportData, before: FloatArray, after: FloatArray) -> tuple[Summ
 def _tool(course: ToolCourse, begin_s: float) -> tuple[SummaryRow, ...]:
     use = course.between(begin_s, float("inf"))
     rows = (
-        SummaryRow(f"tool {axis}", MICROMETRE, peak_to_peak(b), rms(b), peak_to_peak(a), rms(a), course.noise, axis)
+        _row(f"tool {axis}", MICROMETRE, (course.time_s[use] - begin_s, b, a), course.noise, axis)
         for axis, b, a in zip("XYZ", course.before[use].T, course.after[use].T, strict=True)
     )
     return tuple(row for row in rows if np.isfinite(row.e_rms))
@@ -191,10 +219,11 @@ def table(s: Summary, said: Language) -> Table:
     grid = Table(title=said("report.table_title"), caption=caption, caption_justify="left")
     for name in ("error", "unit", "pv", "left", "change", "rms", "left", "change"):
         grid.add_column(said(f"report_column.{name}"), justify="left" if name in ("error", "unit") else "right")
-    ends = {id(rows[-1]) for rows in (s.rows, s.held) if rows}
+    ends = {id((rows[-1], *rows[-1].parts)[-1]) for rows in (s.rows, s.held) if rows}
     named = [(row.written(said), row) for row in (*s.rows, *s.tool)]
     named[len(s.rows) : len(s.rows)] = [(said("report.held", name=row.name), row) for row in s.held]
-    for name, row in named:
+    lines = [line for name, row in named for line in ((name, row), *((f"  {p.written(said)}", p) for p in row.parts))]
+    for name, row in lines:
         figures = (
             said.number(row.e_pv, ".1f"), said.number(row.compensated_e_pv, ".1f"), row.change_pv.written(said),
             said.number(row.e_rms, ".2f"), said.number(row.compensated_e_rms, ".2f"), row.change_rms.written(said),

@@ -68,9 +68,10 @@ def test_a_folder_of_own_recordings_gets_a_page_and_leaves_the_results(
     page = tmp_path / "results.md"
     page.write_text("<!-- benchmark recordings -->\n<!-- end -->", encoding="utf-8")
     main(["recordings"], page)
-    (row,) = [line for line in capsys.readouterr().out.splitlines() if "RMSE" in line]
+    (row,) = [line for line in capsys.readouterr().out.splitlines() if "RMSE µm of learner" in line]
     found = re.search(r"of learner \| [\d.]+: ([\d.]+) of hold", row)
     assert found is not None, row
+    assert "mill, read in µm, at once" in row
     assert float(found[1]) < 0.5
     assert sorted(file.name for file in (tmp_path / "out" / "recordings").iterdir()) == ["mill.json", "mill.md"]
     assert page.read_text("utf-8") == "<!-- benchmark recordings -->\n<!-- end -->", "figures of a user's own data"

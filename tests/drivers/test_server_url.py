@@ -22,6 +22,7 @@ class HttpServer(UrlServer):
         ("https://plant.example:443/", True, "plant.example", 443),
         ("https://[fd00::5]:443", True, "fd00::5", 443),
         ("http://localhost", False, "localhost", 8080),
+        ("HTTPS://plant.example", True, "plant.example", 8443),
         ("http://127.0.0.2:80", False, "127.0.0.2", 80),
         ("http://[::1]", False, "::1", 8080),
     ],

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from talc.indicators import p99, peak_to_peak, productivity, pv, reduction, rms, smape
+from talc.indicators import Spread, first_hour_apart, p99, peak_to_peak, productivity, pv, reduction, rms, smape
 
 NAN = math.nan
 
@@ -16,6 +16,19 @@ def test_peak_to_peak_and_rms_leave_out_what_was_not_measured() -> None:
     assert rms(values) == pytest.approx(math.sqrt(25 / 3))
     assert math.isnan(rms(np.array([NAN])))
     assert math.isnan(peak_to_peak(np.array([])))
+
+
+def test_the_first_hour_and_the_rest_are_apart() -> None:
+    time_s = np.array([0.0, 3599.0, 3600.0, 7200.0])
+    values = np.array([[10.0, NAN], [-2.0, 1.0], [3.0, 0.0], [4.0, 5.0]])
+    first, rest = first_hour_apart(time_s, values)
+    assert (first.pv, rest.pv) == (12.0, 5.0), "the largest of any error, not between errors"
+    assert first.rms == pytest.approx(math.sqrt(105 / 3))
+    assert rest.rms == pytest.approx(math.sqrt(50 / 4))
+    assert first_hour_apart(time_s, values[:, 0])[0] == Spread(12.0, math.sqrt(52.0))
+    early, _ = first_hour_apart(time_s + 3600.0, values)
+    assert math.isnan(early.pv)
+    assert math.isnan(early.rms)
 
 
 def test_pv_is_of_the_largest_deviations_and_not_of_ranges() -> None:

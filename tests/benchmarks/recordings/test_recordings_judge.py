@@ -6,58 +6,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
+from benchmarks.recordings.causal import Peeked, check_asked, check_causal, trial
 from benchmarks.recordings.description import InputColumn
 from benchmarks.recordings.judge import apply_method, coverage, judge_course, rows_to_measure
 from benchmarks.recordings.learner import Learning
-from benchmarks.recordings.methods import Given, HoldLast, Method, MethodCourse, Nothing, Ridge, given_of
+from benchmarks.recordings.methods import Given, HoldLast, Method, MethodCourse, Nothing, given_of
 from benchmarks.recordings.models import Models, papers, slots
+from benchmarks.recordings.peers import Boosting, Process, peers
 from benchmarks.recordings.policy import Deciding, Point, Sweep, savings
+from benchmarks.recordings.regressions import Features, Refitted, RidgePath, best_so_far, ridges
 from benchmarks.recordings.series import Series
 from talc.frame import BoolArray, FloatArray
 from talc.settings import TrainingSettings
-
-# Detects methods of the recordings' benchmark that use measurements which they were not given.
-
-
-_MOVED = 1000.0
-"""How far measurements are shifted to detect methods that used them too early: standard uncertainties."""
-
-
-class Peeked(Exception):
-    """A method's estimate is based on a measurement that had not been made yet."""
-
-
-def check_causal(method: Method, given: Given, seeds: Sequence[int] = (0,)) -> None:
-    """Raise Peeked if changing the measurements from some row on changes an estimate up to that row.
-
-    seeds: one row for each
-    """
-    rows = np.flatnonzero(given.used)
-    if len(rows) < 3:
-        return
-    courses = method.courses(given)
-    for seed in seeds:
-        row = int(np.random.default_rng([seed, 23]).choice(rows[len(rows) // 2 :]))
-        other = given.measured.copy()
-        other[row:] += _MOVED * given.sigma
-        for course, moved in zip(courses, method.courses(replace(given, measured=other)), strict=True):
-            here = slice(None, row + 1)
-            # Before the row even the stated uncertainty must not know of it.
-            if not (
-                np.array_equal(course.estimate[here], moved.estimate[here], equal_nan=True)
-                and np.array_equal(course.sigma[here], moved.sigma[here], equal_nan=True)
-            ):
-                raise Peeked(f"{method.name}: an estimate up to row {row} changes with the measurement of row {row}")
-
-
-def check_asked(method: Deciding, given: Given, limit: float) -> None:
-    """Raise Peeked if measurements that the method did not make change its estimates."""
-    course, used = method.decide(given, limit)
-    other = np.where(used[:, None], given.measured, given.measured + _MOVED * given.sigma)
-    moved, moved_used = method.decide(replace(given, measured=other), limit)
-    same = np.array_equal(course.estimate, moved.estimate, equal_nan=True) and np.array_equal(used, moved_used)
-    if not same:
-        raise Peeked(f"{method.name}: its estimates change with measurements that it did not ask for")
 
 
 def series_of(
@@ -79,6 +39,7 @@ def series_of(
         about=tuple(InputColumn() for _ in names),
         inputs=inputs,
         error_names=tuple(f"e{i}" for i in range(errors)),
+        units=("um",) * errors,
         angle=np.zeros(errors, dtype=np.bool_),
         truth=truth,
         noise=np.zeros(errors),
@@ -153,10 +114,11 @@ def test_ridge_is_the_penalised_normal_equations(row: int) -> None:
     """Against a solution with an augmented matrix by least squares, from the same measurements."""
     series = wavy()
     given = given_of(series, rows_to_measure(series, 0.0, 60.0), 0, 0, 12)
-    x = (series.inputs - series.inputs.mean(axis=0)) / series.inputs.std(axis=0)
     known = np.flatnonzero(given.used[:row])
+    deviation = series.inputs - series.inputs[0]
+    x = deviation / np.maximum(np.abs(deviation[: known[-1] + 1]).max(axis=0), 3.0)
     y = given.measured[known]
-    for number, course in enumerate(Ridge().courses(given)):
+    for number, course in enumerate(Refitted("", RidgePath, "inputs", hindsight=True).courses(given)):
         strength = 10.0 ** (number % 7 - 3)
         centred = x[known] - x[known].mean(axis=0)
         stacked = np.vstack([centred, np.sqrt(strength) * np.eye(3)])
@@ -166,11 +128,92 @@ def test_ridge_is_the_penalised_normal_equations(row: int) -> None:
         assert course.estimate[row] == pytest.approx(from_fit if number < 7 else from_last, abs=1e-9)
 
 
-def test_ridge_finds_a_ramp_that_is_linear_in_its_input() -> None:
+def test_lagged_features_are_the_step_responses_of_first_order_lags() -> None:
+    """An input that jumps by 6 and stays: 6 (1 - exp(-t / tau)), over a span of 6, also across a gap."""
+    step = np.where(np.arange(60)[:, None] > 0, 26.0, 20.0)
+    series = series_of(np.zeros((60, 1)), step, off_after=30, off_steps=100)
+    features = Features.of(given_of(series, np.ones(60, dtype=np.bool_), 0, 0, 1), "lags").at(slice(None), 59)
+    for column, tau_s in enumerate((0.0, 900.0, 2700.0, 8100.0, 24300.0)):
+        expected = 1.0 - (np.exp(-series.k * 300.0 / tau_s) if tau_s else (series.k == 0))
+        assert features[:, column] == pytest.approx(expected)
+    anew = replace(series, zero_each_run=True)
+    again = Features.of(given_of(anew, np.ones(60, dtype=np.bool_), 0, 0, 1), "lags").at(slice(None), 59)
+    assert again[:30] == pytest.approx(features[:30])
+    assert again[30:] == pytest.approx(features[30:] - features[30]), "a new reference: the run counts from itself"
+
+
+def test_the_way_that_was_best_so_far_is_used_next() -> None:
+    measured = np.full((6, 2), np.nan)
+    measured[[1, 3]] = [[1.0, 5.0], [1.0, 5.0]]
+    first, second = np.full((6, 2), 1.0), np.full((6, 2), 5.0)
+    first[3, 0], second[3, 0] = 9.0, 1.0
+    best = best_so_far(np.stack([first, second]), measured)
+    assert best[:, 1].tolist() == [1.0, 1.0, 5.0, 5.0, 5.0, 5.0]
+    assert best[:, 0].tolist() == [1.0, 1.0, 1.0, 9.0, 5.0, 5.0]  # 0 and 16 squared, then 64 and 16
+
+
+@pytest.mark.parametrize("ridge", ridges(), ids=lambda m: m.name)
+def test_ridge_finds_a_ramp_that_is_linear_in_its_input(ridge: Method) -> None:
     series = ramp()
-    course = apply_method(Ridge(), series, rows_to_measure(series, 0.0, 60.0), 0, 6.0, 60.0)
+    used = rows_to_measure(series, 0.0, 60.0)
+    course, held = (apply_method(method, series, used, 0, 6.0, 60.0) for method in (ridge, HoldLast()))
     assert course is not None
-    assert judge_course(series, course, 6.0, [0, 1]).rms < 0.02
+    assert held is not None
+    assert judge_course(series, course, 6.0, [0, 1]).rms < 0.1 * judge_course(series, held, 6.0, [0, 1]).rms
+
+
+def test_the_best_ridge_known_afterwards_leaves_no_more_than_the_one_chosen_by_the_past() -> None:
+    given = trial()
+    online, hindsight = (method.courses(given) for method in ridges())
+    assert len(hindsight) == 14
+    truth = given.measured
+    left = [np.nanmean((truth - way.estimate) ** 2, axis=0) for way in hindsight]
+    assert (np.nanmean((truth - online[0].estimate) ** 2, axis=0) >= np.min(left, axis=0)).all()
+    check_causal(ridges()[0], given)
+
+
+def test_boosting_finds_a_step_that_no_line_does() -> None:
+    x = np.linspace(-1.0, 1.0, 60)[:, None]
+    boosting = Boosting()
+    boosting.fit(x, np.where(x > 0.2, 5.0, -5.0))
+    (estimate,), _ = boosting.predict(np.array([[-0.5], [0.5]]))
+    assert estimate[:, 0] == pytest.approx([-5.0, 5.0], abs=0.5)
+
+
+def test_the_process_interpolates_and_is_unsure_far_away() -> None:
+    """As a closed form of two measurements: without noise it is sure where it was measured, and ignorant far away."""
+    x = np.linspace(-1.0, 1.0, 40)[:, None]
+    process = Process()
+    process.fit(x, np.sin(3.0 * x))
+    (estimate,), sigma = process.predict(np.array([[0.33], [50.0]]))
+    assert estimate[0, 0] == pytest.approx(np.sin(0.99), abs=0.01)
+    assert sigma[0, 0] < 0.02
+    assert sigma[1, 0] > 0.5
+
+
+def test_the_process_measures_when_it_is_unsure() -> None:
+    series = wavy(rows=26, errors=1)
+    given = given_of(series, np.ones(26, dtype=np.bool_), 0, 12, 1)
+    (process, *_) = peers()
+    assert isinstance(process, Deciding)
+    check_asked(process, given, 2.0)
+    course, used = process.decide(given, 2.0)
+    assert used[:12].all()
+    assert used[12:].tolist() == (1.96 * course.sigma[12:, 0] > 2.0).tolist()
+    assert 12 < used.sum() < 26
+
+
+def test_the_first_hour_is_judged_apart() -> None:
+    """A peak within the first hour after the beginning: 12 rows of 300 s."""
+    series = ramp(rows=200, errors=2)
+    estimate = series.truth.copy()
+    estimate[144:156, 1] -= 3.0
+    estimate[150, 1] += 8.0
+    estimate[156:, 0] += 1.0
+    found = judge_course(series, MethodCourse(estimate, np.ones_like(estimate)), 12.0, [0, 1])
+    assert found.first_hour.pv == pytest.approx(8.0)
+    assert found.first_hour.rms == pytest.approx(np.sqrt((11 * 3.0**2 + 5.0**2) / 24))
+    assert (found.later.pv, found.later.rms) == pytest.approx((0.0, np.sqrt(0.5)))
 
 
 def test_all_methods_are_measured_at_the_same_moments_with_the_same_noise() -> None:
@@ -222,7 +265,7 @@ def test_a_method_that_peeks_is_caught(method: Method) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "method", [Nothing(), HoldLast(), Ridge(), *papers(gaps=False), Learning()], ids=lambda m: m.name
+    "method", [Nothing(), HoldLast(), *ridges(), *peers(), *papers(gaps=False), Learning()], ids=lambda m: m.name
 )
 def test_no_method_of_ours_peeks(method: Method) -> None:
     series = wavy()

@@ -257,11 +257,39 @@ def test_the_form_of_a_date_is_suggested(tmp_path: Path) -> None:
         read_series(written(tmp_path, 'errors = ["drift"]', [HEAD, *rows]))
 
 
+_IN_MM = ["time,t1,dz [mm]", *(f"{300 * i},{20 + i},{0.001 * i}" for i in range(40))]
+
+
 @pytest.mark.parametrize(
-    ("said", "noted"), [("", True), ('unit = "mm"\n', False), ('[errors]\ndz_mm = { unit = "um" }\n', False)]
+    ("said", "um", "read"),
+    [
+        ('errors = ["dz [mm]"]', 3.0, "read in mm"),
+        ('errors = ["dz [mm]"]\nunit = "mm"', 3.0, "read in mm"),
+        ('[errors]\n"dz [mm]" = { unit = "um" }', 0.003, "read in µm"),
+        ('unit = "um"\n[errors]\n"dz [mm]" = { unit = "mm" }', 3.0, "read in mm"),
+    ],
 )
-def test_a_unit_in_an_error_s_name_is_noted_unless_the_file_says_one(tmp_path: Path, said: str, noted: bool) -> None:
-    errors = "" if "[errors]" in said else 'errors = ["dz_mm"]\n'
-    lines = ["time,t1,dz_mm", *(f"{300 * i},{20 + i},{0.001 * i}" for i in range(40))]
-    _, series = read_series(written(tmp_path, errors + said, lines))
-    assert any("its name says mm, read in um" in note for note in series.notes) == noted
+def test_an_error_is_read_in_the_unit_of_its_name_unless_the_file_says_one(
+    tmp_path: Path, said: str, um: float, read: str
+) -> None:
+    _, series = read_series(written(tmp_path, said, _IN_MM))
+    assert series.truth[3, 0] == pytest.approx(um)
+    assert series.units_read == read
+    assert series.noise[0] == 0.5, "the default is 0.5 µm, whatever the unit"
+
+
+def test_a_name_that_contradicts_the_unit_of_all_errors_is_refused_with_a_remedy(tmp_path: Path) -> None:
+    path = written(tmp_path, 'errors = ["dz [mm]"]\nunit = "um"', _IN_MM)
+    with pytest.raises(ConfigError) as found:
+        read_series(path)
+    remedy = str(found.value).partition("[errors]: ")[2].strip()
+    path.write_text(f'unit = "um"\n[errors]\n{remedy}\n', encoding="utf-8")
+    _, series = read_series(path)
+    assert series.truth[3, 0] == pytest.approx(3.0)
+
+
+def test_errors_in_different_units_are_named_with_theirs(tmp_path: Path) -> None:
+    lines = ["time,t1,dx,dz_mm,yaw [urad]", *(f"{300 * i},{20 + i},{i},{0.001 * i},{i}" for i in range(40))]
+    _, series = read_series(written(tmp_path, 'errors = ["dx", "dz_mm", "yaw [urad]"]', lines))
+    assert series.units_read == "read dx in µm; dz_mm in mm; yaw [urad] in µrad"
+    assert series.angle.tolist() == [False, False, True]

@@ -196,7 +196,7 @@ def test_a_type_is_stated_once(tmp_path: Path) -> None:
     with pytest.raises(SetupError, match="type: missing; state it, or give the node's EDS file as eds"):
         load_profile(written(tmp_path, HEAD + "[[object]]\nindex = 0x2100\n"))
     broken = written(tmp_path, PROFILE)
-    (tmp_path / "pump.eds").write_text("[2100]\nnothing\n")
+    (tmp_path / "pump.eds").write_text("no section\n")
     with pytest.raises(SetupError, match=r"eds: .*pump.eds cannot be read"):
         load_profile(broken)
 
@@ -210,3 +210,68 @@ def test_the_eds_belongs_to_the_profile(tmp_path: Path) -> None:
     assert before.content_hash != after.content_hash
     assert after.other is not None
     assert after.other[0] == "eds"
+
+
+OTHER = "[3000]\nParameterName=Other\nObjectType=0x7\nDataType=0x7\nAccessType=rw\n"
+VARIANTS = {
+    "another object without DataType": EDS + OTHER.replace("DataType=0x7\n", ""),
+    "another object without AccessType": EDS + OTHER.replace("AccessType=rw\n", ""),
+    "another object without ParameterName": EDS + OTHER.replace("ParameterName=Other\n", ""),
+    "empty numbers": EDS + OTHER.replace("=0x7", "="),
+    "words for numbers": EDS + OTHER.replace("=0x7", "=UNSIGNED32"),
+    "sub-section without its parent": EDS + OTHER.replace("[3000]", "[3001sub1]"),
+    "the channels' own parent is missing": EDS.replace("[2100]", "[9999]"),
+    "leading zeros": EDS.replace("DataType=0x3", "DataType=003") + "[DeviceInfo]\nVendorNumber=001\n",
+    "lines that are not numbered as counted": EDS + "[Comments]\nLines=5\nline5=x\n",
+    "partial DummyUsage": EDS + "[DummyUsage]\nDummy0001=\nDummy0005=1\n",
+    "a line without an equals sign": EDS + "whatever\n" + OTHER,
+    "duplicate keys of another": EDS + OTHER + "DataType=0x3\n",
+    "duplicate sections": EDS + OTHER + OTHER,
+    "indented": EDS.replace("\n", "\n  "),
+    "a DOMAIN": EDS + OTHER.replace("DataType=0x7", "DataType=0xF").replace("Type=0x7", "Type=0x2"),
+    "wide and odd integers": EDS
+    + "".join(OTHER.replace("30", f"31{n:X}").replace("0x7\nA", f"0x{n:X}\nA") for n in range(0x10, 0x1B)),
+    "upper and lower case": EDS.replace("2100sub", "2100SUB").replace("DataType", "datatype"),
+    "a comment behind": EDS.replace("DataType=0x3", "DataType=0x3 ; INTEGER16"),
+}
+
+
+@pytest.mark.parametrize("text", VARIANTS.values(), ids=VARIANTS.keys())
+@pytest.mark.parametrize("encoding", ["cp1252", "utf-8-sig", "utf-16"])
+def test_what_no_channel_needs_in_the_eds_does_not_matter(tmp_path: Path, text: str, encoding: str) -> None:
+    profile = written(tmp_path, PROFILE)
+    (tmp_path / "pump.eds").write_text(text, encoding=encoding)
+    loaded = load_profile(profile)
+    assert isinstance(loaded, CanOpenProfile)
+    assert loaded.types == ("int16", "float32")
+    assert user_profile(profile).other is not None
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("DataType=0x3\n", "DataType=0x3\nDataType=0x4\n"),
+        ("DataType=0x3\n", "DataType=0xF\n"),
+        ("DataType=0x3\n", "DataType=0x10\n"),
+        ("DataType=0x3\n", ""),
+        ("DataType=0x3\nAccessType=ro", "DataType=0x3\nAccessType=wo"),
+    ],
+    ids=["two types", "a DOMAIN", "INTEGER24", "no type", "not readable"],
+)
+def test_what_a_channel_needs_in_the_eds_matters(tmp_path: Path, old: str, new: str) -> None:
+    profile = written(tmp_path, PROFILE)
+    assert old in EDS
+    (tmp_path / "pump.eds").write_text(EDS.replace(old, new), encoding="cp1252")
+    with pytest.raises(SetupError, match=r"object\[0\]\."):
+        load_profile(profile)
+
+
+def test_a_compact_array_has_its_members(tmp_path: Path) -> None:
+    compact = EDS[: EDS.index("[2100sub0]")].replace("SubNumber=3", "CompactSubObj=2\nDataType=0x3\nAccessType=ro")
+    profile = written(
+        tmp_path, HEAD + 'eds = "pump.eds"\n' + "".join(f"[[object]]\nindex = 0x2100\nsubindex = {i}\n" for i in (0, 2))
+    )
+    (tmp_path / "pump.eds").write_text(compact, encoding="cp1252")
+    loaded = load_profile(profile)
+    assert isinstance(loaded, CanOpenProfile)
+    assert loaded.types == ("uint8", "int16")

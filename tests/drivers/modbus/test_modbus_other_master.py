@@ -124,3 +124,57 @@ def test_requests_that_come_back_are_our_own() -> None:
     for at_s in range(5):
         strangers.note(rtu_request(1, other), float(at_s))
     assert "5 frames in the last minute are not ours" in strangers.evidence(5.0)
+
+
+class SharedUnit:
+    """A unit that two masters ask; it answers in order, a moment later. Register n holds n, and each hears all."""
+
+    def __init__(self, peer: RtuPeer) -> None:
+        self._peer = peer
+        self._free_s = 0.0
+        peer.reply = self._reply
+
+    def _reply(self, request: bytes) -> bytes:
+        self.asked(request)
+        return b""
+
+    def asked(self, request: bytes) -> None:
+        loop = asyncio.get_running_loop()
+        self._free_s = max(loop.time(), self._free_s) + 0.02
+        first = int.from_bytes(request[2:4], "big")
+        loop.call_at(self._free_s, self._peer.port.write, honest(request, first))
+
+    def asked_by_the_other(self, request: bytes) -> None:
+        self._peer.port.write(request)
+        self.asked(request)
+
+
+@pytest.mark.parametrize("every_s", [0.07, 0.19, 0.61])
+async def test_registers_of_another_masters_request_are_not_ours(every_s: float) -> None:
+    """It asks the same unit for as many registers, at any moment."""
+    other = rtu_request(OURS, Block(4, 500, 2))
+    async with line(0.3) as (bus, peer):
+        unit = SharedUnit(peer)
+
+        async def second_master() -> None:
+            while True:
+                await asyncio.sleep(every_s)
+                unit.asked_by_the_other(other)
+
+        task = asyncio.create_task(second_master())
+        read = 0
+        try:
+            for _ in range(60):
+                for again in (False, True, True):
+                    try:
+                        words = await bus.read("rtd1", OURS, TWO, again=again)
+                    except DriverError:
+                        continue
+                    assert words == (0, 1)
+                    read += 1
+                    break
+                await asyncio.sleep(0.5)
+        finally:
+            task.cancel()
+    print(read, "of 60")
+    assert read >= 50

@@ -2,7 +2,7 @@
 
 import asyncio
 import re
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -32,7 +32,11 @@ from drivers.base import (
 )
 from drivers.build import make_device
 from drivers.opcua.bus import OpcUaBus
-from drivers.opcua.nodes import node_name
+from drivers.opcua.device import OpcUaDevice
+from drivers.opcua.nodes import NodeName, NodeValue, node_name
+from drivers.opcua.profile import OpcUaProfile
+from drivers.opcua.settings import OpcUaBusSettings
+from drivers.problems import settings_of
 from tests.benches.buses import make_bus
 from tests.benches.driver_reads import told
 from tests.benches.opcua_drives import URI, Drives
@@ -410,6 +414,43 @@ async def test_no_more_nodes_are_read_at_once_than_the_server_allows(tmp_path: P
 
 async def busy(_: Client) -> list[str]:
     raise BadTooManyOperations
+
+
+@pytest.mark.parametrize(
+    ("held", "element", "value"),
+    [
+        ([61.5], None, 61.5),
+        (61.5, 0, 61.5),
+        ([61.5, 62.5], None, None),
+        (61.5, 1, None),
+        ("00317.5", None, 317.5),
+        (" +21. ", None, 21.0),
+        ("21,5", None, None),
+        (["21.5"], None, 21.5),
+    ],
+)
+async def test_what_holds_one_number_is_that_number(held: object, element: int | None, value: float | None) -> None:
+    class Says(OpcUaBus):
+        async def read(self, device: str, nodes: Sequence[NodeName], *, aged: bool = False) -> list[NodeValue]:
+            return [NodeValue(held)]
+
+    node = {"node": "i=1"} | ({} if element is None else {"element": element})
+    profile = settings_of(OpcUaProfile, {"protocol": "opcua", "title": "x", "unit": "K", "node": [node]})
+    bus = Says("opc", settings_of(OpcUaBusSettings, {"url": "opc.tcp://127.0.0.1", "security": "none"}))
+    (reading,) = await OpcUaDevice("d", bus, profile, {"c": 0}, SystemClock()).read()
+    assert reading.value == value if value is not None else reading.quality is Quality.SENSOR_FAULT
+
+
+@pytest.mark.parametrize(
+    ("url", "place"),
+    [
+        ("opc.tcp://[fd00::5]", "opc.tcp://[fd00::5]:4840"),
+        ("opc.tcp://[fd00::5]:48010/x", "opc.tcp://[fd00::5]:48010/x"),
+        ("OPC.TCP://drives:48010", "opc.tcp://drives:48010"),
+    ],
+)
+def test_an_address_of_ipv6_or_in_capitals_is_one(url: str, place: str) -> None:
+    assert settings_of(OpcUaBusSettings, {"url": url, "security": "none"}).place == place
 
 
 @pytest.mark.parametrize("port", [0, 65536, 99999])

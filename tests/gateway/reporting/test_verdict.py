@@ -25,6 +25,22 @@ def test_the_first_line_is_the_worst_axis_and_what_it_cost() -> None:
     assert told(small_run()) == "Z at the tool: 40 → 4.0 µm RMS, 90 % less, 90 % productive"
 
 
+def test_the_first_hour_and_the_rest_have_figures_of_their_own() -> None:
+    """In the first hour nothing of EZ0A's 40 µm is predicted, afterwards all but a tenth."""
+    run = small_run()
+    predicted = run.predicted.copy()
+    predicted[:12] = 0.0
+    found = summary(replace(run, predicted=predicted))
+    for row in (next(row for row in found.rows if row.name == "EZ0A"), found.tool[2]):
+        first, later = row.parts
+        figures = [first.e_rms, first.compensated_e_rms, first.e_pv, first.compensated_e_pv]
+        assert figures == pytest.approx([40.0, 40.0, 80.0, 80.0])
+        figures = [later.e_rms, later.compensated_e_rms, later.e_pv, later.compensated_e_pv]
+        assert figures == pytest.approx([40.0, 4.0, 80.0, 8.0])
+        assert row.compensated_e_pv == pytest.approx(80.0)
+    assert not summary(small_run(13)).rows[1].parts, "after the first hour there is one value: no peak to peak"
+
+
 def test_the_tool_sees_an_error_at_a_radius_through_its_lever() -> None:
     run = small_run()
     tilted = np.zeros_like(run.measured)
