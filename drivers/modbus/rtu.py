@@ -284,10 +284,12 @@ class RtuFramedBus(ModbusBus):
         """Bytes that were heard, beside the answer to this block or while nothing was asked."""
         if not heard:
             return
-        self._strangers.hear(heard, asyncio.get_running_loop().time())
         is_only_answer = block is not None and len(heard) == rtu_length(block)
-        if not is_only_answer:
+        if is_only_answer:
+            self._strangers.forget()
+        else:
             now_s = asyncio.get_running_loop().time()
+            self._strangers.hear(heard, now_s)
             self._repeats.note(heard, now_s, (*self._unanswered.due, *([] if block is None else [(unit, block)])))
             if not _is_frame_of(heard, unit):  # its own answer, though not to what it was asked
                 self._strangers.note(heard, now_s)

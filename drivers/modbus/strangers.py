@@ -50,6 +50,10 @@ class Strangers:
         del self._latest[:-_SEARCHED]
         self._latest_s = now_s
 
+    def forget(self) -> None:
+        """A request of ours is answered, so that all before it is, too."""
+        self._latest.clear()
+
     @property
     def tail(self) -> bytes:
         """What may be the beginning of a request."""
@@ -59,18 +63,13 @@ class Strangers:
         """Whether another's request to this unit, heard since then, has no answer yet and looks like the block's."""
         if self._latest_s < since_s:
             self._latest.clear()
-        latest = bytes(self._latest)
-        asked = [frame for frame in _frames(latest) if self.asks(frame, unit, block)]
-        return bool(asked) and find_rtu_answer(latest[latest.rfind(asked[-1]) :], unit, block) is None
+        at = _last_request(self._latest, unit, block)
+        return at >= 0 and find_rtu_answer(self._latest[at:], unit, block) is None
 
     @staticmethod
     def asks(heard: bytes | bytearray, unit: int, block: Block) -> bool:
         """Whether these bytes hold another's request to this unit whose answer looks like the block's."""
-        own = rtu_request(unit, block)
-        return any(
-            len(frame) == len(own) and frame != own and frame[0] == unit and _is_like(frame, block)
-            for frame in _frames(bytes(heard[-_SEARCHED:]))
-        )
+        return _last_request(heard, unit, block) >= 0
 
     def evidence(self, now_s: float) -> str:
         """What shows that there is another master, in words; empty if nothing does."""
@@ -109,10 +108,16 @@ def _lengths(heard: bytes, start: int) -> Iterator[int]:
     yield from (length for length in possible if start + length <= len(heard))
 
 
-def _is_like(frame: bytes, block: Block) -> bool:
-    """Whether this frame of eight bytes may be a request whose answer looks like the block's."""
-    count = int.from_bytes(frame[4:6], "big")
-    return frame[1] == block.function and alike(Block(frame[1], int.from_bytes(frame[2:4], "big"), count), block)
+def _last_request(heard: bytes | bytearray, unit: int, block: Block) -> int:
+    """Where another's last request to the unit begins whose answer looks like the block's; -1: there is none."""
+    own, begin, at = rtu_request(unit, block), bytes((unit, block.function)), len(heard)
+    while (at := heard.rfind(begin, 0, at + 1)) >= 0:
+        frame = bytes(heard[at : at + _REQUEST_BYTES])
+        if len(frame) == _REQUEST_BYTES and frame != own and is_rtu_frame(frame):
+            address, count = (int.from_bytes(frame[k : k + 2], "big") for k in (2, 4))
+            if alike(Block(block.function, address, count), block):
+                return at
+    return -1
 
 
 def _told(frame: bytes) -> str:
