@@ -144,7 +144,9 @@ def _without_models(state: CourseState | HeldState) -> PhasedState:
 
 def _course(plain: Mapping[str, Any], arrays: Arrays) -> CourseState:
     course = plain["course"]
-    mixture = MixtureState(**plain["mixture"], **_own(arrays, _MIXTURE))
+    of_mixture = _own(arrays, _MIXTURE)
+    of_mixture = _fresh_mixture(of_mixture["evidence"]) | of_mixture
+    mixture = MixtureState(**plain["mixture"], **of_mixture)
     own = _own(arrays, _LEARNER)
     own = _fresh(*own["level"].shape) | own  # of a program that knew one reference and judged no inputs
     return CourseState(
@@ -171,3 +173,11 @@ def _fresh(inputs: int, lags: int) -> dict[str, Any]:
     """What a learner knows that earlier programs did not keep."""
     check = InputCheck(inputs, 300.0)
     return {"origin": np.zeros((inputs, lags)), "habit": check.habit, "fault": check.fault}
+
+
+def _fresh_mixture(evidence: NDArray[Any]) -> dict[str, Any]:
+    """The same of its mixture: no day that may be taken back."""
+    errors = len(evidence)
+    former = {"former_jolted": np.zeros(errors), "former_last": np.zeros(errors)}
+    former |= {"former_evidence": np.zeros_like(evidence), "former_zero": np.zeros((errors, 4))}
+    return former | {"before": np.full(errors, -1, dtype=np.int64), "refused": np.full(errors, np.nan)}

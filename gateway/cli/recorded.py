@@ -37,6 +37,8 @@ from gateway.runtime.extras import need_extra
 )
 @click.option("--runs", metavar="COLUMN", default="",
               help="Column that differs between runs, if the time of each starts again.")  # fmt: skip
+@click.option("--zero-each-run", is_flag=True,
+              help="Errors of each run count from its own first value (needs --runs).")  # fmt: skip
 @click.option("--error", "errors", multiple=True, metavar="NAME=COLUMN",
               help="Column of a thermal error; NAME may be any name.")  # fmt: skip
 @click.option("--unit", "units", multiple=True, metavar="NAME=UNIT", help="Unit of an error's column, such as mm.")
@@ -65,6 +67,7 @@ def replay(
     calibration_min: float | None,
     out: Path | None,
     every_measurement: bool,
+    zero_each_run: bool,
     language: str,
     **columns: Any,
 ) -> None:
@@ -89,7 +92,10 @@ def replay(
     page = page_path(output, file, config)
     if out is not None and out.suffix not in (".csv", ".parquet"):
         raise click.BadParameter(f"{str(out)!r}: expected a name that ends in .csv or .parquet", param_hint="--out")
-    request = Request(file, columns_of(**columns), page, config, every_measurement, out, calibration_min, language)
+    if zero_each_run and not columns["runs"]:
+        raise click.UsageError("--zero-each-run: needs --runs COLUMN, which tells where each run begins")
+    read = columns_of(**columns)
+    request = Request(file, read, page, config, every_measurement, out, calibration_min, language, zero_each_run)
     for table in (request.out, request.models_out):
         check_output("table", "--out", table, file, config)
     run_recording(request)

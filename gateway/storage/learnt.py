@@ -35,10 +35,18 @@ _SHAPES = {
     **{f"mixture.{name}": "rj" for name in ("jolt", "y", "noise")},
     "mixture.evidence": "jw", "mixture.relevance": "jei", "mixture.zero": "j4",
     **{f"mixture.{name}": "j" for name in ("reference", "jolted", "elapsed", "count", "suspect", "off", "last")},
+    **{f"mixture.{name}": "j" for name in ("before", "former_jolted", "former_last", "refused")},
+    "mixture.former_evidence": "jw", "mixture.former_zero": "j4",
 }  # fmt: skip
 """j: the errors, i: the inputs, l: the lags, p: the features, r: the rows, e: the processes, w: the experts, h: the
 habits of an input."""
-_ADDED = frozenset({"learner.origin", "learner.habit", "learner.fault"})
+_ADDED = frozenset(
+    {"learner.origin", "learner.habit", "learner.fault"}
+    | {
+        f"mixture.{name}"
+        for name in ("before", "former_jolted", "former_last", "former_evidence", "former_zero", "refused")
+    }
+)
 """Not in the files of earlier programs."""
 
 

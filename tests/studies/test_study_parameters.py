@@ -58,7 +58,7 @@ def test_figures_from_their_definitions() -> None:
 
 def test_no_compensation_is_the_machine_itself(small: Mapping[str, Any]) -> None:
     truth = case_days("A", 1).truth[40:, :6]
-    assert small["none"]["P99"] == pytest.approx(np.percentile(np.abs(truth), 99))
+    assert small["none"]["P99"] == pytest.approx(np.percentile(np.abs(truth), 99, method="hazen"))
 
 
 def test_fewer_measurements_leave_more(small: Mapping[str, Any]) -> None:
@@ -152,7 +152,7 @@ def test_chosen_sets_are_run_again_on_another_seed_and_another_machine(studied: 
     for name in ("P99", "measurements", "hold P99", "regression P99"):
         assert first[set_of_the_paper][name] == pytest.approx(grid[name])
     warm = case_days("A", 1, "warm").truth[25:, :6]
-    assert at[1, "warm"]["none"]["P99"] == pytest.approx(np.percentile(np.abs(warm), 99))
+    assert at[1, "warm"]["none"]["P99"] == pytest.approx(np.percentile(np.abs(warm), 99, method="hazen"))
     assert at[2, "base"]["none"]["P99"] != pytest.approx(at[1, "base"]["none"]["P99"])
 
 

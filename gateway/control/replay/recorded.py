@@ -53,7 +53,10 @@ def rehearse_recording(
         if (asked or every_measurement) and np.isfinite(errors).any():
             measurement = Measurement(errors, np.full(_ERRORS, np.nan))
             used[row] = errors
-        decision = controller.step(Frame(k, inputs, np.isfinite(inputs), measurement, k in recording.restarts))
+        begins = k in recording.restarts
+        if anew := begins and recording.zero_each_run:
+            last, in_force = np.where(np.isfinite(last), 0.0, last), np.where(np.isfinite(in_force), 0.0, in_force)
+        decision = controller.step(Frame(k, inputs, np.isfinite(inputs), measurement, begins, new_reference=anew))
         # The offsets on the control before this step's measurement: an error without a model is held.
         estimate[row] = np.where(np.isfinite(decision.predicted), decision.predicted, in_force)
         held[row] = last

@@ -65,6 +65,8 @@ class Request:
     """Time between the measurements of the calibration of trained models."""
     language: str = "en"
     """Of the page, and of what is printed."""
+    zero_each_run: bool = False
+    """Errors count from the first value of each run."""
 
     @property
     def models_out(self) -> Path | None:
@@ -85,6 +87,7 @@ class Request:
         words += [word for error, unit in self.columns.units.items() for word in ("--unit", f"{error}={unit}")]
         words += ["--time-of-day", self.columns.time_of_day] if self.columns.time_of_day else []
         words += ["--runs", self.columns.runs] if self.columns.runs else []
+        words += ["--zero-each-run"] if self.zero_each_run else []
         words += ["--time-unit", self.columns.clock.unit] if self.columns.clock.unit else []
         words += ["--time-format", self.columns.clock.form] if self.columns.clock.form else []
         words += ["--time-zone", self.columns.clock.zone.key] if self.columns.clock.zone else []
@@ -104,6 +107,7 @@ def run_recording(request: Request) -> None:
 
     sections = TalcOnly() if request.config is None else load_talc_only(request.config)
     recording = read_recording(request.file, request.columns, sections.grid.step_s)
+    recording = _zeroed(recording, sections, request.file) if request.zero_each_run else recording
     if request.calibration_min is not None:
         sections = _calibrated(sections, recording, request.calibration_min, request.file)
     if request.out is not None:
@@ -222,6 +226,19 @@ def _tell_no_values(console: Console, recording: Recording, data: ReportData, sa
     lines += [said("replay.forgotten", name=error, n=n) for error, n in forgotten.items() if n]
     for line in lines:
         console.print(line, soft_wrap=True, markup=False, highlight=False)
+
+
+def _zeroed(recording: Recording, sections: TalcOnly, file: Path) -> Recording:
+    """The recording with errors that count from the first value of each run. Raises ConfigError."""
+    if sections.talc.method != "learner":
+        what = "trained models count from one reference; use the learner, or leave it out"
+        raise ConfigError(file, [Problem("--zero-each-run", what)])
+    errors, run = recording.errors.copy(), np.searchsorted(np.array(recording.restarts), recording.k, side="right")
+    for column in errors.T:
+        for rows in (run == number for number in np.unique(run)):
+            known = column[rows & np.isfinite(column)]
+            column[rows] -= known[0] if known.size else 0.0
+    return replace(recording, errors=errors, zero_each_run=True)
 
 
 def _calibrated(sections: TalcOnly, recording: Recording, minutes: float, file: Path) -> TalcOnly:

@@ -57,6 +57,8 @@ class Recording:
     """Unit in which it counts."""
     notes: tuple[Text, ...] = ()
     """What a reader should know of how the file was read."""
+    zero_each_run: bool = False
+    """Errors count from the beginning of each run, a new reference."""
     restarts: tuple[int, ...] = ()
     """Of k: steps at which another run begins, an unknown time after the run before it."""
 

@@ -10,6 +10,7 @@ from gateway.commissioning.doctor.health import health_findings
 from gateway.config.file import load
 from simulators.nc import CycleSettings, EmulatedControl
 from simulators.nc.alone import OwnTime, lone_control
+from simulators.nc.cycle import CycleAnswer, CycleState
 from simulators.nc.nck import R_VERSION
 from tests.benches.command import beside, here
 from tests.benches.service_file import MACHINE, adam6015
@@ -74,11 +75,15 @@ def test_it_is_asked_for_until_it_has_gone_well_with_this_geometry(tmp_path: Pat
             assert ASKS not in here(command, str(file)).out
         assert not any(ASKS in found.what for found in health_findings(load(file), tmp_path, synchronised=True))
 
+        control.nck.cycle.answer = CycleAnswer(0, CycleState.IDLE)  # as if that command had been killed before
+        again = here("nc", "dry-run", str(file), "--height-mm", "60")
+        assert again.code == 0, again.together
+
         control.nck.version, control.nck.r[R_VERSION] = 0, 1.0
         older = here("nc", "dry-run", str(file))
         assert older.code == 3
         assert "not offered" in older.together
-        assert len(control.nck.cycle.ended) == 2
+        assert len(control.nck.cycle.ended) == 3
     file.write_text(text(url, 120.5), encoding="utf-8")
     assert ASKS in here("check", str(file)).out
 

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from talc.control import Controller
 from talc.frame import Event, EventCode, Frame, Measurement
+from talc.learner.plausible import InputFault, strange_cells
 from talc.settings import TalcSettings
 from tests.benches.thermal_series import ThermalSeries, series
 
@@ -161,3 +162,14 @@ def test_a_restart_within_a_fault_decides_as_no_restart(days: ThermalSeries) -> 
         for name in ("predicted", "corrected", "sigma", "trusted"):
             np.testing.assert_array_equal(getattr(a, name), getattr(b, name))
         assert a.events == b.events
+
+
+def test_strange_cells_of_a_recording_are_counted_by_column(days: ThermalSeries) -> None:
+    inputs = days.inputs.copy()
+    ten_cells(inputs[BEGIN:END], inputs)
+    inputs[260:290, 3] *= 10.0
+    found = strange_cells(days.names, inputs, np.arange(ROWS), 300.0)
+    assert [(cells.input, cells.fault, cells.first, cells.count) for cells in found] == [
+        ("t0", InputFault.POWER_ON, BEGIN, 10),
+        ("t3", InputFault.TENTHS, 260, 30),
+    ]

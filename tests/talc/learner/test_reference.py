@@ -147,6 +147,8 @@ def test_a_state_without_an_origin_counts_from_its_only_reference(days: ThermalS
         whole.step(frame(days, k, days.truth[0], measured=k % 12 == 0))
     plain, arrays = to_plain(whole.state().without_record())
     del arrays["learner.origin"], plain["mixture"]["references"]
+    for name in ("before", "former_jolted", "former_last", "former_evidence", "former_zero", "refused"):
+        del arrays[f"mixture.{name}"]
     again = Controller.restore(from_plain(plain, arrays, lambda *_: pytest.fail("no frames")), SETTINGS)
     expected = whole.step(frame(days, 30, days.truth[0], measured=True))
     np.testing.assert_array_equal(again.step(frame(days, 30, days.truth[0], measured=True)).sigma, expected.sigma)
