@@ -90,6 +90,10 @@ class CanDbcProfile(DeviceProfile):
         stated = [_stated(entry, file, "signal", i) for i, entry in enumerate(self.entries)]
         wanted = {message.name: message for message in stated}
         messages = {message.name: message for message in self._database(file.only(wanted.values())).messages}
+        for i, entry in enumerate(self.entries):
+            if entry.message not in messages:
+                what = f"message {entry.message} has the identifier of another one that a channel uses"
+                raise wrong(f"{what}; give it its own in the DBC file", "signal", i, "message")
         self._signals = tuple(
             _signal(entry, messages[entry.message], "signal", i) for i, entry in enumerate(self.entries)
         )
@@ -154,7 +158,10 @@ def _stated(entry: SignalEntry, file: DbcFile, *at: str | int) -> DbcMessage:
 
 def _signal(entry: SignalEntry, message: "Message", *at: str | int) -> DbcSignal:
     signals = {signal.name: signal for signal in message.signals}
-    signal = signals[entry.name]
+    signal = signals.get(entry.name)
+    if signal is None:
+        what = f"the DBC file states {entry.name}, but not as a signal of message {message.name} that can be read"
+        raise wrong(f"{what}; is identifier {message.frame_id} that of another message too?", *at, "name")
     if other := overlapping(signal, signals):
         raise wrong(f"by the DBC file {signal.name} and {other} share bits of message {message.name}", *at, "name")
     raw = RawNumber(signal.name, signal.length, signed=signal.is_signed, real=signal.is_float)

@@ -122,7 +122,7 @@ class InputCheck:
     def lost(self) -> BoolArray:
         """(n,) inputs of which nothing is known in the latest row."""
         lost = [place != _NONE and FAULTS[place] in _LOST for place in self.fault[:, 0].tolist()]
-        return np.asarray(lost) | self._alike
+        return np.asarray(lost, dtype=np.bool_) | self._alike
 
     def mended(self, values: FloatArray) -> FloatArray:
         """(n,) values of a row that was judged: those in another unit in their own, those exchanged in their place."""

@@ -9,6 +9,8 @@ _ELSEWHERE = (
     "text.",
     "language.",
     "fault.",
+    "input_fault.",
+    "measurement_fault.",
     "matters.",
     "remedy.",
     "moment.",
@@ -19,6 +21,11 @@ _ELSEWHERE = (
     "watch.",
     "report.",
     "report_",
+    "replay.",
+    "replay_",
+    "demo.",
+    "dry_run.",
+    "dry_run_",
 )
 """Groups that the server writes out itself, or other programs."""
 
