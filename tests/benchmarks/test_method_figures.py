@@ -58,7 +58,8 @@ def test_the_table_of_alternatives_repeats_the_results(method: str, results: str
         columns(next(line for line in lines if line.startswith(begin)))
         for begin in ("| FL_THERMAL, RMSE µm |", f"| {method} |")
     )
-    (found,) = re.findall(rf"(?m)^\| FL_THERMAL, read in µm, {results} \(\d+ measurements\): RMSE µm of (learner \|.*)$", RESULTS)
+    row_of = rf"(?m)^\| FL_THERMAL, read in µm, {results} \(\d+ measurements\): RMSE µm of (learner \|.*)$"
+    (found,) = re.findall(row_of, RESULTS)
     learner, beside = found.removeprefix("learner | ").split(":")[0], columns(found)[2]
     figures = {"learner": float(learner)} | {
         name.strip("` "): float(value) for name, value in re.findall(r"([^\d]+?) ([\d.]+)(?:, |$)", beside)

@@ -9,6 +9,7 @@ _ELSEWHERE = (
     "text.",
     "language.",
     "fault.",
+    "file_word.",
     "input_fault.",
     "measurement_fault.",
     "matters.",
