@@ -331,9 +331,9 @@ def _loose_sphere(texts: Texts) -> list[str]:
     return [] if cell.r[65] == 3.0 and abs(cell.r[88] - 0.05) < 0.002 else [f"R88 = {cell.r[88]:g}"]
 
 
-def turned_at(texts: Texts, at: int) -> list[str]:
-    """The same with the table turned by hand."""
-    return [fault for axis in "AC" for fault in jogged_at(texts, at, {axis: 0.5})]
+def pushed_at(texts: Texts, at: int) -> list[str]:
+    """The same with one axis, in each direction."""
+    return [fault for axis in "XYZAC" for way in (0.5, -0.5) for fault in jogged_at(texts, at, {axis: way})]
 
 
 def jogged_at(texts: Texts, at: int, by: Mapping[str, float] | None = None) -> list[str]:
@@ -418,7 +418,7 @@ CASES: dict[str, Callable[[Texts], list[str]]] = {
     "RESET that nobody reports": _unreported,
     "RESET later": _reset_later,
     "moved by hand between moves": _some(jogged_at, (3, 4, 5, 6, 7, 98, 552)),
-    "turned by hand": _some(turned_at, (3,)),
+    "one axis moved by hand": _some(pushed_at, (3,)),
     "a loose sphere": _loose_sphere,
     "moved by hand within a touch": _some(jogged_within, (5,)),
     "a probe that sticks": _some(stuck_at, (2, 3, 6, 7)),
