@@ -21,10 +21,10 @@ def test_whatever_it_does_when_it_is_killed_the_next_one_goes_on() -> None:
         command,
         cwd=Path(__file__).parents[2],
         stdout=subprocess.PIPE,
-        stderr=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
         text=True,
         check=False,
     )
-    assert done.returncode == 0, done.stdout
+    assert done.returncode == 0, done.stdout + done.stderr[-4000:]
     rows = [line.strip("| ").split(" | ") for line in done.stdout.splitlines() if line.startswith("| ")]
     assert {name: int(killed) for name, killed, _ in rows[1:]} == KILLS

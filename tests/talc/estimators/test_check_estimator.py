@@ -23,7 +23,7 @@ ESTIMATORS: list[Any] = [
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings(
-    "ignore:y.*no model:UserWarning",
+    "ignore:y.*its mean is predicted:UserWarning",
     "ignore:y.*uses no input:UserWarning",
     "ignore:.*does not inherit from:UserWarning",
 )
