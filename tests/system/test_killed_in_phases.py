@@ -20,8 +20,7 @@ def test_whatever_it_does_when_it_is_killed_the_next_one_goes_on() -> None:
     done = subprocess.run(
         command,
         cwd=Path(__file__).parents[2],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
+        capture_output=True,
         text=True,
         check=False,
     )
