@@ -106,6 +106,14 @@ def field_option(
     return click.option(name, field, type=field_type(settings, field), default=default, show_default=True, help=what)
 
 
+def answer_timeout(what: str, default_s: float) -> Callable[[Decorated], Decorated]:
+    """How long an answer may take; `what` is the option's help."""
+    from drivers.section import LONGEST_ANSWER_S
+
+    return click.option("--timeout", "timeout_s", type=FiniteNumber(0.01, LONGEST_ANSWER_S), default=default_s,
+                        show_default=True, help=what)  # fmt: skip
+
+
 def read_config(path: Path) -> "GatewayConfig":
     """The checked configuration; its warnings go to standard error."""
     from gateway.config.file import load

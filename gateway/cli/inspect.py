@@ -1,7 +1,7 @@
 """`talc-gateway inspect`: its commands `registers`, `objects`, `nodes` and `topics`."""
 
 import sys
-from collections.abc import Callable
+from functools import partial
 from typing import Any, get_args
 
 import click
@@ -13,8 +13,7 @@ from drivers.modbus.settings import ModbusRtuSettings, ModbusTcpSettings
 from drivers.mqtt.settings import MqttBusSettings
 from drivers.number_types import ByteNumber
 from drivers.problems import read_settings
-from drivers.section import LONGEST_ANSWER_S
-from gateway.cli.arguments import AnyFile, Decorated, FiniteNumber, Written, field_option, gathered, numbers
+from gateway.cli.arguments import AnyFile, FiniteNumber, Written, answer_timeout, field_option, gathered, numbers
 from gateway.cli.exits import EXIT_WORLD
 from gateway.commissioning.inspection.draft import Draft
 from gateway.commissioning.scan.drafts import BYTE_KINDS
@@ -31,10 +30,7 @@ with_draft = gathered(
 )  # fmt: skip
 
 
-def timeout(default_s: float) -> Callable[[Decorated], Decorated]:
-    """How long an answer may take."""
-    return click.option("--timeout", "timeout_s", type=FiniteNumber(0.01, LONGEST_ANSWER_S), default=default_s,
-                        show_default=True, help="Seconds that one answer may take.")  # fmt: skip
+timeout = partial(answer_timeout, "Seconds that one answer may take.")
 
 
 with_form = gathered(

@@ -1,8 +1,9 @@
 """`talc-gateway scan`: its commands `ports`, `serial`, `tcp` and `can`."""
 
 import sys
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,12 +14,11 @@ from drivers.canopen.settings import CanOpenSettings
 from drivers.micro_epsilon.settings import MeRs485Settings
 from drivers.modbus.settings import ModbusRtuSettings, ModbusRtuTcpSettings, ModbusTcpSettings
 from drivers.problems import read_settings
-from drivers.section import LONGEST_ANSWER_S
 from gateway.cli.arguments import (
     SCAN_LIMIT_S,
-    Decorated,
     FiniteNumber,
     Written,
+    answer_timeout,
     field_option,
     field_type,
     gathered,
@@ -43,11 +43,7 @@ from gateway.commissioning.scan.run import (
 from gateway.commissioning.scan.serial import plan, scan_line, scanned_port
 from gateway.commissioning.scan.tcp import TcpScan, scan_hosts, scanned_host
 
-
-def timeout(default: float) -> Callable[[Decorated], Decorated]:
-    """How long an answer may take."""
-    return click.option("--timeout", "timeout_s", type=FiniteNumber(0.01, LONGEST_ANSWER_S), default=default,
-                        show_default=True, help="Seconds to wait for an answer.")  # fmt: skip
+timeout = partial(answer_timeout, "Seconds to wait for an answer.")
 
 
 with_ending = gathered(

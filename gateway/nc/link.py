@@ -291,11 +291,13 @@ class NcLink:
         if not snapshot.probing:
             self._probes_since_s = None
             self._problems.clear(_CYCLE, NoticeCode.NC_PROBES_NO_MORE)
-        if self._hold.on or not snapshot.probing:
+            return
+        if self._hold.on:
             return
         now_s = self._clock.monotonic()
-        since_s = self._probes_since_s = now_s if self._probes_since_s is None else self._probes_since_s
-        if now_s - since_s > self._probing.timeout_s:
+        if self._probes_since_s is None:
+            self._probes_since_s = now_s
+        if now_s - self._probes_since_s > self._probing.timeout_s:
             minutes = self._probing.timeout_s / 60
             self._problems.report(_CYCLE, Text(NoticeCode.NC_PROBES_ON, minutes=minutes))
 
